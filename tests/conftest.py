@@ -1,0 +1,20 @@
+import jax
+import pytest
+
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture
+def getkey():
+    """A function that gives a new PRNG key at each call."""
+    key = jax.random.key(0)
+
+    def next_key():
+        nonlocal key
+        key, new = jax.random.split(key)
+        return new
+
+    return next_key
