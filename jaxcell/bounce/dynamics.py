@@ -1,0 +1,201 @@
+import dataclasses
+import functools
+import math
+from typing import Literal, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..mapping import SimpleMap
+from ..space import CellSpace, Stencil, free_steps, stencil
+
+
+Collision: TypeAlias = Literal["swept", "endpoint"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Moves:
+    """Where one step leads from every position in every direction, whatever the bouncing angle.
+
+    Directions in which all positions have the same target share a *way*: on a grid, 360 directions
+    make 16 ways, and what depends on the walls alone is computed once for a way.
+    """
+
+    target: Int[Array, "ways positions"]
+    "The position that holds the end of the step, or the same position where the robot bumps."
+    way: Int[Array, "directions"]
+    "The way of each direction."
+    free: Bool[Array, "positions"]
+    "Which positions are free: all, unless the positions are the squares of a grid with obstacles."
+
+
+def moves(cells: CellSpace, *, step: float | None = None, collision: Collision = "swept") -> Moves:
+    """Where one step leads from the centre of every cell.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `step`: length of a step in metres, by default one cell; it must cross a cell, so no less.
+    - `collision`: `"swept"` keeps the whole step in the closed free space (it may graze a corner, but not slip between
+        two obstacles that meet in a point); `"endpoint"` asks that of its end only, as the dissertation does. The end
+        must lie in a free cell in either case.
+
+    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision rule.
+    """
+    length = 1.0 if step is None else step / cells.cell
+    if not (math.isfinite(length) and length >= 1 - 1e-9):
+        raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
+    if collision not in ("swept", "endpoint"):
+        raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
+    if cells.gridded:
+        shape = stencil(cells.directions, length, collision)
+        target = _grid_targets(jnp.asarray(cells.free), shape)
+        position = jnp.asarray(cells.position_of_square.ravel())
+        target, way = position[target[:, cells.square]], shape.way
+    else:
+        targets, way = _unique_rows(free_steps(cells, length, collision))
+        target = jnp.asarray(targets)
+    return Moves(target, jnp.asarray(way), jnp.ones(cells.positions, bool))
+
+
+def grid_moves(
+    free: Bool[Array, "rows columns"],
+    directions: int,
+    *,
+    step: float = 1.0,
+    collision: Collision = "swept",
+) -> Moves:
+    """Where one step leads on a grid whose blocked squares are the obstacles; works under `jit` and `vmap` over `free`.
+
+    All squares are positions here, row by row from the lowest, so that grids of one shape with different
+    obstacles are arrays of one shape; `Moves.free` tells the free ones.
+
+    **Arguments:**
+
+    - `free`: which squares are free; row 0 is the lowest.
+    - `directions`: number of directions.
+    - `step`: length of a step in squares, at least 1.
+    - `collision`: as for [`moves`][].
+    """
+    if step < 1 - 1e-9:
+        raise ValueError(f"step: expected at least one square, got {step}")
+    shape = stencil(directions, float(step), collision)
+    return Moves(_grid_targets(free, shape), jnp.asarray(shape.way), free.ravel())
+
+
+def _grid_targets(
+    free: Bool[Array, "rows columns"], shape: Stencil
+) -> Int[Array, "ways squares"]:
+    return _look_around(free, shape.offset, shape.crossed, shape.beside)
+
+
+@jax.jit
+def _look_around(
+    free: Bool[Array, "rows columns"],
+    offset: Int[Array, "ways 2"],
+    crossed: Int[Array, "ways crossings 2"],
+    beside: Int[Array, "ways corners 2 2"],
+) -> Int[Array, "ways squares"]:
+    rows, columns = free.shape
+    square = jnp.arange(rows * columns, dtype=jnp.int32)
+    row, column = square // columns, square % columns
+
+    def is_free(relative: Int[Array, "*shape 2"]) -> Bool[Array, "*shape squares"]:
+        return free.at[row + relative[..., :1], column + relative[..., 1:]].get(
+            mode="fill", fill_value=False, wrap_negative_indices=False
+        )
+
+    passes = free.ravel() & is_free(crossed).all(axis=1) & is_free(beside).any(axis=2).all(axis=1)
+    step = offset[:, :1] * columns + offset[:, 1:]
+    return jnp.where(passes, square + step, square)
+
+
+def _unique_rows(
+    rows: Int[np.ndarray, "directions positions"],
+) -> tuple[Int[np.ndarray, "ways positions"], Int[np.ndarray, "directions"]]:
+    seen: dict[bytes, int] = {}
+    way = [seen.setdefault(row.tobytes(), len(seen)) for row in rows]
+    ways = np.frombuffer(b"".join(seen), rows.dtype).reshape(len(seen), -1)
+    return ways, np.array(way, np.int32)
+
+
+def bounce_shift(
+    bounce: Float[np.ndarray, "..."] | Array | float, directions: int
+) -> Int[np.ndarray, "..."]:
+    """A bouncing angle as a number of directions.
+
+    **Arguments:**
+
+    - `bounce`: angles in radians, counter-clockwise.
+    - `directions`: number of directions in a full turn.
+
+    **Raises:** `ValueError` for an angle that is not a whole number of directions.
+    """
+    shift = np.asarray(bounce, float) * directions / (2 * math.pi)
+    whole = np.round(shift)
+    wrong = ~(np.abs(shift - whole) < 1e-6)
+    if wrong.any():
+        degrees = np.rad2deg(np.asarray(bounce, float)[wrong].flat[0])
+        raise ValueError(
+            f"bounce: {degrees:g} deg is not a whole number of the {directions} directions, "
+            f"which are {360 / directions:g} deg apart"
+        )
+    return whole.astype(np.int64).astype(np.int32) % np.int32(directions)
+
+
+def bounce_map(
+    cells: CellSpace,
+    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    *,
+    step: float | None = None,
+    collision: Collision = "swept",
+) -> SimpleMap:
+    """The image of every cell for a robot that goes straight and, at a wall, turns by its bouncing angle.
+
+    From the centre of a cell the robot makes one step along its direction. Where it can, the image is the
+    cell that holds the end, in the same direction (observation 0); where it cannot, the robot turns in place: the image
+    is the same position in the direction `bounce` farther (observation 1). Eq. 2.4 of Alam 2018.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `bounce`: bouncing angle in radians, counter-clockwise; an array of angles makes a batch of maps.
+    - `step`, `collision`: as for [`moves`][].
+
+    **Returns:** [`jaxcell.mapping.SimpleMap`][] with arrays over the cells.
+
+    **Raises:** `ValueError` for an angle that is not a whole number of directions; else as [`moves`][].
+    """
+    shift = bounce_shift(bounce, cells.directions)
+    possible = moves(cells, step=step, collision=collision)
+    function = functools.partial(bounce_image, possible)
+    for _ in range(shift.ndim):
+        function = jax.vmap(function)
+    return function(jnp.asarray(shift))
+
+
+@jax.jit
+def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
+    """The bounce map of known moves; works under `jit` and `vmap` over both arguments.
+
+    **Arguments:**
+
+    - `moves`: where a step leads.
+    - `shift`: directions that the robot turns by at a bump.
+    """
+    directions, positions = moves.way.shape[0], moves.free.shape[0]
+    position = jnp.arange(positions, dtype=jnp.int32)
+
+    # One direction at a time keeps what is read in the nearest cache.
+    def images(direction):  # type: ignore[no-untyped-def]
+        target = moves.target[moves.way[direction]]
+        bumped = target == position
+        turned = (direction + shift) % directions
+        image = jnp.where(bumped, turned * positions + position, direction * positions + target)
+        return image, bumped
+
+    image, bumped = jax.lax.map(images, jnp.arange(directions, dtype=jnp.int32))
+    return SimpleMap(image.ravel(), bumped.ravel())

@@ -1,0 +1,215 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..mapping import GroupSummary, PeriodicGroups, Section, SectionGroups, section_groups
+from ..mapping.section import bucket
+from ..space import CellSpace
+from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
+
+
+# Between two bumps a robot runs straight, so the cells where it bumps are a section that every orbit meets,
+# and every other cell is a known number of steps before one of them, in its own direction.
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Runs:
+    """The straight run from every position to the wall, whatever the bouncing angle."""
+
+    end: Int[Array, "ways positions"]
+    "The position where the run ends in a bump."
+    length: Int[Array, "ways positions"]
+    "Steps until it does."
+    wall: Bool[Array, "ways positions"]
+    "Where the robot bumps."
+    rank: Int[Array, "ways positions"]
+    "How many positions before `end` are walls: its place in the section, among those of one direction."
+    first: Int[Array, "directions"]
+    "The first slot of each direction in the section, which holds the walls by direction, then position."
+    slots: Int[Array, ""]
+    "Length of the section."
+
+
+@jax.jit
+def runs(moves: Moves) -> Runs:
+    """The straight run from every position in every way."""
+    ways, positions = moves.target.shape
+    position = jnp.arange(positions, dtype=jnp.int32)
+    still = moves.target == position
+    row = (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
+
+    def double(state):  # type: ignore[no-untyped-def]
+        end, length, _ = state
+        ahead = end + row
+        further = length.ravel()[ahead]
+        return end.ravel()[ahead], length + further, jnp.any(further != 0)
+
+    length = (~still).astype(jnp.int32)
+    end, length, _ = jax.lax.while_loop(
+        lambda state: state[-1], double, (moves.target, length, jnp.array(True))
+    )
+    wall = still & moves.free
+    before = jnp.cumsum(wall, axis=1, dtype=jnp.int32) - wall.astype(jnp.int32)
+    walls = jnp.sum(wall, axis=1, dtype=jnp.int32)[moves.way]
+    return Runs(
+        end=end,
+        length=length,
+        wall=wall,
+        rank=jnp.take_along_axis(before, end, axis=1),
+        first=jnp.cumsum(walls, dtype=jnp.int32) - walls,
+        slots=jnp.sum(walls, dtype=jnp.int32),
+    )
+
+
+def _slots(
+    moves: Moves, runs: Runs, slots: int
+) -> tuple[Int[Array, "slots"], Int[Array, "slots"]]:
+    """The direction and the position of the wall in each slot of the section."""
+    ways, positions = runs.wall.shape
+    walls = jnp.sum(runs.wall, axis=1, dtype=jnp.int32)
+    start = jnp.cumsum(walls, dtype=jnp.int32) - walls
+    rank = jnp.cumsum(runs.wall, axis=1, dtype=jnp.int32) - 1
+    place = jnp.where(runs.wall, start[:, None] + rank, ways * positions)
+    position = jnp.broadcast_to(jnp.arange(positions, dtype=jnp.int32), runs.wall.shape)
+    listed = jnp.zeros(ways * positions, jnp.int32).at[place].set(position, mode="drop")
+    # The direction of a slot is the number of directions, but the first, that begin at it or before.
+    begins = jnp.zeros(slots, jnp.int32).at[runs.first[1:]].add(1, mode="drop")
+    direction = jnp.cumsum(begins, dtype=jnp.int32)
+    place = start[moves.way[direction]] + jnp.arange(slots, dtype=jnp.int32) - runs.first[direction]
+    return direction, listed[place]
+
+
+@functools.partial(jax.jit, static_argnames="slots")
+def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots: int) -> Section:
+    """The first-return map from bump to bump.
+
+    **Arguments:**
+
+    - `moves`, `runs`: where a step leads, and the run that starts there.
+    - `shift`: directions that the robot turns by at a bump.
+    - `slots`: length of the arrays, at least `runs.slots`.
+    """
+    positions = runs.wall.shape[1]
+    slot = jnp.arange(slots, dtype=jnp.int32)
+    direction, at = _slots(moves, runs, slots)
+
+    # The robot turns, then runs to the next wall.
+    turned = (direction + shift) % moves.way.shape[0]
+    run = moves.way[turned] * positions + at
+    end = runs.end.ravel()[run]
+    live = slot < runs.slots
+    return Section(
+        successor=jnp.where(live, runs.first[turned] + runs.rank.ravel()[run], slot),
+        duration=1 + runs.length.ravel()[run],
+        # Positions along a run rise or fall throughout, so its smallest cell is at one of the ends.
+        lowest=turned * positions + jnp.minimum(at, end),
+        live=live,
+    )
+
+
+@jax.jit
+def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGroups:
+    """The groups of all cells from those of the section."""
+
+    # One direction at a time: what is gathered from is then a few hundred slots, which fit the nearest cache.
+    def expand(direction):  # type: ignore[no-untyped-def]
+        way = moves.way[direction]
+        slot = runs.first[direction] + runs.rank[way]
+        group = groups.group[slot]
+        step = jnp.maximum(0, runs.length[way] + groups.lead[slot])
+        period = groups.period[group]
+        return tuple(jnp.where(moves.free, x, -1) for x in (group, step, period))
+
+    directions = jnp.arange(moves.way.shape[0], dtype=jnp.int32)
+    group, step, period = jax.lax.map(expand, directions)
+    return PeriodicGroups(group.ravel(), step.ravel(), period.ravel(), groups.count)
+
+
+@jax.jit
+def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
+    """What sweeps ask of the groups, without an array over all cells."""
+    ways, positions = runs.wall.shape
+    slots = groups.group.shape[0]
+    end = runs.end + (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
+    end = jnp.where(moves.free, end, ways * positions)
+    zero = jnp.zeros(ways * positions, jnp.int32)
+    cells = zero.at[end].add(1, mode="drop").reshape(ways, positions)
+    longest = zero.at[end].max(runs.length, mode="drop").reshape(ways, positions)
+
+    direction, at = _slots(moves, runs, slots)
+    wall = moves.way[direction], at
+    live = jnp.arange(slots, dtype=jnp.int32) < runs.slots
+    group = jnp.where(live, groups.group, groups.period.shape[0])
+    step = jnp.maximum(0, longest[wall] + groups.lead)
+    none = jnp.zeros_like(groups.period)
+    return GroupSummary(
+        count=groups.count,
+        period=groups.period,
+        basin=none.at[group].add(cells[wall], mode="drop"),
+        transient=none.at[group].max(step, mode="drop"),
+    )
+
+
+def _section_groups(
+    cells: CellSpace,
+    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    step: float | None,
+    collision: Collision,
+) -> tuple[Moves, Runs, SectionGroups]:
+    shift = bounce_shift(bounce, cells.directions)
+    possible = moves_of(cells, step=step, collision=collision)
+    straight = runs(possible)
+    section = functools.partial(bump_section, slots=bucket(int(straight.slots)))
+    for _ in range(shift.ndim):
+        section = jax.vmap(section, in_axes=(None, None, 0))
+    return possible, straight, section_groups(section(possible, straight, jnp.asarray(shift)))
+
+
+def bounce_groups(
+    cells: CellSpace,
+    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    *,
+    step: float | None = None,
+    collision: Collision = "swept",
+) -> PeriodicGroups:
+    """The periodic groups of a bounce map, by way of the section of its bumps.
+
+    Gives what [`jaxcell.mapping.periodic_groups`][] gives for the image of
+    [`jaxcell.bounce.bounce_map`][], many times faster.
+
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
+    """
+    possible, straight, groups = _section_groups(cells, bounce, step, collision)
+    expand = functools.partial(expand_groups, possible, straight)
+    for _ in range(groups.count.ndim):
+        expand = jax.vmap(expand)
+    return expand(groups)
+
+
+def group_summary(
+    cells: CellSpace,
+    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    *,
+    step: float | None = None,
+    collision: Collision = "swept",
+) -> GroupSummary:
+    """Number, periods, basins and longest transients of the periodic groups of a bounce map.
+
+    **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
+
+    **Returns:** [`jaxcell.mapping.GroupSummary`][], with as many slots as the map with the most groups has.
+    """
+    possible, straight, groups = _section_groups(cells, bounce, step, collision)
+    function = functools.partial(summarize, possible, straight)
+    for _ in range(groups.count.ndim):
+        function = jax.vmap(function)
+    summary = function(groups)
+    most = int(jnp.max(groups.count))
+    return GroupSummary(
+        summary.count, *(x[..., :most] for x in (summary.period, summary.basin, summary.transient))
+    )

@@ -1,0 +1,82 @@
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from ..automata import Filter, subset_construction
+from ..mapping import SimpleMap
+
+
+def localization_filter(
+    simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
+) -> Filter:
+    """The combinatorial filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
+
+    The I-state graph of the map becomes a nondeterministic automaton that may start in any cell, that automaton a deterministic one
+    by subset construction, and its states get colours: one for each knowledge cycle.
+
+    **Arguments:**
+
+    - `simple_map`: image and observation of every cell.
+    - `open_world`: whether the robot may be somewhere else, so that an observation that cannot occur on the map leads to
+        a trap state (Definition 2.4.6), and is not an error (Definition 2.4.5).
+    - `metadata`: kept with the filter, and saved with it.
+
+    **Returns:** [`jaxcell.automata.Filter`][].
+    """
+    automaton = subset_construction(np.asarray(simple_map.image), np.asarray(simple_map.bumped))
+    return Filter.of(automaton, open_world=open_world, metadata=metadata or {})
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Localization:
+    """A run of a robot from an unknown cell until its filter knows the periodic cells it may be in."""
+
+    path: Int[np.ndarray, "steps+1"]
+    "The cells the robot was in, from its start."
+    observations: Int[np.ndarray, "steps"]
+    "What it sensed at each step: 0 for a move, 1 for a bump."
+    states: Int[np.ndarray, "steps+1"]
+    "The state of the filter before and after each step."
+    candidates: Int[np.ndarray, "candidates"]
+    "The cells where the robot may be at the end, in ascending order."
+
+    @property
+    def contains_truth(self) -> bool:
+        """Whether the cell that the robot is in at the end is a candidate."""
+        return bool(np.isin(self.path[-1], self.candidates))
+
+
+def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
+    """Drives a simulated robot from a cell until the filter enters a knowledge cycle.
+
+    **Arguments:**
+
+    - `simple_map`: image and observation of every cell.
+    - `filter`: a localization filter, of this map or (open world) of another.
+    - `start`: the cell of the robot, which the filter is not told.
+
+    **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the trap instead,
+    with no candidates.
+
+    **Raises:** `ValueError` if the cell does not exist.
+    """
+    image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
+    if not 0 <= start < image.size:
+        raise ValueError(f"start: cell {start} does not exist; cells are 0 to {image.size - 1}")
+    cell, state = int(start), filter.start()
+    path, observations, states = [cell], [], [state.index]
+    while not (state.localized or state.refuted):
+        observation = int(bumped[cell])
+        state, cell = state.observe(observation), int(image[cell])
+        path.append(cell)
+        observations.append(observation)
+        states.append(state.index)
+    return Localization(
+        np.array(path, np.int32),
+        np.array(observations, np.int8),
+        np.array(states, np.int32),
+        state.cells,
+    )

@@ -1,0 +1,128 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from .groups import follow, periodic_cells
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """The first-return map of a simple map to a set of its cells that every orbit meets.
+
+    Outside the section the map must be one-to-one: no cell is the image of two cells outside it, as on straight runs. Then
+    a slot and a number of mappings to it tell a cell.
+
+    It is a simple map itself, with far fewer cells and the same cycles. The arrays may be longer than the section, so that
+    many sections share one compiled program; `live` marks the slots in use.
+    """
+
+    successor: Int[Array, "*batch slots"]
+    "The slot that each slot returns to."
+    duration: Int[Array, "*batch slots"]
+    "Mappings until it does, at least 1."
+    lowest: Int[Array, "*batch slots"]
+    "The smallest cell of the full space on the way, the return included."
+    live: Bool[Array, "*batch slots"]
+    "Which slots are in use; the others return to themselves."
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class SectionGroups:
+    """The periodic groups of the full space, told on a section.
+
+    A cell that meets the section first in slot `s`, after `t` mappings, reaches `group[s]`, in `max(0, t + lead[s])`
+    mappings.
+    """
+
+    group: Int[Array, "*batch slots"]
+    lead: Int[Array, "*batch slots"]
+    period: Int[Array, "*batch groups"]
+    "Period of each group in mappings of the full space; zeros past `count`."
+    count: Int[Array, "*batch"]
+
+
+def section_groups(section: Section, *, max_groups: int | None = None) -> SectionGroups:
+    """Periodic groups of the full space from a section of it, with the numbers that
+    [`periodic_groups`][] would give them.
+
+    **Arguments:**
+
+    - `section`: the first-return map, or a batch of them.
+    - `max_groups`: an upper bound of the number of groups, which sorts faster the smaller it is. By default the
+        groups are counted first; under `jit` and `vmap` that cannot be, and the number of slots is taken.
+
+    **Returns:** [`SectionGroups`][], `period` of length `max_groups`.
+    """
+    find, number = _cycles, _number
+    for _ in range(section.live.ndim - 1):
+        find, number = jax.vmap(find), jax.vmap(number, in_axes=(0, None))
+    cycles = find(section)
+    if max_groups is None:
+        known = not isinstance(cycles.count, jax.core.Tracer)
+        max_groups = bucket(int(jnp.max(cycles.count))) if known else section.live.shape[-1]
+    return number(cycles, max_groups)
+
+
+def bucket(size: int) -> int:
+    """The next of a few sizes, four to an octave, so that arrays of many lengths share few compiled programs."""
+    unit = 1 << max(0, (size - 1).bit_length() - 3)
+    return -(-size // unit) * unit
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Cycles:
+    leader: Int[Array, "*batch slots"]
+    leads: Bool[Array, "*batch slots"]
+    lead: Int[Array, "*batch slots"]
+    period: Int[Array, "*batch slots"]
+    lowest: Int[Array, "*batch slots"]
+    count: Int[Array, "*batch"]
+
+
+@jax.jit
+def _cycles(section: Section) -> _Cycles:
+    successor, duration = section.successor, section.duration
+    dtype = successor.dtype
+    slots = successor.shape[0]
+    periodic = periodic_cells(successor)
+    # All cells on the last return of a cycle into a slot are periodic: `into` is how many those are.
+    target = jnp.where(periodic, successor, slots)
+    into = jnp.zeros(slots, dtype).at[target].set(duration, mode="drop")
+    # A transient slot is on the cycle as soon as it enters the part of a return that the cycle uses.
+    arrives = periodic[successor]
+    transient = jnp.where(arrives, 1 + jnp.maximum(0, duration - into[successor]), duration)
+    leader, step = follow(successor, periodic, transient)
+    leads = section.live & periodic & (leader == jnp.arange(slots, dtype=dtype))
+    owner = jnp.where(periodic, leader, slots)
+    largest = jnp.iinfo(dtype).max
+    return _Cycles(
+        leader=leader,
+        leads=leads,
+        lead=jnp.where(periodic, 1 - into, step),
+        period=jnp.zeros(slots, dtype).at[owner].add(duration, mode="drop"),
+        lowest=jnp.full(slots, largest, dtype).at[owner].min(section.lowest, mode="drop"),
+        count=jnp.sum(leads, dtype=dtype),
+    )
+
+
+@functools.partial(jax.jit, static_argnames="max_groups")
+def _number(cycles: _Cycles, max_groups: int) -> SectionGroups:
+    slots = cycles.leader.shape[0]
+    dtype = cycles.leader.dtype
+    leaders = jnp.flatnonzero(cycles.leads, size=max_groups, fill_value=slots).astype(dtype)
+    lowest = cycles.lowest.at[leaders].get(mode="fill", fill_value=jnp.iinfo(dtype).max)
+    leaders = leaders[jnp.argsort(lowest)]
+    number = jnp.full(slots, -1, dtype)
+    number = number.at[leaders].set(jnp.arange(max_groups, dtype=dtype), mode="drop")
+    return SectionGroups(
+        group=number[cycles.leader],
+        lead=cycles.lead,
+        period=cycles.period.at[leaders].get(mode="fill", fill_value=0),
+        count=cycles.count,
+    )

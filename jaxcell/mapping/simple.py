@@ -1,0 +1,19 @@
+import dataclasses
+
+import jax
+from jaxtyping import Array, Bool, Int
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class SimpleMap:
+    """A simple cell mapping: every cell has one image (Alam 2018, Eq. 2.2).
+
+    `bumped` is what the robot's bump sensor says on the way from a cell to its image; the pair is the
+    I-state graph of the map (Alam 2018, Definition 2.4.1).
+    """
+
+    image: Int[Array, "*batch cells"]
+    "The cell that each cell is mapped to."
+    bumped: Bool[Array, "*batch cells"]
+    "Whether the robot bumps on the way: observation 1."

@@ -1,0 +1,193 @@
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from .workspace import Workspace
+
+
+_MOST_CELLS = 2**31 - 1
+_MOST_SQUARES = 2**30
+# Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
+# wall or to an edge between cells lies on it, on every platform.
+TOLERANCE = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CellSpace:
+    """The free configurations of a robot, cut into cells (Alam 2018, section 2.3.2).
+
+    Square cells of side `cell` cover the bounding box of the map; a cell is free if its centre
+    lies in the closed free space. The free cells of the plane are the *positions*, counted row by row
+    from the bottom left, x fastest. A cell of the space is a position and a direction,
+    `z = direction * positions + position`, and direction `k` points at `2 * pi * k / directions`,
+    counter-clockwise from the x axis (East).
+
+    Make one with [`CellSpace.of`][] from a map or [`CellSpace.of_grid`][] from a grid.
+    """
+
+    workspace: Workspace | None
+    cell: float
+    directions: int
+    origin: tuple[float, float]
+    free: Bool[np.ndarray, "rows columns"]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.cell) and self.cell > 0):
+            raise ValueError(f"cell: the side must be a positive number of metres, got {self.cell}")
+        if isinstance(self.directions, bool) or int(self.directions) != self.directions:
+            raise ValueError(f"directions: expected a whole number, got {self.directions!r}")
+        if self.directions < 1:
+            raise ValueError(f"directions: at least 1 is needed, got {self.directions}")
+        if self.positions == 0:
+            raise ValueError(
+                f"cell: no cell of side {self.cell:g} m has its centre in the free space; use smaller cells"
+            )
+        if self.positions * self.directions > _MOST_CELLS:
+            raise ValueError(
+                f"{self.positions} positions x {self.directions} directions are more than the "
+                f"{_MOST_CELLS} cells that 32 bits can count; use larger cells or fewer directions"
+            )
+
+    @classmethod
+    def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
+        """Cuts the free space of a map into cells.
+
+        **Arguments:**
+
+        - `workspace`: the map, with the radius of the robot.
+        - `cell`: side of a cell, in metres.
+        - `directions`: number of directions.
+
+        **Raises:** `ValueError` if a number is out of range, if no centre is free, or if there
+        would be more than `2**31 - 1` cells.
+        """
+        if not (math.isfinite(cell) and cell > 0):
+            raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
+        left, bottom = workspace.boundary.min(axis=0)
+        right, top = workspace.boundary.max(axis=0)
+        columns = math.ceil((right - left) / cell - TOLERANCE)
+        rows = math.ceil((top - bottom) / cell - TOLERANCE)
+        if rows * columns > _MOST_SQUARES:
+            raise ValueError(
+                f"cell: side {cell:g} m cuts the map into {columns} x {rows} squares, "
+                f"more than {_MOST_SQUARES}; use larger cells"
+            )
+        # The margin makes a centre that lies on a wall free whatever the rounding.
+        free_space = workspace.free_space.buffer(TOLERANCE * cell, join_style="mitre")
+        shapely.prepare(free_space)
+        x = left + (np.arange(columns) + 0.5) * cell
+        free = np.empty((rows, columns), bool)
+        for row in range(rows):
+            free[row] = shapely.contains_xy(free_space, x, bottom + (row + 0.5) * cell)
+        return cls(workspace, float(cell), directions, (float(left), float(bottom)), free)
+
+    @classmethod
+    def of_grid(
+        cls,
+        free: Bool[np.ndarray, "rows columns"],
+        directions: int,
+        *,
+        cell: float = 1.0,
+        origin: tuple[float, float] = (0.0, 0.0),
+    ) -> "CellSpace":
+        """The space of a grid whose blocked squares are the obstacles; row 0 is the lowest.
+
+        **Arguments:**
+
+        - `free`: which squares are free.
+        - `directions`: number of directions.
+        - `cell`: side of a square, in metres.
+        - `origin`: lower left corner of the grid, in metres.
+        """
+        return cls(None, float(cell), directions, origin, np.array(free))
+
+    @functools.cached_property
+    def square(self) -> Int[np.ndarray, "positions"]:
+        """The square of each position, `row * columns + column`."""
+        return np.flatnonzero(self.free).astype(np.int32)
+
+    @functools.cached_property
+    def position_of_square(self) -> Int[np.ndarray, "rows columns"]:
+        """The position of each square, -1 where it is not free."""
+        position = np.full(self.free.size, -1, np.int32)
+        position[self.square] = np.arange(self.positions, dtype=np.int32)
+        return position.reshape(self.free.shape)
+
+    @functools.cached_property
+    def positions(self) -> int:
+        """Number of free squares."""
+        return int(np.count_nonzero(self.free))
+
+    @property
+    def size(self) -> int:
+        """Number of cells, `positions * directions`."""
+        return self.positions * self.directions
+
+    @functools.cached_property
+    def gridded(self) -> bool:
+        """Whether every wall runs along edges of squares, so that the free squares say all about the walls."""
+        if self.workspace is None:
+            return True
+        walls = self.walls[:, 1:]
+        on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
+        level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
+        return bool(on_lines.all() and level.any(axis=1).all())
+
+    @functools.cached_property
+    def walls(self) -> Float[np.ndarray, "walls 3 2"]:
+        """The edges of the free space: the corner before each, its start and its end, in squares from the origin.
+
+        The free space lies to the left of an edge.
+        """
+        if self.workspace is None:
+            raise ValueError("a space made from a grid has no walls but the edges of its squares")
+        free_space = shapely.orient_polygons(self.workspace.free_space)
+        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(free_space)]
+        edges = [np.stack([np.roll(r, 1, 0), r, np.roll(r, -1, 0)], axis=1) for r in rings]
+        return (np.concatenate(edges) - np.array(self.origin)) / self.cell
+
+    def centre(
+        self, z: Int[np.ndarray, "..."] | int
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """The configuration `(x, y, theta)` of the centre of each cell, in metres and radians.
+
+        **Raises:** `ValueError` if a cell does not exist.
+        """
+        z = np.asarray(z)
+        if z.size and (z.min() < 0 or z.max() >= self.size):
+            wrong = z[(z < 0) | (z >= self.size)].flat[0]
+            raise ValueError(f"cell {wrong} does not exist; cells are 0 to {self.size - 1}")
+        direction, position = np.divmod(z, self.positions)
+        row, column = np.divmod(self.square[position], self.free.shape[1])
+        x = self.origin[0] + (column + 0.5) * self.cell
+        y = self.origin[1] + (row + 0.5) * self.cell
+        return x, y, 2 * np.pi * direction / self.directions
+
+    def index(
+        self, x: Float[np.ndarray, "..."] | float, y: Float[np.ndarray, "..."] | float, theta: Float[np.ndarray, "..."] | float = 0.0
+    ) -> Int[np.ndarray, "..."]:
+        """The cell that holds each configuration; the nearest direction counts.
+
+        A point on an edge between cells belongs to the upper or right one. `theta` is in radians.
+
+        **Raises:** `ValueError` if a point is off the map or its cell is not free.
+        """
+        x, y, theta = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float))
+        if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(theta).all()):
+            raise ValueError("a configuration needs finite numbers x, y, theta")
+        rows, columns = self.free.shape
+        column = np.floor(np.round((x - self.origin[0]) / self.cell, 9)).astype(np.int64)
+        row = np.floor(np.round((y - self.origin[1]) / self.cell, 9)).astype(np.int64)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        position = np.where(inside, self.position_of_square[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], -1)
+        if (position < 0).any():
+            bad = np.argmax(np.atleast_1d(position) < 0)
+            where = "lies in an obstacle or too near a wall" if inside.flat[bad] else "is off the map"
+            raise ValueError(f"the point ({x.flat[bad]:g}, {y.flat[bad]:g}) {where}")
+        turn = 2 * np.pi / self.directions
+        direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % self.directions
+        return (direction * self.positions + position).astype(np.int32)

@@ -1,0 +1,149 @@
+import numpy as np
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from .cells import TOLERANCE, CellSpace
+from .stencil import displacement
+
+
+_CHUNK = 2**21
+
+
+def free_steps(
+    cells: CellSpace, step: float, collision: str
+) -> Int[np.ndarray, "directions positions"]:
+    """The position where a step from each centre in each direction leads, among walls of any shape.
+
+    A step that is not possible leads to the same position. Walls in reach of a centre are tested exactly, to a
+    tolerance of 1e-9 of a cell.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `step`: length of a step in cells.
+    - `collision`: `"swept"` or `"endpoint"`.
+    """
+    steps = np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
+    rows, columns = cells.free.shape
+    row, column = np.divmod(cells.square, columns)
+    centres = np.stack([column, row], axis=1) + 0.5
+    here = np.arange(cells.positions, dtype=np.int32)
+    targets = np.empty((cells.directions, cells.positions), np.int32)
+    for target, (across, up) in zip(targets, np.floor(np.round(steps + 0.5, 9)), strict=True):
+        to_row, to_column = row + int(up), column + int(across)
+        inside = (to_row >= 0) & (to_row < rows) & (to_column >= 0) & (to_column < columns)
+        target[:] = cells.position_of_square[to_row * inside, to_column * inside]
+        target[~inside] = -1
+        np.copyto(target, here, where=target < 0)
+
+    tree = shapely.STRtree(shapely.linestrings(cells.walls))
+    near, wall = tree.query(shapely.points(centres), predicate="dwithin", distance=step + TOLERANCE)
+    if collision == "endpoint":
+        near = np.unique(near)
+        blocked = _end_outside(cells, centres[near], steps)
+    else:
+        near, blocked = _meets_wall(cells.walls, centres, steps, near, wall)
+    targets[:, near] = np.where(blocked.T, here[near], targets[:, near])
+    return targets
+
+
+def _end_outside(
+    cells: CellSpace,
+    centres: Float[np.ndarray, "near 2"],
+    steps: Float[np.ndarray, "directions 2"],
+) -> Bool[np.ndarray, "near directions"]:
+    assert cells.workspace is not None
+    closed = cells.workspace.free_space.buffer(TOLERANCE * cells.cell, join_style="mitre")
+    shapely.prepare(closed)
+    ends = (centres[:, None] + steps) * cells.cell + np.array(cells.origin)
+    return ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
+
+
+def _meets_wall(
+    walls: Float[np.ndarray, "walls 3 2"],
+    centres: Float[np.ndarray, "positions 2"],
+    steps: Float[np.ndarray, "directions 2"],
+    near: Int[np.ndarray, "pairs"],
+    wall: Int[np.ndarray, "pairs"],
+) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
+    """Whether each step meets one of the walls in reach; `near` and `wall` are the pairs in reach."""
+    order = np.argsort(near, kind="stable")
+    near, wall = near[order], wall[order]
+    places, first = np.unique(near, return_index=True)
+    corner, passes, leaves = _corners(walls, steps)
+    length = np.linalg.norm(steps[0])
+    unit = steps / length
+
+    blocked = np.empty((len(places), len(steps)), bool)
+    chunks = -(-len(near) * len(steps) // _CHUNK)
+    for some in np.array_split(np.arange(len(places)), chunks):
+        pairs = slice(first[some[0]], first[some[-1] + 1] if some[-1] + 1 < len(first) else None)
+        centre, w = centres[near[pairs]], wall[pairs]
+        a, b = walls[w, 1] - centre, walls[w, 2] - centre
+        along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+        # Signed distances: of both ends of the step from the line of the wall, positive on its free side, and of both
+        # ends of the wall from the line of the step.
+        start = -_cross(along, a)[:, None]
+        stop = start + _cross(along[:, None], steps)
+        side_a, side_b = _cross(unit, a[:, None]), _cross(unit, b[:, None])
+        meets = _opposite(start, stop) & _opposite(side_a, side_b)
+        # A centre on a wall may not step through it, one on a corner has to step into the free side.
+        on_corner = (np.hypot(*a.T) < TOLERANCE)[:, None]
+        on_wall = (np.abs(start) < TOLERANCE) & (np.vecdot(a, b)[:, None] < -TOLERANCE)
+        meets |= on_wall & (stop < -TOLERANCE)
+        meets |= on_corner & ~leaves[corner[w]]
+        # A corner on the way has to be passed on its free side.
+        distance = a @ unit.T
+        on_way = (distance > TOLERANCE) & (distance < length + TOLERANCE)
+        meets |= on_way & (np.abs(side_a) < TOLERANCE) & ~passes[corner[w]]
+        blocked[some] = np.logical_or.reduceat(meets, first[some] - first[some[0]], axis=0)
+    return places, blocked
+
+
+def _opposite(
+    u: Float[np.ndarray, "*#shape"], v: Float[np.ndarray, "*#shape"]
+) -> Bool[np.ndarray, "*shape"]:
+    return (np.minimum(u, v) < -TOLERANCE) & (np.maximum(u, v) > TOLERANCE)
+
+
+def _corners(
+    walls: Float[np.ndarray, "walls 3 2"], steps: Float[np.ndarray, "directions 2"]
+) -> tuple[
+    Int[np.ndarray, "walls"],
+    Bool[np.ndarray, "corners directions"],
+    Bool[np.ndarray, "corners directions"],
+]:
+    """The corner where each wall starts, and the directions in which a robot can pass and leave each corner.
+
+    The free space at the start of a wall is the wedge that opens counter-clockwise from this wall to the one
+    before it. Where obstacles meet in a point, several wedges share it, and a robot has to stay in one of them.
+    """
+    before, start, end = np.moveaxis(walls, 1, 0)
+    _, corner = np.unique(np.round(start, 9), axis=0, return_inverse=True)
+    corner = corner.reshape(-1)
+    opens = _angle(end - start)[:, None]
+    wedge = _turn(_angle(before - start)[:, None] - opens)
+    into = _turn(_angle(steps) - opens)
+    inside = into <= wedge + TOLERANCE
+    # Passing takes the free half plane on one side of the way.
+    left, right = into + np.pi <= wedge + TOLERANCE, into >= np.pi - TOLERANCE
+    passes, leaves = np.zeros((2, corner.max() + 1, len(steps)), bool)
+    np.logical_or.at(passes, corner, inside & (left | right))
+    np.logical_or.at(leaves, corner, inside)
+    return corner, passes, leaves
+
+
+def _angle(vector: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
+    return np.arctan2(vector[..., 1], vector[..., 0])
+
+
+def _turn(angle: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """The angle as one in [0, 2 pi), with what is a rounding error short of a full turn taken as none."""
+    angle = angle % (2 * np.pi)
+    return np.where(angle > 2 * np.pi - TOLERANCE, 0.0, angle)
+
+
+def _cross(
+    u: Float[np.ndarray, "*#shape 2"], v: Float[np.ndarray, "*#shape 2"]
+) -> Float[np.ndarray, "*shape"]:
+    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]

@@ -1,0 +1,83 @@
+import dataclasses
+import functools
+import math
+
+import numpy as np
+from jaxtyping import Int
+
+from .cells import TOLERANCE
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stencil:
+    """What one step from the centre of a square does, for every direction of a grid.
+
+    From a centre a step in one direction leads to the same relative square wherever it starts, over the same
+    squares on the way. Many directions do the same thing (360 directions and a step of one square
+    make 24 different *ways*), so whatever depends on walls is computed once for a way, not for each direction.
+    Squares are relative, `(row, column)`.
+    """
+
+    offset: Int[np.ndarray, "ways 2"]
+    "Square that holds the end point."
+    crossed: Int[np.ndarray, "ways crossings 2"]
+    "Squares whose interior the step passes, all of which must be free; repeated to fill up."
+    beside: Int[np.ndarray, "ways corners 2 2"]
+    "The two squares beside each corner that the step passes, one of which must be free; repeated to fill up."
+    way: Int[np.ndarray, "directions"]
+    "The way of each direction."
+
+
+@functools.lru_cache(maxsize=64)
+def stencil(directions: int, step: float, collision: str) -> Stencil:
+    """The stencil of a step of length `step`, in sides of a square.
+
+    `collision="endpoint"` asks only that the end point be free; `"swept"` asks the same of all the way.
+    """
+    ways: dict[tuple, int] = {}
+    way = np.array([ways.setdefault(_way(k, directions, step, collision), len(ways)) for k in range(directions)])
+    offset, crossed, beside = zip(*ways, strict=True)
+    # A step always crosses its end square, and "beside" the corner of a free square is that square.
+    crossings = max(map(len, crossed))
+    corners = max(1, *map(len, beside)) if len(beside) > 1 else max(1, len(beside[0]))
+    return Stencil(
+        np.array(offset, np.int32),
+        np.array([c + (o,) * (crossings - len(c)) for c, o in zip(crossed, offset, strict=True)], np.int32),
+        np.array([b + ((o, o),) * (corners - len(b)) for b, o in zip(beside, offset, strict=True)], np.int32),
+        way.astype(np.int32),
+    )
+
+
+def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:
+    """End point of a step from the origin, rounded so that ties are ties on every platform."""
+    angle = 2 * math.pi * direction / directions
+    return round(step * math.cos(angle), 9), round(step * math.sin(angle), 9)
+
+
+def _way(direction: int, directions: int, step: float, collision: str) -> tuple:
+    dx, dy = displacement(direction, directions, step)
+    offset = (math.floor(round(0.5 + dy, 9)), math.floor(round(0.5 + dx, 9)))
+    if collision == "endpoint":
+        return offset, (offset,), ()
+    crossed, beside = {offset: None}, []
+    east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
+    # The step meets the lines between columns at x = 1/2, 3/2, ... from its start, and rows likewise.
+    to_column = [(m + 0.5) / abs(dx) for m in range(int(abs(dx) + 0.5))] if dx else []
+    to_row = [(m + 0.5) / abs(dy) for m in range(int(abs(dy) + 0.5))] if dy else []
+    row = column = 0
+    while to_column or to_row:
+        next_column, next_row = (to_column or [math.inf])[0], (to_row or [math.inf])[0]
+        if abs(next_column - next_row) < TOLERANCE:
+            beside.append(((row, column + east), (row + north, column)))
+            row, column = row + north, column + east
+            to_column, to_row = to_column[1:], to_row[1:]
+        elif next_column < next_row:
+            column, to_column = column + east, to_column[1:]
+            if next_column > 1 - TOLERANCE:  # ends on the edge without passing it
+                continue
+        else:
+            row, to_row = row + north, to_row[1:]
+            if next_row > 1 - TOLERANCE:
+                continue
+        crossed[row, column] = None
+    return offset, tuple(crossed), tuple(beside)

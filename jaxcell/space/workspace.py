@@ -1,0 +1,2 @@
+import dataclasses
+class Workspace: pass

@@ -1,0 +1,171 @@
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.mapping import Section, periodic_groups, section_groups
+
+
+@st.composite
+def functional_graphs(draw):
+    # Few sizes, since each is compiled once.
+    cells = draw(st.sampled_from([1, 2, 3, 8, 24]))
+    return np.array(draw(st.lists(st.integers(0, cells - 1), min_size=cells, max_size=cells)), np.int32)
+
+
+def sequential(image):
+    """Alg. 2.1 of Alam 2018, one cell after the other; groups renumbered by their smallest cells."""
+    cells = len(image)
+    group, step, seen = [-1] * cells, [0] * cells, [-1] * cells
+    cycles = []
+    for start in range(cells):
+        sequence, z = [], start
+        while seen[z] == -1:
+            seen[z] = start
+            sequence.append(z)
+            z = int(image[z])
+        if seen[z] == start and z in sequence:
+            first = sequence.index(z)
+            cycles.append(sequence[first:])
+            for cell in sequence[first:]:
+                group[cell] = len(cycles) - 1
+            sequence = sequence[:first]
+        for cell in reversed(sequence):
+            group[cell] = group[image[cell]]
+            step[cell] = step[image[cell]] + 1
+    order = sorted(range(len(cycles)), key=lambda g: min(cycles[g]))
+    number = {g: i for i, g in enumerate(order)}
+    return (
+        np.array([number[g] for g in group]),
+        np.array(step),
+        np.array([len(cycles[g]) for g in group]),
+        len(cycles),
+    )
+
+
+def assert_same(groups, expected):
+    group, step, period, count = expected
+    np.testing.assert_array_equal(groups.group, group)
+    np.testing.assert_array_equal(groups.step, step)
+    np.testing.assert_array_equal(groups.period, period)
+    np.testing.assert_array_equal(groups.periodic, step == 0)
+    assert int(groups.count) == count
+
+
+@given(functional_graphs())
+@settings(deadline=None, max_examples=200)
+def test_equals_the_sequential_algorithm(image):
+    assert_same(periodic_groups(jnp.asarray(image)), sequential(image))
+
+
+@given(functional_graphs())
+@settings(deadline=None, max_examples=50)
+def test_equals_strongly_connected_components(image):
+    graph = nx.DiGraph(list(enumerate(image.tolist())))
+    cycles = [c for c in nx.strongly_connected_components(graph) if len(c) > 1 or image[min(c)] in c]
+    cycles.sort(key=min)
+    groups = periodic_groups(jnp.asarray(image))
+    for number, cycle in enumerate(cycles):
+        on_cycle = np.flatnonzero((groups.group == number) & groups.periodic)
+        assert set(on_cycle.tolist()) == cycle
+    assert int(groups.count) == len(cycles)
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3, 1000])
+def test_one_long_cycle_and_one_long_transient(cells):
+    around = jnp.asarray(np.roll(np.arange(cells), -1).astype(np.int32))
+    assert int(periodic_groups(around).period[0]) == cells
+    chain = jnp.asarray(np.maximum(np.arange(cells) - 1, 0).astype(np.int32))
+    np.testing.assert_array_equal(periodic_groups(chain).step, np.arange(cells))
+
+
+def test_under_vmap():
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 30, (7, 30)).astype(np.int32)
+    batch = jax.vmap(periodic_groups)(jnp.asarray(images))
+    for i, image in enumerate(images):
+        assert_same(jax.tree.map(lambda x, i=i: x[i], batch), sequential(image))
+
+
+@given(functional_graphs(), st.data())
+@settings(deadline=None, max_examples=50)
+def test_cells_that_do_not_count_are_left_out(image, data):
+    seeds = data.draw(st.lists(st.sampled_from(range(len(image))), min_size=1))
+    counts = np.zeros(len(image), bool)
+    for z in seeds:
+        while not counts[z]:
+            counts[z] = True
+            z = image[z]
+    groups = periodic_groups(jnp.asarray(image), jnp.asarray(counts))
+    kept = np.flatnonzero(counts)
+    smaller = np.searchsorted(kept, image[kept]).astype(np.int32)
+    group, step, period, count = sequential(smaller)
+    np.testing.assert_array_equal(np.asarray(groups.group)[kept], group)
+    np.testing.assert_array_equal(np.asarray(groups.step)[kept], step)
+    np.testing.assert_array_equal(np.asarray(groups.period)[kept], period)
+    assert int(groups.count) == count
+    assert (np.asarray(groups.group)[~counts] == -1).all()
+    assert (np.asarray(groups.step)[~counts] == -1).all()
+
+
+def section_of(image, chosen, spare):
+    """The first-return map to the chosen cells, and for every cell its first slot and the mappings to it."""
+    slot_of = {int(z): s for s, z in enumerate(chosen)}
+
+    def walk(z):
+        lowest, mappings = z, 0
+        while z not in slot_of:
+            z, mappings = int(image[z]), mappings + 1
+            lowest = min(lowest, z)
+        return slot_of[z], mappings, lowest
+
+    returns = [walk(int(image[z])) for z in chosen]
+    slots = len(chosen) + spare
+    successor, duration, lowest = np.arange(slots), np.ones(slots), np.zeros(slots)
+    for s, (to, mappings, low) in enumerate(returns):
+        successor[s], duration[s], lowest[s] = to, mappings + 1, low
+    section = Section(
+        *(jnp.asarray(x.astype(np.int32)) for x in (successor, duration, lowest)),
+        live=jnp.asarray(np.arange(slots) < len(chosen)),
+    )
+    entries = np.array([walk(z)[:2] for z in range(len(image))])
+    return section, entries[:, 0], entries[:, 1]
+
+
+@given(functional_graphs(), st.data())
+@settings(deadline=None, max_examples=150)
+def test_a_section_tells_the_groups_of_all_cells(image, data):
+    expected = sequential(image)
+    cycles = np.flatnonzero(expected[1] == 0)
+    more = data.draw(st.sets(st.sampled_from(range(len(image)))))
+    # Every cycle has to meet the section, and outside it the map has to be one-to-one.
+    chosen = more | {int(cycles[expected[0][cycles] == g][-1]) for g in range(expected[3])}
+    for z in range(len(image)):
+        chosen |= set(np.flatnonzero(image == z)[1:].tolist())
+    section, slot, wait = section_of(image, sorted(chosen), data.draw(st.integers(0, 3)))
+    for most in (None, expected[3], len(section.live)):
+        groups = section_groups(section, max_groups=most)
+        group = np.asarray(groups.group)[slot]
+        np.testing.assert_array_equal(group, expected[0])
+        np.testing.assert_array_equal(
+            np.maximum(0, wait + np.asarray(groups.lead)[slot]), expected[1]
+        )
+        np.testing.assert_array_equal(np.asarray(groups.period)[group], expected[2])
+        assert int(groups.count) == expected[3]
+
+
+def test_a_batch_of_sections():
+    rng = np.random.default_rng(1)
+    images = rng.integers(0, 30, (5, 30)).astype(np.int32)
+    sections = [section_of(image, range(30), 2)[0] for image in images]
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *sections)
+    together, traced = section_groups(stacked), jax.vmap(section_groups)(stacked)
+    for i, section in enumerate(sections):
+        alone = section_groups(section)
+        for batch in (together, traced):
+            np.testing.assert_array_equal(batch.group[i], alone.group)
+            np.testing.assert_array_equal(batch.lead[i], alone.lead)
+            periods = np.asarray(alone.period)[: int(alone.count)]
+            np.testing.assert_array_equal(batch.period[i][: len(periods)], periods)
