@@ -86,9 +86,7 @@ def grid_moves(
     return Moves(_grid_targets(free, shape), jnp.asarray(shape.way), free.ravel())
 
 
-def _grid_targets(
-    free: Bool[Array, "rows columns"], shape: Stencil
-) -> Int[Array, "ways squares"]:
+def _grid_targets(free: Bool[Array, "rows columns"], shape: Stencil) -> Int[Array, "ways squares"]:
     return _look_around(free, shape.offset, shape.crossed, shape.beside)
 
 
@@ -101,16 +99,15 @@ def _look_around(
 ) -> Int[Array, "ways squares"]:
     rows, columns = free.shape
     square = jnp.arange(rows * columns, dtype=jnp.int32)
-    row, column = square // columns, square % columns
 
     def is_free(relative: Int[Array, "*shape 2"]) -> Bool[Array, "*shape squares"]:
-        return free.at[row + relative[..., :1], column + relative[..., 1:]].get(
-            mode="fill", fill_value=False, wrap_negative_indices=False
-        )
+        here = square.reshape((1,) * (relative.ndim - 1) + (-1,))
+        row, column = here // columns + relative[..., :1], here % columns + relative[..., 1:]
+        return free.at[row, column].get(mode="fill", fill_value=False, wrap_negative_indices=False)
 
-    passes = free.ravel() & is_free(crossed).all(axis=1) & is_free(beside).any(axis=2).all(axis=1)
+    passes = is_free(crossed).all(axis=1) & is_free(beside).any(axis=2).all(axis=1)
     step = offset[:, :1] * columns + offset[:, 1:]
-    return jnp.where(passes, square + step, square)
+    return square[None] + jnp.where(passes & free.ravel()[None], step, 0)
 
 
 def _unique_rows(
@@ -123,7 +120,7 @@ def _unique_rows(
 
 
 def bounce_shift(
-    bounce: Float[np.ndarray, "..."] | Array | float, directions: int
+    bounce: Float[np.ndarray, "..."] | Array | float | int, directions: int
 ) -> Int[np.ndarray, "..."]:
     """A bouncing angle as a number of directions.
 
@@ -143,12 +140,12 @@ def bounce_shift(
             f"bounce: {degrees:g} deg is not a whole number of the {directions} directions, "
             f"which are {360 / directions:g} deg apart"
         )
-    return whole.astype(np.int64).astype(np.int32) % np.int32(directions)
+    return np.asarray(whole.astype(np.int64) % directions, np.int32)
 
 
 def bounce_map(
     cells: CellSpace,
-    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
     step: float | None = None,
     collision: Collision = "swept",

@@ -40,7 +40,7 @@ def runs(moves: Moves) -> Runs:
     """The straight run from every position in every way."""
     ways, positions = moves.target.shape
     position = jnp.arange(positions, dtype=jnp.int32)
-    still = moves.target == position
+    still = moves.target == position[None]
     row = (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
 
     def double(state):  # type: ignore[no-untyped-def]
@@ -53,7 +53,7 @@ def runs(moves: Moves) -> Runs:
     end, length, _ = jax.lax.while_loop(
         lambda state: state[-1], double, (moves.target, length, jnp.array(True))
     )
-    wall = still & moves.free
+    wall = still & moves.free[None]
     before = jnp.cumsum(wall, axis=1, dtype=jnp.int32) - wall.astype(jnp.int32)
     walls = jnp.sum(wall, axis=1, dtype=jnp.int32)[moves.way]
     return Runs(
@@ -66,9 +66,7 @@ def runs(moves: Moves) -> Runs:
     )
 
 
-def _slots(
-    moves: Moves, runs: Runs, slots: int
-) -> tuple[Int[Array, "slots"], Int[Array, "slots"]]:
+def _slots(moves: Moves, runs: Runs, slots: int) -> tuple[Int[Array, "slots"], Int[Array, "slots"]]:
     """The direction and the position of the wall in each slot of the section."""
     ways, positions = runs.wall.shape
     walls = jnp.sum(runs.wall, axis=1, dtype=jnp.int32)
@@ -136,7 +134,7 @@ def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
     ways, positions = runs.wall.shape
     slots = groups.group.shape[0]
     end = runs.end + (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
-    end = jnp.where(moves.free, end, ways * positions)
+    end = jnp.where(moves.free[None], end, ways * positions)
     zero = jnp.zeros(ways * positions, jnp.int32)
     cells = zero.at[end].add(1, mode="drop").reshape(ways, positions)
     longest = zero.at[end].max(runs.length, mode="drop").reshape(ways, positions)
@@ -157,7 +155,7 @@ def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
 
 def _section_groups(
     cells: CellSpace,
-    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     step: float | None,
     collision: Collision,
 ) -> tuple[Moves, Runs, SectionGroups]:
@@ -172,7 +170,7 @@ def _section_groups(
 
 def bounce_groups(
     cells: CellSpace,
-    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
     step: float | None = None,
     collision: Collision = "swept",
@@ -193,7 +191,7 @@ def bounce_groups(
 
 def group_summary(
     cells: CellSpace,
-    bounce: Float[np.ndarray, "*batch"] | Array | float,
+    bounce: Float[np.ndarray, "*batch"] | Array | float | int,
     *,
     step: float | None = None,
     collision: Collision = "swept",

@@ -145,8 +145,8 @@ class CellSpace:
         """
         if self.workspace is None:
             raise ValueError("a space made from a grid has no walls but the edges of its squares")
-        free_space = shapely.orient_polygons(self.workspace.free_space)
-        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(free_space)]
+        pieces = shapely.get_parts(shapely.orient_polygons(self.workspace.free_space))
+        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(pieces)]
         edges = [np.stack([np.roll(r, 1, 0), r, np.roll(r, -1, 0)], axis=1) for r in rings]
         return (np.concatenate(edges) - np.array(self.origin)) / self.cell
 
@@ -165,10 +165,14 @@ class CellSpace:
         row, column = np.divmod(self.square[position], self.free.shape[1])
         x = self.origin[0] + (column + 0.5) * self.cell
         y = self.origin[1] + (row + 0.5) * self.cell
-        return x, y, 2 * np.pi * direction / self.directions
+        theta = 2 * np.pi * direction / self.directions
+        return np.asarray(x), np.asarray(y), np.asarray(theta)
 
     def index(
-        self, x: Float[np.ndarray, "..."] | float, y: Float[np.ndarray, "..."] | float, theta: Float[np.ndarray, "..."] | float = 0.0
+        self,
+        x: Float[np.ndarray, "..."] | float,
+        y: Float[np.ndarray, "..."] | float,
+        theta: Float[np.ndarray, "..."] | float = 0.0,
     ) -> Int[np.ndarray, "..."]:
         """The cell that holds each configuration; the nearest direction counts.
 
@@ -176,18 +180,26 @@ class CellSpace:
 
         **Raises:** `ValueError` if a point is off the map or its cell is not free.
         """
-        x, y, theta = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float))
+        x, y, theta = np.broadcast_arrays(
+            np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
+        )
         if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(theta).all()):
             raise ValueError("a configuration needs finite numbers x, y, theta")
         rows, columns = self.free.shape
         column = np.floor(np.round((x - self.origin[0]) / self.cell, 9)).astype(np.int64)
         row = np.floor(np.round((y - self.origin[1]) / self.cell, 9)).astype(np.int64)
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        position = np.where(inside, self.position_of_square[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)], -1)
+        position = np.where(
+            inside,
+            self.position_of_square[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)],
+            -1,
+        )
         if (position < 0).any():
             bad = np.argmax(np.atleast_1d(position) < 0)
-            where = "lies in an obstacle or too near a wall" if inside.flat[bad] else "is off the map"
+            where = (
+                "lies in an obstacle or too near a wall" if inside.flat[bad] else "is off the map"
+            )
             raise ValueError(f"the point ({x.flat[bad]:g}, {y.flat[bad]:g}) {where}")
         turn = 2 * np.pi / self.directions
         direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % self.directions
-        return (direction * self.positions + position).astype(np.int32)
+        return np.asarray(direction * self.positions + position, np.int32)

@@ -73,6 +73,9 @@ def _meets_wall(
     corner, passes, leaves = _corners(walls, steps)
     length = np.linalg.norm(steps[0])
     unit = steps / length
+    # A corner at the end is not passed, unless the end cell lies beyond it: the upper right one of four.
+    beyond = (np.abs((steps + 0.5) % 1) < TOLERANCE).all(axis=1) & (steps > 0).all(axis=1)
+    reach = length + np.where(beyond, TOLERANCE, -TOLERANCE)
 
     blocked = np.empty((len(places), len(steps)), bool)
     chunks = -(-len(near) * len(steps) // _CHUNK)
@@ -94,7 +97,7 @@ def _meets_wall(
         meets |= on_corner & ~leaves[corner[w]]
         # A corner on the way has to be passed on its free side.
         distance = a @ unit.T
-        on_way = (distance > TOLERANCE) & (distance < length + TOLERANCE)
+        on_way = (distance > TOLERANCE) & (distance < reach)
         meets |= on_way & (np.abs(side_a) < TOLERANCE) & ~passes[corner[w]]
         blocked[some] = np.logical_or.reduceat(meets, first[some] - first[some[0]], axis=0)
     return places, blocked
@@ -115,15 +118,17 @@ def _corners(
 ]:
     """The corner where each wall starts, and the directions in which a robot can pass and leave each corner.
 
-    The free space at the start of a wall is the wedge that opens counter-clockwise from this wall to the one
-    before it. Where obstacles meet in a point, several wedges share it, and a robot has to stay in one of them.
+    The free space at the start of a wall is the wedge that opens counter-clockwise from this wall to the next one
+    that ends there. Where obstacles meet in a point, several wedges share it, and a robot has to stay in one of them.
     """
     before, start, end = np.moveaxis(walls, 1, 0)
     _, corner = np.unique(np.round(start, 9), axis=0, return_inverse=True)
     corner = corner.reshape(-1)
-    opens = _angle(end - start)[:, None]
-    wedge = _turn(_angle(before - start)[:, None] - opens)
-    into = _turn(_angle(steps) - opens)
+    opens, closes = _angle(end - start), _angle(before - start)
+    wedge = _turn(closes - opens)
+    for wall in np.flatnonzero(np.bincount(corner)[corner] > 1):
+        wedge[wall] = _turn(closes[corner == corner[wall]] - opens[wall]).min()
+    wedge, into = wedge[:, None], _turn(_angle(steps) - opens[:, None])
     inside = into <= wedge + TOLERANCE
     # Passing takes the free half plane on one side of the way.
     left, right = into + np.pi <= wedge + TOLERANCE, into >= np.pi - TOLERANCE

@@ -35,15 +35,26 @@ def stencil(directions: int, step: float, collision: str) -> Stencil:
     `collision="endpoint"` asks only that the end point be free; `"swept"` asks the same of all the way.
     """
     ways: dict[tuple, int] = {}
-    way = np.array([ways.setdefault(_way(k, directions, step, collision), len(ways)) for k in range(directions)])
+    way = np.array(
+        [
+            ways.setdefault(_way(k, directions, step, collision), len(ways))
+            for k in range(directions)
+        ]
+    )
     offset, crossed, beside = zip(*ways, strict=True)
     # A step always crosses its end square, and "beside" the corner of a free square is that square.
     crossings = max(map(len, crossed))
     corners = max(1, *map(len, beside)) if len(beside) > 1 else max(1, len(beside[0]))
     return Stencil(
         np.array(offset, np.int32),
-        np.array([c + (o,) * (crossings - len(c)) for c, o in zip(crossed, offset, strict=True)], np.int32),
-        np.array([b + ((o, o),) * (corners - len(b)) for b, o in zip(beside, offset, strict=True)], np.int32),
+        np.array(
+            [c + (o,) * (crossings - len(c)) for c, o in zip(crossed, offset, strict=True)],
+            np.int32,
+        ),
+        np.array(
+            [b + ((o, o),) * (corners - len(b)) for b, o in zip(beside, offset, strict=True)],
+            np.int32,
+        ),
         way.astype(np.int32),
     )
 
@@ -68,16 +79,16 @@ def _way(direction: int, directions: int, step: float, collision: str) -> tuple:
     while to_column or to_row:
         next_column, next_row = (to_column or [math.inf])[0], (to_row or [math.inf])[0]
         if abs(next_column - next_row) < TOLERANCE:
-            beside.append(((row, column + east), (row + north, column)))
+            corner = (row, column + east), (row + north, column)
             row, column = row + north, column + east
             to_column, to_row = to_column[1:], to_row[1:]
+            # A corner at the end is not passed, unless the end square lies beyond it.
+            if next_row < 1 - TOLERANCE or (row, column) == offset:
+                beside.append(corner)
         elif next_column < next_row:
             column, to_column = column + east, to_column[1:]
-            if next_column > 1 - TOLERANCE:  # ends on the edge without passing it
-                continue
         else:
             row, to_row = row + north, to_row[1:]
-            if next_row > 1 - TOLERANCE:
-                continue
-        crossed[row, column] = None
+        if min(next_column, next_row) < 1 - TOLERANCE:
+            crossed[row, column] = None
     return offset, tuple(crossed), tuple(beside)

@@ -12,7 +12,9 @@ from jaxcell.mapping import Section, periodic_groups, section_groups
 def functional_graphs(draw):
     # Few sizes, since each is compiled once.
     cells = draw(st.sampled_from([1, 2, 3, 8, 24]))
-    return np.array(draw(st.lists(st.integers(0, cells - 1), min_size=cells, max_size=cells)), np.int32)
+    return np.array(
+        draw(st.lists(st.integers(0, cells - 1), min_size=cells, max_size=cells)), np.int32
+    )
 
 
 def sequential(image):
@@ -64,7 +66,9 @@ def test_equals_the_sequential_algorithm(image):
 @settings(deadline=None, max_examples=50)
 def test_equals_strongly_connected_components(image):
     graph = nx.DiGraph(list(enumerate(image.tolist())))
-    cycles = [c for c in nx.strongly_connected_components(graph) if len(c) > 1 or image[min(c)] in c]
+    cycles = [
+        c for c in nx.strongly_connected_components(graph) if len(c) > 1 or image[min(c)] in c
+    ]
     cycles.sort(key=min)
     groups = periodic_groups(jnp.asarray(image))
     for number, cycle in enumerate(cycles):

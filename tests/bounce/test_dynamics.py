@@ -1,0 +1,177 @@
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxcell.bounce import (
+    bounce_groups,
+    bounce_image,
+    bounce_map,
+    bounce_shift,
+    bump_section,
+    expand_groups,
+    grid_moves,
+    group_summary,
+    moves,
+    runs,
+)
+from jaxcell.mapping import periodic_groups, section_groups
+from jaxcell.space import CellSpace, Workspace
+
+
+GRIDS = hnp.arrays(bool, (5, 6), elements=st.sampled_from([True, True, True, False])).filter(np.any)
+CURVED = Workspace(
+    [
+        (0, 0),
+        (9, 0),
+        *((9 * math.cos(a), 7 * math.sin(a)) for a in np.linspace(0.2, 1.5, 9)),
+        (0, 7),
+    ],
+    [[(3, 2), (4.3, 2.2), (3.5, 3.6)]],
+    robot_radius=0.2,
+)
+
+
+def eq_2_4(cells, direction, position, shift):
+    """Eq. 2.4 of Alam 2018 on a grid with the end point rule, in plain Python."""
+    columns = cells.free.shape[1]
+    row, column = divmod(int(cells.square[position]), columns)
+    angle = 2 * math.pi * direction / cells.directions
+    to_column = math.floor(round(column + 0.5 + math.cos(angle), 9))
+    to_row = math.floor(round(row + 0.5 + math.sin(angle), 9))
+    inside = 0 <= to_row < cells.free.shape[0] and 0 <= to_column < columns
+    if inside and cells.free[to_row, to_column]:
+        return direction * cells.positions + int(cells.position_of_square[to_row, to_column]), False
+    return (direction + shift) % cells.directions * cells.positions + position, True
+
+
+@given(GRIDS, st.sampled_from([4, 8, 24]), st.integers(-30, 30))
+@settings(deadline=None, max_examples=60)
+def test_image_follows_the_equation(free, directions, shift):
+    cells = CellSpace.of_grid(free, directions)
+    result = bounce_map(cells, 2 * math.pi * shift / directions, collision="endpoint")
+    pairs = [eq_2_4(cells, *divmod(z, cells.positions), shift) for z in range(cells.size)]
+    np.testing.assert_array_equal(result.image, [image for image, _ in pairs])
+    np.testing.assert_array_equal(result.bumped, [bumped for _, bumped in pairs])
+
+
+def test_a_bump_turns_in_place_and_a_move_keeps_the_direction():
+    cells = CellSpace.of(CURVED, 0.4, 24)
+    result = bounce_map(cells, math.pi / 3)
+    z = np.arange(cells.size)
+    direction, position = np.divmod(z, cells.positions)
+    to_direction, to_position = np.divmod(np.asarray(result.image), cells.positions)
+    bumped = np.asarray(result.bumped)
+    assert 0 < bumped.sum() < cells.size
+    np.testing.assert_array_equal(to_position[bumped], position[bumped])
+    np.testing.assert_array_equal(to_direction[bumped], (direction[bumped] + 4) % 24)
+    np.testing.assert_array_equal(to_direction[~bumped], direction[~bumped])
+    assert (to_position[~bumped] != position[~bumped]).all()
+
+
+def test_swept_moves_are_endpoint_moves():
+    cells = CellSpace.of(CURVED, 0.4, 24)
+    swept, endpoint = (moves(cells, step=0.7, collision=c) for c in ("swept", "endpoint"))
+    swept, endpoint = (np.asarray(m.target)[np.asarray(m.way)] for m in (swept, endpoint))
+    still = np.arange(cells.positions)
+    assert ((swept == endpoint) | (swept == still)).all()
+    assert (swept != endpoint).any()
+
+
+@pytest.mark.parametrize(
+    "cells", [CellSpace.of(CURVED, 0.4, 24), CellSpace.of_grid(np.eye(7) == 0, 24)]
+)
+@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+@pytest.mark.parametrize("length", [1.0, 1.6])
+def test_both_routes_to_the_groups_agree(cells, collision, length):
+    options = {"step": length * cells.cell, "collision": collision}
+    angles = 2 * np.pi * np.arange(24) / 24
+    batch = bounce_groups(cells, angles, **options)
+    images = bounce_map(cells, angles, **options).image
+    plain = jax.vmap(periodic_groups)(images)
+    for name in ("group", "step", "period", "count"):
+        np.testing.assert_array_equal(getattr(batch, name), getattr(plain, name), err_msg=name)
+    summary = jax.tree.map(np.asarray, group_summary(cells, angles, **options))
+    for i in range(24):
+        count = int(plain.count[i])
+        assert int(summary.count[i]) == count
+        group, step, period = (np.asarray(x)[i] for x in (plain.group, plain.step, plain.period))
+        for g in range(count):
+            members = group == g
+            assert summary.basin[i, g] == members.sum()
+            assert summary.transient[i, g] == step[members].max()
+            assert summary.period[i, g] == period[members][0] == (members & (step == 0)).sum()
+        assert not summary.basin[i, count:].any()
+
+
+@given(GRIDS, st.integers(0, 7))
+@settings(deadline=None, max_examples=40)
+def test_both_routes_agree_on_random_grids(free, shift):
+    cells = CellSpace.of_grid(free, 8)
+    angle = 2 * math.pi * shift / 8
+    fast, plain = bounce_groups(cells, angle), periodic_groups(bounce_map(cells, angle).image)
+    for name in ("group", "step", "period", "count"):
+        np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
+
+
+def test_grids_of_one_shape_map_under_vmap():
+    rng = np.random.default_rng(2)
+    grids = rng.random((6, 5, 6)) > 0.25
+
+    @jax.jit
+    @jax.vmap
+    def all_of(free):
+        possible = grid_moves(free, 8)
+        straight = runs(possible)
+        groups = section_groups(bump_section(possible, straight, 3, slots=8 * 30))
+        image = bounce_image(possible, 3).image
+        plain = periodic_groups(image, jnp.tile(free.ravel(), 8))
+        return plain, expand_groups(possible, straight, groups)
+
+    plain, fast = all_of(jnp.asarray(grids))
+    for i, free in enumerate(grids):
+        cells = CellSpace.of_grid(free, 8)
+        expected = bounce_groups(cells, 3 * 2 * math.pi / 8)
+        for result in (plain, fast):
+            for name in ("group", "step", "period"):
+                found = np.asarray(getattr(result, name)[i]).reshape(8, -1)
+                np.testing.assert_array_equal(
+                    found[:, cells.square].ravel(), getattr(expected, name), err_msg=name
+                )
+                assert (found[:, ~free.ravel()] == -1).all()
+            assert int(result.count[i]) == int(expected.count)
+
+
+def test_an_angle_is_a_whole_number_of_directions():
+    np.testing.assert_array_equal(bounce_shift(np.deg2rad([45, 135, -45, 360]), 8), [1, 3, 7, 0])
+    with pytest.raises(
+        ValueError, match=r"bounce: 50 deg is not a whole number of the 8 directions"
+    ):
+        bounce_shift(np.deg2rad(50), 8)
+    with pytest.raises(ValueError, match="bounce: nan deg"):
+        bounce_shift(math.nan, 8)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"step": 0.5}, "step: expected at least one cell, 1 m, got 0.5 m"),
+        ({"step": math.nan}, "step"),
+        ({"step": math.inf}, "step"),
+    ],
+)
+def test_refuses(options, message):
+    cells = CellSpace.of_grid(np.ones((3, 3), bool), 8)
+    with pytest.raises(ValueError, match=message):
+        moves(cells, **options)
+
+
+def test_a_step_of_many_cells_is_blocked_on_the_way():
+    free = np.array([[1, 1, 0, 1, 1]], bool)
+    cells = CellSpace.of_grid(free, 4)
+    assert int(moves(cells, step=3.0, collision="endpoint").target[0, 0]) == 2
+    assert int(moves(cells, step=3.0).target[0, 0]) == 0

@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxcell.space import CellSpace, Workspace
+
+
+BOX = [(0, 0), (4, 0), (4, 3), (0, 3)]
+
+
+def test_positions_count_row_by_row_from_the_bottom_left():
+    free = np.array([[1, 0, 1], [1, 1, 1]], bool)
+    cells = CellSpace.of_grid(free, 4, cell=0.5, origin=(10.0, 20.0))
+    assert (cells.positions, cells.size) == (5, 20)
+    x, y, theta = cells.centre(np.arange(cells.size))
+    np.testing.assert_allclose(x[:5], [10.25, 11.25, 10.25, 10.75, 11.25])
+    np.testing.assert_allclose(y[:5], [20.25, 20.25, 20.75, 20.75, 20.75])
+    np.testing.assert_allclose(theta, np.repeat([0, np.pi / 2, np.pi, 3 * np.pi / 2], 5))
+
+
+def test_the_first_cell_of_the_dissertation_is_our_zero():
+    cells = CellSpace.of_grid(np.ones((6, 8), bool), 8)
+    # Cell 104 of 384, counted from 1, is position 7 of direction 2.
+    x, y, theta = cells.centre(104 - 1)
+    assert (float(x), float(y)) == (7.5, 0.5)
+    assert float(theta) == pytest.approx(np.pi / 2)
+
+
+@given(hnp.arrays(bool, (4, 5)).filter(np.any), st.integers(1, 12), st.floats(0.01, 100))
+@settings(deadline=None)
+def test_index_inverts_centre(free, directions, side):
+    cells = CellSpace.of_grid(free, directions, cell=side, origin=(-3.7, 11.1))
+    z = np.arange(cells.size)
+    np.testing.assert_array_equal(cells.index(*cells.centre(z)), z)
+
+
+def test_a_cell_is_free_if_its_centre_is():
+    triangle = Workspace([(0, 0), (6, 0), (0, 6)])
+    cells = CellSpace.of(triangle, 1.0, 1)
+    # Centres (c + 1/2, r + 1/2) with c + r + 1 <= 6: those on the slanted wall count.
+    expected = np.add.outer(np.arange(6), np.arange(6)) <= 5
+    np.testing.assert_array_equal(cells.free, expected)
+
+
+def test_a_disc_robot_keeps_its_radius_from_the_walls():
+    cells = CellSpace.of(Workspace(BOX, robot_radius=0.6), 1.0, 1)
+    assert cells.positions == 2
+    assert CellSpace.of(Workspace(BOX, robot_radius=0.5), 1.0, 1).positions == 12
+
+
+def test_ties_go_up_and_right():
+    cells = CellSpace.of(Workspace(BOX), 1.0, 8)
+    assert cells.index(1.0, 1.0) == cells.index(1.5, 1.5)
+    assert cells.index(1.0 - 1e-12, 1.0) == cells.index(1.5, 1.5)
+    eighth = np.pi / 8
+    assert cells.index(0.5, 0.5, eighth) == cells.index(0.5, 0.5, 2 * eighth)
+    assert cells.index(0.5, 0.5, -eighth) == cells.index(0.5, 0.5, 0.0)
+    assert cells.index(0.5, 0.5, 7 * np.pi) == cells.index(0.5, 0.5, np.pi)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda w: CellSpace.of(w, 0.0, 8), "cell: the side must be"),
+        (lambda w: CellSpace.of(w, float("nan"), 8), "cell: the side must be"),
+        (lambda w: CellSpace.of(w, 1.0, 0), "directions: at least 1"),
+        (lambda w: CellSpace.of(w, 1e-5, 8), "squares"),
+        (lambda w: CellSpace.of(w, 0.001, 360), "more than the 2147483647 cells"),
+        (lambda w: CellSpace.of(w, 1.0, 8).index(5.0, 1.0), "off the map"),
+        (lambda w: CellSpace.of(w, 1.0, 8).index(np.inf, 1.0), "finite"),
+        (lambda w: CellSpace.of(w, 1.0, 8).centre(96), "cell 96 does not exist; cells are 0 to 95"),
+        (lambda w: CellSpace.of(w, 1.0, 8).centre(-1), "cell -1 does not exist"),
+    ],
+)
+def test_refuses(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(Workspace(BOX))
+
+
+def test_refuses_a_point_in_an_obstacle_and_a_space_with_no_centre():
+    walled = Workspace(BOX, obstacles=[[(1, 1), (2, 1), (2, 2), (1, 2)]])
+    with pytest.raises(ValueError, match="in an obstacle"):
+        CellSpace.of(walled, 1.0, 8).index(1.5, 1.5)
+    with pytest.raises(ValueError, match="no cell of side 10 m"):
+        CellSpace.of(Workspace([(0, 0), (1, 0), (0, 1)]), 10.0, 8)
+
+
+def test_knows_walls_that_follow_the_grid():
+    obstacle = [(1, 1), (2, 1), (2, 2), (1, 2)]
+    assert CellSpace.of(Workspace(BOX, [obstacle]), 1.0, 8).gridded
+    assert CellSpace.of(Workspace(BOX, [obstacle]), 0.5, 8).gridded
+    assert not CellSpace.of(Workspace(BOX, [obstacle]), 0.7, 8).gridded
+    assert not CellSpace.of(Workspace(BOX, [[(1, 1), (2, 1), (2, 2)]]), 1.0, 8).gridded
+    assert not CellSpace.of(Workspace(BOX, [obstacle], robot_radius=0.1), 1.0, 8).gridded
+
+
+def test_free_space_lies_to_the_left_of_the_walls():
+    cells = CellSpace.of(Workspace(BOX, [[(1, 1), (2, 1), (1.5, 2)]]), 0.5, 8)
+    before, start, end = np.moveaxis(cells.walls, 1, 0)
+    middle, along = (start + end) / 2, end - start
+    left = middle + 1e-6 * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    assert shapely.contains_xy(cells.workspace.free_space, *(left * 0.5).T).all()
+    assert {tuple(e) for e in end} == {tuple(s) for s in start} == {tuple(b) for b in before}

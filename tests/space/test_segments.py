@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxcell.space import CellSpace, Workspace, free_steps, stencil
+
+
+def workspace_of(free):
+    """The map whose obstacles are the blocked squares."""
+    rows, columns = free.shape
+    squares = [(c, r) for r, c in np.argwhere(~free).tolist()]
+    return Workspace(
+        [(0, 0), (columns, 0), (columns, rows), (0, rows)],
+        [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for x, y in squares],
+    )
+
+
+def steps_on_grid(cells, step, collision):
+    """What the stencil says, one cell and one direction after the other."""
+    shape = stencil(cells.directions, step, collision)
+    rows, columns = cells.free.shape
+
+    def free(square):
+        row, column = square
+        return 0 <= row < rows and 0 <= column < columns and bool(cells.free[row, column])
+
+    targets = np.empty((cells.directions, cells.positions), np.int32)
+    for position, here in enumerate(np.argwhere(cells.free)):
+        for direction, way in enumerate(shape.way):
+            passes = all(free(here + s) for s in shape.crossed[way])
+            passes &= all(any(free(here + s) for s in pair) for pair in shape.beside[way])
+            end = here + shape.offset[way]
+            targets[direction, position] = (
+                cells.position_of_square[tuple(end)] if passes else position
+            )
+    return targets
+
+
+@given(
+    hnp.arrays(bool, (4, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
+    st.sampled_from(
+        [(4, 1.0), (8, 1.0), (8, 2.0), (12, 1.0), (12, 2.5), (20, 1.7), (8, 1.5 * 2**0.5)]
+    ),
+    st.sampled_from(["swept", "endpoint"]),
+)
+@settings(deadline=None, max_examples=200)
+def test_squares_and_walls_agree(free, scale, collision):
+    directions, step = scale
+    cells = CellSpace.of(workspace_of(free), 1.0, directions)
+    assert cells.gridded
+    np.testing.assert_array_equal(cells.free, free)
+    np.testing.assert_array_equal(
+        free_steps(cells, step, collision), steps_on_grid(cells, step, collision)
+    )
+
+
+@st.composite
+def rooms(draw):
+    """Rooms with slanted obstacles, some of them overlapping or across the boundary."""
+    number = st.floats(0, 8, allow_subnormal=False)
+    obstacles = []
+    for _ in range(draw(st.integers(0, 4))):
+        corners = draw(st.lists(st.tuples(number, number), min_size=3, max_size=5))
+        hull = shapely.MultiPoint(corners).convex_hull
+        if hull.geom_type == "Polygon" and hull.area > 0.01:
+            obstacles.append(shapely.get_coordinates(hull)[:-1])
+    radius = draw(st.sampled_from([0.0, 0.0, 0.3]))
+    return [(0, 0), (8, 0), (7.5, 6), (0.2, 7)], obstacles, radius
+
+
+@given(rooms(), st.sampled_from([(7, 1.0), (16, 1.0), (9, 2.3)]))
+@settings(deadline=None, max_examples=60)
+def test_a_step_is_free_if_its_segment_is_covered(room, scale):
+    directions, step = scale
+    try:
+        cells = CellSpace.of(Workspace(*room), 0.9, directions)
+    except ValueError:
+        return
+    free_space = cells.workspace.free_space
+    swept, endpoint = (free_steps(cells, step, rule) for rule in ("swept", "endpoint"))
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    for direction in range(directions):
+        angle = 2 * np.pi * direction / directions
+        to_x, to_y = x + 0.9 * step * np.cos(angle), y + 0.9 * step * np.sin(angle)
+        for position in range(cells.positions):
+            ends = (x[position], y[position]), (to_x[position], to_y[position])
+            segment = shapely.LineString(ends)
+            # What is nearer to a wall than the tolerance is told apart elsewhere.
+            if segment.distance(shapely.boundary(free_space)) < 1e-6 and not segment.crosses(
+                shapely.buffer(free_space, -1e-6)
+            ):
+                continue
+            try:
+                target = int(cells.index(to_x[position], to_y[position]))
+            except ValueError:
+                target = position
+            for rule, shape in ((swept, segment), (endpoint, shapely.Point(ends[1]))):
+                if (
+                    abs(shape.distance(shapely.boundary(free_space))) < 1e-6
+                    and shape is not segment
+                ):
+                    continue
+                expected = target if free_space.covers(shape) else position
+                assert rule[direction, position] == expected, (direction, position)
+
+
+def step(workspace, start, direction, directions=8, length=1.0):
+    cells = CellSpace.of(workspace, 1.0, directions)
+    position = int(cells.index(*start))
+    return bool(free_steps(cells, length, "swept")[direction, position] != position)
+
+
+ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
+
+
+def square(x, y):
+    return [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)]
+
+
+def test_may_graze_one_corner():
+    assert step(Workspace(ROOM, [square(2, 1)]), (1.5, 1.5), 1)
+    assert step(Workspace(ROOM, [square(1, 2)]), (1.5, 1.5), 1)
+    # The tip of a triangle that points at the way.
+    assert step(Workspace(ROOM, [[(2, 2), (3, 1), (3.5, 1.2)]]), (1.5, 1.5), 1)
+
+
+def test_may_not_slip_between_two_obstacles_that_meet_in_a_point():
+    assert not step(Workspace(ROOM, [square(2, 1), square(1, 2)]), (1.5, 1.5), 1)
+    tips = [[(2, 2), (3, 1), (3.5, 1.2)], [(2, 2), (1, 3), (1.2, 3.5)]]
+    assert not step(Workspace(ROOM, tips), (1.5, 1.5), 1)
+
+
+def test_may_run_along_a_wall():
+    assert step(Workspace(ROOM, [[(0, 0), (6, 0), (6, 1.5), (0, 1.5)]]), (1.5, 1.5), 0)
+    assert not step(Workspace(ROOM, [[(0, 0), (6, 0), (6, 1.5), (0, 1.5)]]), (1.5, 1.5), 6)
+
+
+def test_may_not_run_along_a_wall_past_a_point_where_another_obstacle_meets_it():
+    floor = [(0, 0), (6, 0), (6, 1.5), (0, 1.5)]
+    assert not step(Workspace(ROOM, [floor, [(2, 1.5), (2.5, 3), (1.5, 3)]]), (1.5, 1.5), 0)
+    assert step(Workspace(ROOM, [floor, [(2, 1.6), (2.5, 3), (1.5, 3)]]), (1.5, 1.5), 0)
+
+
+def test_may_not_go_through_an_obstacle_thinner_than_a_step():
+    thin = [(1.9, 0), (2.1, 0), (2.1, 6), (1.9, 6)]
+    assert not step(Workspace(ROOM, [thin]), (1.5, 1.5), 0)
+    cells = CellSpace.of(Workspace(ROOM, [thin]), 1.0, 8)
+    position = int(cells.index(1.5, 1.5))
+    assert free_steps(cells, 1.0, "endpoint")[0, position] == cells.index(2.5, 1.5)
+
+
+@pytest.mark.parametrize(
+    ("direction", "free"), [(0, True), (1, True), (2, True), (4, False), (6, False)]
+)
+def test_starts_from_a_corner_into_the_free_side(direction, free):
+    # The centre (1.5, 1.5) is the corner of an obstacle to its lower left.
+    corner = [(1.5, 1.5), (0.6, 1.5), (0.6, 0.6), (1.5, 0.6)]
+    assert step(Workspace(ROOM, [corner]), (1.5, 1.5), direction) == (free or direction in (4, 6))
