@@ -1,4 +1,17 @@
-"""Bouncing robots: straight until a wall, then a turn by the bouncing angle (Alam 2018, chapters 2 and 3)."""
+"""Bouncing robots: straight until a wall, then a turn by the bouncing angle.
+
+A robot with a bump sensor and a clock goes straight, one step at a time, until a step is not
+possible; then it turns in place, counter-clockwise by its *bouncing angle*, and goes on. From the
+centre of a cell `z` in direction `theta` (Alam 2018, Eq. 2.4), with `E` the free space,
+
+    C(z) = the cell that holds the end of the step, direction theta         if the step stays in E,
+    C(z) = the same position, direction theta + bounce                      otherwise.
+
+What depends on the walls alone is in `Moves`; what a bouncing angle adds is a turn. `bounce_map` is
+the image of every cell, `bounce_groups` its periodic groups, and `localization_filter` the
+automaton that tells a robot where it is from its bumps (section 2.4). The other functions are parts
+of these, for use under `jit` and `vmap`.
+"""
 
 from .dynamics import (
     Moves as Moves,
@@ -15,4 +28,9 @@ from .groups import (
     group_summary as group_summary,
     runs as runs,
     summarize as summarize,
+)
+from .localize import (
+    Localization as Localization,
+    localization_filter as localization_filter,
+    localize as localize,
 )

@@ -39,11 +39,12 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
 
     - `cells`: the cell space.
     - `step`: length of a step in metres, by default one cell; it must cross a cell, so no less.
-    - `collision`: `"swept"` keeps the whole step in the closed free space (it may graze a corner, but not slip between
-        two obstacles that meet in a point); `"endpoint"` asks that of its end only, as the dissertation does. The end
-        must lie in a free cell in either case.
+    - `collision`: `"swept"` keeps the whole step in the closed free space (it may graze a corner,
+        but not slip between two obstacles that meet in a point); `"endpoint"` asks that of its end
+        only, as the dissertation does. The end must lie in a free cell in either case.
 
-    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision rule.
+    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision
+    rule.
     """
     length = 1.0 if step is None else step / cells.cell
     if not (math.isfinite(length) and length >= 1 - 1e-9):
@@ -68,10 +69,12 @@ def grid_moves(
     step: float = 1.0,
     collision: Collision = "swept",
 ) -> Moves:
-    """Where one step leads on a grid whose blocked squares are the obstacles; works under `jit` and `vmap` over `free`.
+    """Where one step leads on a grid whose blocked squares are the obstacles.
 
-    All squares are positions here, row by row from the lowest, so that grids of one shape with different
-    obstacles are arrays of one shape; `Moves.free` tells the free ones.
+    Works under `jit` and `vmap` over `free`.
+
+    All squares are positions here, row by row from the lowest, so that grids of one shape with
+    different obstacles are arrays of one shape; `Moves.free` tells the free ones.
 
     **Arguments:**
 
@@ -150,21 +153,24 @@ def bounce_map(
     step: float | None = None,
     collision: Collision = "swept",
 ) -> SimpleMap:
-    """The image of every cell for a robot that goes straight and, at a wall, turns by its bouncing angle.
+    """The image of every cell, for a robot that goes straight and turns at a wall.
 
-    From the centre of a cell the robot makes one step along its direction. Where it can, the image is the
-    cell that holds the end, in the same direction (observation 0); where it cannot, the robot turns in place: the image
-    is the same position in the direction `bounce` farther (observation 1). Eq. 2.4 of Alam 2018.
+    From the centre of a cell the robot makes one step along its direction. Where it can, the image
+    is the cell that holds the end, in the same direction (observation 0); where it cannot, the
+    robot turns in place: the image is the same position in the direction `bounce` farther
+    (observation 1). Eq. 2.4 of Alam 2018.
 
     **Arguments:**
 
     - `cells`: the cell space.
-    - `bounce`: bouncing angle in radians, counter-clockwise; an array of angles makes a batch of maps.
+    - `bounce`: bouncing angle in radians, counter-clockwise; an array of angles makes a batch of
+        maps.
     - `step`, `collision`: as for [`moves`][].
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][] with arrays over the cells.
 
-    **Raises:** `ValueError` for an angle that is not a whole number of directions; else as [`moves`][].
+    **Raises:** `ValueError` for an angle that is not a whole number of directions; else as
+    [`moves`][].
     """
     shift = bounce_shift(bounce, cells.directions)
     possible = moves(cells, step=step, collision=collision)

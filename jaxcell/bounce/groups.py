@@ -12,8 +12,9 @@ from ..space import CellSpace
 from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
 
 
-# Between two bumps a robot runs straight, so the cells where it bumps are a section that every orbit meets,
-# and every other cell is a known number of steps before one of them, in its own direction.
+# Between two bumps a robot runs straight, so the cells where it bumps are a section that every
+# orbit meets, and every other cell is a known number of steps before one of them, in its own
+# direction.
 
 
 @jax.tree_util.register_dataclass
@@ -28,9 +29,9 @@ class Runs:
     wall: Bool[Array, "ways positions"]
     "Where the robot bumps."
     rank: Int[Array, "ways positions"]
-    "How many positions before `end` are walls: its place in the section, among those of one direction."
+    "Place of `end` among the walls of a direction: how many come before it."
     first: Int[Array, "directions"]
-    "The first slot of each direction in the section, which holds the walls by direction, then position."
+    "First slot of each direction in the section, which lists walls by direction, then position."
     slots: Int[Array, ""]
     "Length of the section."
 
@@ -75,7 +76,8 @@ def _slots(moves: Moves, runs: Runs, slots: int) -> tuple[Int[Array, "slots"], I
     place = jnp.where(runs.wall, start[:, None] + rank, ways * positions)
     position = jnp.broadcast_to(jnp.arange(positions, dtype=jnp.int32), runs.wall.shape)
     listed = jnp.zeros(ways * positions, jnp.int32).at[place].set(position, mode="drop")
-    # The direction of a slot is the number of directions, but the first, that begin at it or before.
+    # The direction of a slot is the number of directions, but the first, that begin at it or
+    # before.
     begins = jnp.zeros(slots, jnp.int32).at[runs.first[1:]].add(1, mode="drop")
     direction = jnp.cumsum(begins, dtype=jnp.int32)
     place = start[moves.way[direction]] + jnp.arange(slots, dtype=jnp.int32) - runs.first[direction]
@@ -114,7 +116,8 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
 def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGroups:
     """The groups of all cells from those of the section."""
 
-    # One direction at a time: what is gathered from is then a few hundred slots, which fit the nearest cache.
+    # One direction at a time: what is gathered from is then a few hundred slots, which fit the
+    # nearest cache.
     def expand(direction):  # type: ignore[no-untyped-def]
         way = moves.way[direction]
         slot = runs.first[direction] + runs.rank[way]
@@ -200,7 +203,8 @@ def group_summary(
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
 
-    **Returns:** [`jaxcell.mapping.GroupSummary`][], with as many slots as the map with the most groups has.
+    **Returns:** [`jaxcell.mapping.GroupSummary`][], with as many slots as the map with the most
+    groups has.
     """
     possible, straight, groups = _section_groups(cells, bounce, step, collision)
     function = functools.partial(summarize, possible, straight)

@@ -12,16 +12,18 @@ from ..mapping import SimpleMap
 def localization_filter(
     simple_map: SimpleMap, *, open_world: bool = False, metadata: Mapping[str, Any] | None = None
 ) -> Filter:
-    """The combinatorial filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
+    """The filter that localizes a robot by its bumps and its clock (Alam 2018, section 2.4).
 
-    The I-state graph of the map becomes a nondeterministic automaton that may start in any cell, that automaton a deterministic one
-    by subset construction, and its states get colours: one for each knowledge cycle.
+    The I-state graph of the map becomes a nondeterministic automaton that may start in any cell,
+    that automaton a deterministic one by subset construction, and its states get colours: one for
+    each knowledge cycle.
 
     **Arguments:**
 
     - `simple_map`: image and observation of every cell.
-    - `open_world`: whether the robot may be somewhere else, so that an observation that cannot occur on the map leads to
-        a trap state (Definition 2.4.6), and is not an error (Definition 2.4.5).
+    - `open_world`: whether the robot may be somewhere else, so that an observation that cannot
+        occur on the map leads to a trap state (Definition 2.4.6), and is not an error (Definition
+        2.4.5).
     - `metadata`: kept with the filter, and saved with it.
 
     **Returns:** [`jaxcell.automata.Filter`][].
@@ -32,7 +34,7 @@ def localization_filter(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Localization:
-    """A run of a robot from an unknown cell until its filter knows the periodic cells it may be in."""
+    """A run of a robot from an unknown cell until its filter is in a knowledge cycle."""
 
     path: Int[np.ndarray, "steps+1"]
     "The cells the robot was in, from its start."
@@ -58,8 +60,8 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     - `filter`: a localization filter, of this map or (open world) of another.
     - `start`: the cell of the robot, which the filter is not told.
 
-    **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the trap instead,
-    with no candidates.
+    **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the
+    trap instead, with no candidates.
 
     **Raises:** `ValueError` if the cell does not exist.
     """

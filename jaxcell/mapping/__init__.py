@@ -1,12 +1,14 @@
 """Simple cell mapping: maps from cells to cells and their global structure.
 
-A simple map `C` sends each of finitely many cells to one image. A cell is *periodic* if some power of the
-map brings it back; the orbit of a periodic cell is a *periodic group*, and its length the *period*. Every other
-cell is *transient* and reaches exactly one group; all cells that reach a group are its *basin*, and the number of mappings
-that a cell needs is its *step* (Hsu 1980; Alam 2018, Definitions 2.3.1 to 2.3.4).
+A simple map `C` sends each of finitely many cells to one image. A cell is *periodic* if some power
+of the map brings it back; the orbit of a periodic cell is a *periodic group*, and its length the
+*period*. Every other cell is *transient* and reaches exactly one group; all cells that reach a
+group are its *basin*, and the number of mappings that a cell needs is its *step* (Hsu 1980; Alam
+2018, Definitions 2.3.1 to 2.3.4).
 
-`periodic_groups` finds all of it for any map. Where orbits are known to pass through a smaller set of
-cells, a *section*, `section_groups` finds the same from the first-return map to that set. Nothing here knows of robots.
+`periodic_groups` finds all of it for any map. Where orbits are known to pass through a smaller set
+of cells, a *section*, `section_groups` finds the same from the first-return map to that set.
+Nothing here knows of robots.
 """
 
 from .groups import (

@@ -11,7 +11,7 @@ class PeriodicGroups:
     """Where every cell ends up: the result of Alg. 2.1 (Alam 2018)."""
 
     group: Int[Array, "*batch cells"]
-    "The periodic group that the cell reaches, numbered from 0 in the order of their smallest cells."
+    "The periodic group that the cell reaches, numbered from 0 by their smallest cells."
     step: Int[Array, "*batch cells"]
     "Mappings until the cell is on its periodic group, 0 on it."
     period: Int[Array, "*batch cells"]
@@ -46,8 +46,8 @@ def periodic_groups(
 ) -> PeriodicGroups:
     """Finds the periodic groups of a simple map by pointer doubling (Alg. 2.1 of Alam 2018).
 
-    Works on any functional graph, under `jit` and `vmap`. The number of rounds is about the binary logarithm of
-    the longest transient or period, and each round is a few gathers.
+    Works on any functional graph, under `jit` and `vmap`. The number of rounds is about the binary
+    logarithm of the longest transient or period, and each round is a few gathers.
 
     **Arguments:**
 
@@ -77,9 +77,9 @@ def periodic_groups(
 def periodic_cells(image: Int[Array, "cells"]) -> Bool[Array, "cells"]:
     """The cells that come back to themselves under a map.
 
-    Doubles the map, `f, f^2, f^4, ...`, until the number of distinct images stops falling. That stop is exact: if `f^m` and
-    `f^2m` have equally many images then `f^m` permutes its images, so each is periodic, and a periodic cell is
-    always an image.
+    Doubles the map, `f, f^2, f^4, ...`, until the number of distinct images stops falling. That
+    stop is exact: if `f^m` and `f^2m` have equally many images then `f^m` permutes its images, so
+    each is periodic, and a periodic cell is always an image.
     """
 
     def images(power: Int[Array, "cells"]) -> tuple[Bool[Array, "cells"], Int[Array, ""]]:
@@ -101,21 +101,23 @@ def periodic_cells(image: Int[Array, "cells"]) -> Bool[Array, "cells"]:
 def follow(
     image: Int[Array, "cells"], periodic: Bool[Array, "cells"], weight: Int[Array, "cells"]
 ) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """The smallest cell of the periodic group that each cell reaches, and the weights of the transient cells before it.
+    """The smallest cell of the group that each cell reaches, and the weights on the way there.
 
     **Arguments:**
 
     - `image`: the cell that each cell is mapped to.
     - `periodic`: which cells are periodic.
-    - `weight`: what a transient cell adds; with 1 the sum is the number of mappings to reach the group.
+    - `weight`: what a transient cell adds; with 1 the sum is the number of mappings to reach the
+        group.
     """
     cells = image.shape[0]
     leader = jnp.where(periodic, jnp.arange(cells, dtype=image.dtype), cells)
     total = jnp.where(periodic, 0, weight)
 
-    # After r rounds `leader` is the smallest periodic cell, and `total` the sum of weights, among the first 2^r
-    # cells of the orbit. A round that changes nothing means that nothing is left to find: see `periodic_cells`
-    # for `total`; for `leader`, windows of 2^r cells at a stride of 2^r cover the whole cycle.
+    # After r rounds `leader` is the smallest periodic cell, and `total` the sum of weights, among
+    # the first 2^r cells of the orbit. A round that changes nothing means that nothing is left to
+    # find: see `periodic_cells` for `total`; for `leader`, windows of 2^r cells at a stride of 2^r
+    # cover the whole cycle.
     def double(state):  # type: ignore[no-untyped-def]
         power, leader, total, _ = state
         least = jnp.minimum(leader, leader[power])

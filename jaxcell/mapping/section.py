@@ -13,11 +13,12 @@ from .groups import follow, periodic_cells
 class Section:
     """The first-return map of a simple map to a set of its cells that every orbit meets.
 
-    Outside the section the map must be one-to-one: no cell is the image of two cells outside it, as on straight runs. Then
-    a slot and a number of mappings to it tell a cell.
+    Outside the section the map must be one-to-one: no cell is the image of two cells outside it, as
+    on straight runs. Then a slot and a number of mappings to it tell a cell.
 
-    It is a simple map itself, with far fewer cells and the same cycles. The arrays may be longer than the section, so that
-    many sections share one compiled program; `live` marks the slots in use.
+    It is a simple map itself, with far fewer cells and the same cycles. The arrays may be longer
+    than the section, so that many sections share one compiled program; `live` marks the slots in
+    use.
     """
 
     successor: Int[Array, "*batch slots"]
@@ -35,8 +36,8 @@ class Section:
 class SectionGroups:
     """The periodic groups of the full space, told on a section.
 
-    A cell that meets the section first in slot `s`, after `t` mappings, reaches `group[s]`, in `max(0, t + lead[s])`
-    mappings.
+    A cell that meets the section first in slot `s`, after `t` mappings, reaches `group[s]`, in
+    `max(0, t + lead[s])` mappings.
     """
 
     group: Int[Array, "*batch slots"]
@@ -53,8 +54,9 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
     **Arguments:**
 
     - `section`: the first-return map, or a batch of them.
-    - `max_groups`: an upper bound of the number of groups, which sorts faster the smaller it is. By default the
-        groups are counted first; under `jit` and `vmap` that cannot be, and the number of slots is taken.
+    - `max_groups`: an upper bound of the number of groups, which sorts faster the smaller it is. By
+        default the groups are counted first; under `jit` and `vmap` that cannot be, and the number
+        of slots is taken.
 
     **Returns:** [`SectionGroups`][], `period` of length `max_groups`.
     """
@@ -69,7 +71,7 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
 
 
 def bucket(size: int) -> int:
-    """The next of a few sizes, four to an octave, so that arrays of many lengths share few compiled programs."""
+    """The next of a few sizes, four an octave, so that many lengths share compiled programs."""
     unit = 1 << max(0, (size - 1).bit_length() - 3)
     return -(-size // unit) * unit
 
@@ -91,10 +93,12 @@ def _cycles(section: Section) -> _Cycles:
     dtype = successor.dtype
     slots = successor.shape[0]
     periodic = periodic_cells(successor)
-    # All cells on the last return of a cycle into a slot are periodic: `into` is how many those are.
+    # All cells on the last return of a cycle into a slot are periodic: `into` is how many those
+    # are.
     target = jnp.where(periodic, successor, slots)
     into = jnp.zeros(slots, dtype).at[target].set(duration, mode="drop")
-    # A transient slot is on the cycle as soon as it enters the part of a return that the cycle uses.
+    # A transient slot is on the cycle as soon as it enters the part of a return that the cycle
+    # uses.
     arrives = periodic[successor]
     transient = jnp.where(arrives, 1 + jnp.maximum(0, duration - into[successor]), duration)
     leader, step = follow(successor, periodic, transient)

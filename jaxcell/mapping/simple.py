@@ -9,8 +9,8 @@ from jaxtyping import Array, Bool, Int
 class SimpleMap:
     """A simple cell mapping: every cell has one image (Alam 2018, Eq. 2.2).
 
-    `bumped` is what the robot's bump sensor says on the way from a cell to its image; the pair is the
-    I-state graph of the map (Alam 2018, Definition 2.4.1).
+    `bumped` is what the robot's bump sensor says on the way from a cell to its image; the pair is
+    the I-state graph of the map (Alam 2018, Definition 2.4.1).
     """
 
     image: Int[Array, "*batch cells"]

@@ -1,11 +1,12 @@
 """The state space: maps, and the cells that they are cut into.
 
-A robot that can be at any pose of the plane has the state space `X = E x S^1`, where `E` is the free space:
-the boundary minus the obstacles, less a margin of the robot's radius. Cell mapping cuts `X` into cells and
-follows one representative, the centre, of each (Alam 2018, section 2.3; Hsu 1980).
+A robot that can be at any pose of the plane has the state space `X = E x S^1`, where `E` is the
+free space: the boundary minus the obstacles, less a margin of the robot's radius. Cell mapping cuts
+`X` into cells and follows one representative, the centre, of each (Alam 2018, section 2.3; Hsu
+1980).
 
-`Workspace` is the map, in metres. `CellSpace` is its cells, and which of them a step leads to. No part of this package
-imports JAX.
+`Workspace` is the map, in metres. `CellSpace` is its cells, and which of them a step leads to. No
+part of this package imports JAX.
 """
 
 from .cells import CellSpace as CellSpace

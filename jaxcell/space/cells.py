@@ -20,10 +20,10 @@ TOLERANCE = 1e-9
 class CellSpace:
     """The free configurations of a robot, cut into cells (Alam 2018, section 2.3.2).
 
-    Square cells of side `cell` cover the bounding box of the map; a cell is free if its centre
-    lies in the closed free space. The free cells of the plane are the *positions*, counted row by row
-    from the bottom left, x fastest. A cell of the space is a position and a direction,
-    `z = direction * positions + position`, and direction `k` points at `2 * pi * k / directions`,
+    Square cells of side `cell` cover the bounding box of the map; a cell is free if its centre lies
+    in the closed free space. The free cells of the plane are the *positions*, counted row by row
+    from the bottom left, x fastest. A cell of the space is a position and a direction, `z =
+    direction * positions + position`, and direction `k` points at `2 * pi * k / directions`,
     counter-clockwise from the x axis (East).
 
     Make one with [`CellSpace.of`][] from a map or [`CellSpace.of_grid`][] from a grid.
@@ -44,7 +44,7 @@ class CellSpace:
             raise ValueError(f"directions: at least 1 is needed, got {self.directions}")
         if self.positions == 0:
             raise ValueError(
-                f"cell: no cell of side {self.cell:g} m has its centre in the free space; use smaller cells"
+                f"cell: no cell of side {self.cell:g} m has its centre in the free space"
             )
         if self.positions * self.directions > _MOST_CELLS:
             raise ValueError(
@@ -129,7 +129,7 @@ class CellSpace:
 
     @functools.cached_property
     def gridded(self) -> bool:
-        """Whether every wall runs along edges of squares, so that the free squares say all about the walls."""
+        """Whether all walls run along edges of squares, so that `free` says all about them."""
         if self.workspace is None:
             return True
         walls = self.walls[:, 1:]
@@ -139,9 +139,9 @@ class CellSpace:
 
     @functools.cached_property
     def walls(self) -> Float[np.ndarray, "walls 3 2"]:
-        """The edges of the free space: the corner before each, its start and its end, in squares from the origin.
+        """The edges of the free space: the corner before each, its start and its end.
 
-        The free space lies to the left of an edge.
+        The unit is a cell, from the origin. The free space lies to the left of an edge.
         """
         if self.workspace is None:
             raise ValueError("a space made from a grid has no walls but the edges of its squares")

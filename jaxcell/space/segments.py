@@ -14,8 +14,8 @@ def free_steps(
 ) -> Int[np.ndarray, "directions positions"]:
     """The position where a step from each centre in each direction leads, among walls of any shape.
 
-    A step that is not possible leads to the same position. Walls in reach of a centre are tested exactly, to a
-    tolerance of 1e-9 of a cell.
+    A step that is not possible leads to the same position. Walls in reach of a centre are tested
+    exactly, to a tolerance of 1e-9 of a cell.
 
     **Arguments:**
 
@@ -66,14 +66,15 @@ def _meets_wall(
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Whether each step meets one of the walls in reach; `near` and `wall` are the pairs in reach."""
+    """Whether each step meets a wall; `near` and `wall` are the pairs in reach."""
     order = np.argsort(near, kind="stable")
     near, wall = near[order], wall[order]
     places, first = np.unique(near, return_index=True)
     corner, passes, leaves = _corners(walls, steps)
     length = np.linalg.norm(steps[0])
     unit = steps / length
-    # A corner at the end is not passed, unless the end cell lies beyond it: the upper right one of four.
+    # A corner at the end is not passed, unless the end cell lies beyond it: the upper right one of
+    # four.
     beyond = (np.abs((steps + 0.5) % 1) < TOLERANCE).all(axis=1) & (steps > 0).all(axis=1)
     reach = length + np.where(beyond, TOLERANCE, -TOLERANCE)
 
@@ -84,13 +85,14 @@ def _meets_wall(
         centre, w = centres[near[pairs]], wall[pairs]
         a, b = walls[w, 1] - centre, walls[w, 2] - centre
         along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
-        # Signed distances: of both ends of the step from the line of the wall, positive on its free side, and of both
-        # ends of the wall from the line of the step.
+        # Signed distances: of both ends of the step from the line of the wall, positive on its free
+        # side, and of both ends of the wall from the line of the step.
         start = -_cross(along, a)[:, None]
         stop = start + _cross(along[:, None], steps)
         side_a, side_b = _cross(unit, a[:, None]), _cross(unit, b[:, None])
         meets = _opposite(start, stop) & _opposite(side_a, side_b)
-        # A centre on a wall may not step through it, one on a corner has to step into the free side.
+        # A centre on a wall may not step through it, one on a corner has to step into the free
+        # side.
         on_corner = (np.hypot(*a.T) < TOLERANCE)[:, None]
         on_wall = (np.abs(start) < TOLERANCE) & (np.vecdot(a, b)[:, None] < -TOLERANCE)
         meets |= on_wall & (stop < -TOLERANCE)
@@ -116,10 +118,11 @@ def _corners(
     Bool[np.ndarray, "corners directions"],
     Bool[np.ndarray, "corners directions"],
 ]:
-    """The corner where each wall starts, and the directions in which a robot can pass and leave each corner.
+    """The corner where each wall starts, and in which directions each can be passed and left.
 
-    The free space at the start of a wall is the wedge that opens counter-clockwise from this wall to the next one
-    that ends there. Where obstacles meet in a point, several wedges share it, and a robot has to stay in one of them.
+    The free space at the start of a wall is the wedge that opens counter-clockwise from this wall
+    to the next one that ends there. Where obstacles meet in a point, several wedges share it, and a
+    robot has to stay in one of them.
     """
     before, start, end = np.moveaxis(walls, 1, 0)
     _, corner = np.unique(np.round(start, 9), axis=0, return_inverse=True)
@@ -143,7 +146,7 @@ def _angle(vector: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]
 
 
 def _turn(angle: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """The angle as one in [0, 2 pi), with what is a rounding error short of a full turn taken as none."""
+    """The angle in [0, 2 pi); what is a rounding error short of a full turn is none."""
     angle = angle % (2 * np.pi)
     return np.where(angle > 2 * np.pi - TOLERANCE, 0.0, angle)
 

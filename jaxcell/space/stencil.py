@@ -12,10 +12,10 @@ from .cells import TOLERANCE
 class Stencil:
     """What one step from the centre of a square does, for every direction of a grid.
 
-    From a centre a step in one direction leads to the same relative square wherever it starts, over the same
-    squares on the way. Many directions do the same thing (360 directions and a step of one square
-    make 24 different *ways*), so whatever depends on walls is computed once for a way, not for each direction.
-    Squares are relative, `(row, column)`.
+    From a centre a step in one direction leads to the same relative square wherever it starts, over
+    the same squares on the way. Many directions do the same thing (360 directions and a step of one
+    square make 16 different *ways*), so whatever depends on walls is computed once for a way, not
+    for each direction. Squares are relative, `(row, column)`.
     """
 
     offset: Int[np.ndarray, "ways 2"]
@@ -23,7 +23,7 @@ class Stencil:
     crossed: Int[np.ndarray, "ways crossings 2"]
     "Squares whose interior the step passes, all of which must be free; repeated to fill up."
     beside: Int[np.ndarray, "ways corners 2 2"]
-    "The two squares beside each corner that the step passes, one of which must be free; repeated to fill up."
+    "The squares beside each corner that it passes, of which one must be free; repeated likewise."
     way: Int[np.ndarray, "directions"]
     "The way of each direction."
 
@@ -32,30 +32,20 @@ class Stencil:
 def stencil(directions: int, step: float, collision: str) -> Stencil:
     """The stencil of a step of length `step`, in sides of a square.
 
-    `collision="endpoint"` asks only that the end point be free; `"swept"` asks the same of all the way.
+    `collision="endpoint"` asks only that the end point be free; `"swept"` asks the same of all the
+    way.
     """
     ways: dict[tuple, int] = {}
-    way = np.array(
-        [
-            ways.setdefault(_way(k, directions, step, collision), len(ways))
-            for k in range(directions)
-        ]
-    )
-    offset, crossed, beside = zip(*ways, strict=True)
-    # A step always crosses its end square, and "beside" the corner of a free square is that square.
-    crossings = max(map(len, crossed))
-    corners = max(1, *map(len, beside)) if len(beside) > 1 else max(1, len(beside[0]))
+    found = (_way(k, directions, step, collision) for k in range(directions))
+    way = [ways.setdefault(one, len(ways)) for one in found]
+    # What fills up is the end square, which has to be free anyway.
+    crossings = max(len(crossed) for _, crossed, _ in ways)
+    corners = max(1, *(len(beside) for _, _, beside in ways))
     return Stencil(
-        np.array(offset, np.int32),
-        np.array(
-            [c + (o,) * (crossings - len(c)) for c, o in zip(crossed, offset, strict=True)],
-            np.int32,
-        ),
-        np.array(
-            [b + ((o, o),) * (corners - len(b)) for b, o in zip(beside, offset, strict=True)],
-            np.int32,
-        ),
-        way.astype(np.int32),
+        np.array([o for o, _, _ in ways], np.int32),
+        np.array([c + (o,) * (crossings - len(c)) for o, c, _ in ways], np.int32),
+        np.array([b + ((o, o),) * (corners - len(b)) for o, _, b in ways], np.int32),
+        np.array(way, np.int32),
     )
 
 
@@ -72,7 +62,8 @@ def _way(direction: int, directions: int, step: float, collision: str) -> tuple:
         return offset, (offset,), ()
     crossed, beside = {offset: None}, []
     east, north = int(math.copysign(1, dx)), int(math.copysign(1, dy))
-    # The step meets the lines between columns at x = 1/2, 3/2, ... from its start, and rows likewise.
+    # The step meets the lines between columns at x = 1/2, 3/2, ... from its start, and rows
+    # likewise.
     to_column = [(m + 0.5) / abs(dx) for m in range(int(abs(dx) + 0.5))] if dx else []
     to_row = [(m + 0.5) / abs(dy) for m in range(int(abs(dy) + 0.5))] if dy else []
     row = column = 0

@@ -18,7 +18,7 @@ def functional_graphs(draw):
 
 
 def sequential(image):
-    """Alg. 2.1 of Alam 2018, one cell after the other; groups renumbered by their smallest cells."""
+    """Alg. 2.1 of Alam 2018, one cell after the other; groups numbered by smallest cells."""
     cells = len(image)
     group, step, seen = [-1] * cells, [0] * cells, [-1] * cells
     cycles = []
@@ -115,7 +115,7 @@ def test_cells_that_do_not_count_are_left_out(image, data):
 
 
 def section_of(image, chosen, spare):
-    """The first-return map to the chosen cells, and for every cell its first slot and the mappings to it."""
+    """The first-return map to the chosen cells; the first slot of every cell and the wait."""
     slot_of = {int(z): s for s, z in enumerate(chosen)}
 
     def walk(z):

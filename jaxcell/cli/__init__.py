@@ -1,0 +1,11 @@
+"""The `jaxcell` command. Nothing here imports JAX before a command runs, so that help is instant."""
+
+import sys
+from collections.abc import Sequence
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit status: 0 done, 1 no answer, 2 bad input."""
+    from .app import run
+
+    return run(sys.argv[1:] if args is None else args)

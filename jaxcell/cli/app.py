@@ -1,0 +1,52 @@
+import functools
+import operator
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import tyro
+
+from .demo import Demo
+from .export import Export
+from .groups import Groups
+from .localize import Localize
+
+
+_COMMANDS = {"demo": Demo, "export": Export, "groups": Groups, "localize": Localize}
+
+_DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping.
+
+Exit status: 0 done, 1 the task has no answer, 2 bad input."""
+
+
+def run(args: Sequence[str]) -> int:
+    if list(args) == ["--version"]:
+        from .. import __version__
+
+        print(f"jaxcell {__version__}")
+        return 0
+    choices: Any = functools.reduce(
+        operator.or_,
+        (
+            Annotated[command, tyro.conf.subcommand(name, prefix_name=False)]
+            for name, command in _COMMANDS.items()
+        ),
+    )
+    command = tyro.cli(
+        choices,
+        args=list(args),
+        prog="jaxcell",
+        description=_DESCRIPTION,
+        config=(tyro.conf.FlagCreatePairsOff,),
+    )
+    try:
+        return command.run()
+    except (ValueError, OSError) as error:
+        # One line, whatever the message: scripts read it.
+        print(
+            f"jaxcell {type(command).__name__.lower()}: {' '.join(str(error).split())}",
+            file=sys.stderr,
+        )
+        return 2
+    except KeyboardInterrupt:
+        return 130

@@ -1,0 +1,37 @@
+import dataclasses
+from pathlib import Path
+
+import tyro
+
+from .terminal import note
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write a saved filter for another program: .dot, .jff (JFLAP), .json, or .h (C)."""
+
+    filter: tyro.conf.Positional[Path]
+    """Filter file, as localize --out writes it."""
+    file: tyro.conf.Positional[Path]
+    """File to write; its suffix says which format."""
+    minimal: bool = False
+    """Merge states that no observation tells apart by colour."""
+
+    def run(self) -> int:
+        from .. import automata
+        from .options import write_text
+
+        formats = {
+            ".dot": automata.to_dot,
+            ".jff": automata.to_jflap,
+            ".json": automata.to_json,
+            ".h": automata.to_c_header,
+        }
+        if self.file.suffix not in formats:
+            raise ValueError(f"{self.file}: expected a suffix among {', '.join(formats)}")
+        filter = automata.Filter.load(self.filter)
+        if self.minimal:
+            filter = automata.minimize(filter)
+        write_text(self.file, formats[self.file.suffix](filter))
+        note(f"{self.file}: {len(filter.transition)} states")
+        return 0

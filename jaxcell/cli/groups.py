@@ -1,0 +1,84 @@
+import dataclasses
+from typing import Any
+
+from .options import MapOptions, OutputOptions
+from .terminal import count_cells, note, status, table
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Groups(MapOptions, OutputOptions):
+    """Find the periodic groups of a bouncing robot and how every cell reaches them."""
+
+    bounce: tuple[float, ...]
+    """Bouncing angles in degrees, counter-clockwise; several make one batched run."""
+
+    def run(self) -> int:
+        import numpy as np
+
+        from ..bounce import bounce_groups, group_summary
+        from ..runtime import configure_jax
+
+        configure_jax()
+        if not self.bounce:
+            raise ValueError("--bounce: expected at least one angle in degrees")
+        cells = self.cells()
+        angles = np.radians(self.bounce)
+        options: Any = {"step": self.step, "collision": self.collision}
+        with status(f"mapping {len(angles)} x {cells.size:,} cells"):
+            found = group_summary(cells, angles, **options)
+        spec = {**self.spec(cells), "bounce_deg": list(self.bounce)}
+        summary = {**spec, "groups": []}
+        for i, angle in enumerate(self.bounce):
+            count = int(found.count[i])
+            period, basin, transient = (
+                np.asarray(x)[i, :count] for x in (found.period, found.basin, found.transient)
+            )
+            summary["groups"].append(
+                {
+                    "bounce_deg": angle,
+                    "count": count,
+                    "longest_transient": int(transient.max()),
+                    "shortest_period": int(period.min()),
+                    "longest_period": int(period.max()),
+                    "periodic_cells": int(period.sum()),
+                    "largest_basin": int(basin.max()),
+                }
+            )
+        if not self.json:
+            pieces = spec["pieces"]
+            table(
+                f"{spec['name'] or self.map}: {count_cells(cells)}"
+                + (f", {pieces} separate pieces" if pieces > 1 else ""),
+                (
+                    "bounce",
+                    "groups",
+                    "longest transient",
+                    "periods",
+                    "periodic cells",
+                    "largest basin",
+                ),
+                [
+                    (
+                        f"{g['bounce_deg']:g}°",
+                        g["count"],
+                        g["longest_transient"],
+                        f"{g['shortest_period']} to {g['longest_period']}",
+                        g["periodic_cells"],
+                        g["largest_basin"],
+                    )
+                    for g in summary["groups"]
+                ],
+            )
+        if self.out is not None:
+            from .. import record
+
+            with status(f"writing {self.out}"):
+                groups = bounce_groups(cells, angles, **options)
+                self.out.mkdir(parents=True, exist_ok=True)
+                dataset = record.groups_dataset(cells, groups, bounce=angles, spec=spec)
+                record.save_dataset(dataset, self.out / "groups.nc")
+                record.log_groups(self.out / "groups.rrd", cells, groups, bounce=angles, spec=spec)
+        self.print_summary(summary)
+        if not self.json and self.out is not None:
+            note(f"Results are in {self.out}; look at them with: rerun {self.out / 'groups.rrd'}")
+        return 0

@@ -1,0 +1,191 @@
+import dataclasses
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .options import MapOptions, OutputOptions
+from .terminal import configuration, count_cells, note, status, table
+
+
+if TYPE_CHECKING:
+    from ..automata import Filter
+    from ..bounce import Localization
+    from ..mapping import PeriodicGroups
+    from ..space import CellSpace
+
+
+FILES = ("groups.nc", "localization.nc", "filter.jxf", "localization.rrd")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Localize(MapOptions, OutputOptions):
+    """Build the localization filter of a map, and localize a simulated robot with it."""
+
+    bounce: float
+    """Bouncing angle in degrees, counter-clockwise."""
+    start: str | None = None
+    """Start of the simulated robot: "x,y,heading" in m and degrees, or a cell; else random."""
+    seed: int = 0
+    """Seed of the random start."""
+    open_world: bool = False
+    """Give the filter a trap for observations that cannot occur on the map."""
+
+    def run(self) -> int:
+        from ..bounce import bounce_groups, bounce_map, localization_filter, localize
+        from ..runtime import configure_jax
+
+        configure_jax()
+        cells = self.cells()
+        start = start_cell(cells, self.start, self.seed)
+        bounce = math.radians(self.bounce)
+        spec = {**self.spec(cells), "bounce_deg": self.bounce}
+        with status(f"mapping {cells.size:,} cells"):
+            options: Any = {"step": self.step, "collision": self.collision}
+            simple_map = bounce_map(cells, bounce, **options)
+            groups = bounce_groups(cells, bounce, **options)
+        began = time.perf_counter()
+        with status(f"building the filter of {cells.size:,} cells"):
+            filter = localization_filter(simple_map, open_world=self.open_world, metadata=spec)
+        seconds = time.perf_counter() - began
+        run = localize(simple_map, filter, start)
+        summary = {
+            **spec,
+            **describe(cells, groups, filter, run),
+            "filter_seconds": round(seconds, 3),
+        }
+        if not self.json:
+            show(cells, summary)
+        if self.out is not None:
+            with status(f"writing {self.out}"):
+                write(self.out, cells, groups, filter, run, spec)
+        self.print_summary(summary)
+        if not self.json and self.out is not None:
+            note(
+                f"Results are in {self.out}; to look at them: rerun {self.out / 'localization.rrd'}"
+            )
+        return 0
+
+
+def start_cell(cells: "CellSpace", start: str | None, seed: int) -> int:
+    """The cell that `--start` names, or a random one.
+
+    **Raises:** `ValueError` if it names none.
+    """
+    if start is None:
+        return int(np.random.default_rng(seed).integers(cells.size))
+    try:
+        numbers = [float(part) for part in start.split(",")]
+        if len(numbers) == 1:
+            cells.centre(int(start))
+            return int(start)
+        x, y, heading = numbers
+        return int(cells.index(x, y, math.radians(heading)))
+    except ValueError as error:
+        plain = (
+            "could not convert" in str(error)
+            or "unpack" in str(error)
+            or "invalid literal" in str(error)
+        )
+        expected = 'expected "x,y,heading" in metres and degrees, or a cell number'
+        raise ValueError(f"--start {start!r}: {expected if plain else error}") from None
+
+
+def describe(
+    cells: "CellSpace", groups: "PeriodicGroups", filter: "Filter", run: "Localization"
+) -> dict[str, Any]:
+    """The numbers that a person or a script wants of a localization."""
+    from ..automata import minimize
+
+    return {
+        "periodic_groups": int(groups.count),
+        "longest_transient": int(groups.step.max()),
+        "nfa_states": cells.size + 1,
+        "dfa_states": len(filter.transition) - filter.open_world,
+        "minimal_states": len(minimize(filter).transition) - filter.open_world,
+        "open_world": filter.open_world,
+        "knowledge_cycles": [
+            {"color": c.color, "uncertainty": c.uncertainty, "length": len(c.states)}
+            for c in filter.cycles
+        ],
+        "run": {
+            "start": int(run.path[0]),
+            "observations": "".join(map(str, run.observations.tolist())),
+            "steps": int((run.observations == 0).sum()),
+            "bumps": int((run.observations == 1).sum()),
+            "end": int(run.path[-1]),
+            "candidates": run.candidates.tolist(),
+            "truth_is_a_candidate": run.contains_truth,
+        },
+    }
+
+
+def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
+    """Prints a localization for people."""
+    pieces = summary["pieces"]
+    table(
+        f"{summary['name'] or summary['map']}: bounce {summary['bounce_deg']:g}°",
+        ("quantity", "value"),
+        [
+            ("cells", count_cells(cells)),
+            *([("separate pieces of free space", pieces)] if pieces > 1 else []),
+            ("periodic groups", summary["periodic_groups"]),
+            ("longest transient", summary["longest_transient"]),
+            ("states, nondeterministic", summary["nfa_states"]),
+            ("states, deterministic", summary["dfa_states"]),
+            ("states, minimal", summary["minimal_states"]),
+            ("knowledge cycles", len(summary["knowledge_cycles"])),
+        ],
+    )
+    by_uncertainty: dict[int, list[int]] = {}
+    for cycle in summary["knowledge_cycles"]:
+        by_uncertainty.setdefault(cycle["uncertainty"], []).append(cycle["length"])
+    table(
+        "Knowledge cycles",
+        ("uncertainty", "cycles", "shortest", "longest"),
+        [
+            (u, len(lengths), min(lengths), max(lengths))
+            for u, lengths in sorted(by_uncertainty.items())
+        ],
+    )
+    run = summary["run"]
+    word = run["observations"]
+    candidates = [configuration(cells, z) for z in run["candidates"][:8]]
+    more = len(run["candidates"]) - len(candidates)
+    table(
+        "A simulated robot",
+        ("", ""),
+        [
+            ("started at", configuration(cells, run["start"])),
+            ("observed", word if len(word) <= 60 else f"{word[:57]}... ({len(word)} observations)"),
+            ("moved", f"{run['steps']} steps and {run['bumps']} bumps"),
+            ("is now at", configuration(cells, run["end"])),
+            ("may be at", "\n".join(candidates + ([f"and {more} more"] if more else []))),
+            ("the truth is among them", "yes" if run["truth_is_a_candidate"] else "NO"),
+        ],
+    )
+
+
+def write(
+    out: Path,
+    cells: "CellSpace",
+    groups: "PeriodicGroups",
+    filter: "Filter",
+    run: "Localization",
+    spec: dict[str, Any],
+) -> None:
+    """Writes the groups, the filter and the run, and a recording of all three."""
+    from .. import record
+
+    out.mkdir(parents=True, exist_ok=True)
+    bounce = math.radians(spec["bounce_deg"])
+    record.save_dataset(
+        record.groups_dataset(cells, groups, bounce=bounce, spec=spec), out / "groups.nc"
+    )
+    record.save_dataset(
+        record.localization_dataset(cells, filter, run, spec=spec), out / "localization.nc"
+    )
+    filter.save(out / "filter.jxf")
+    record.log_localization(out / "localization.rrd", cells, groups, filter, run, spec=spec)

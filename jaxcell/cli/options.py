@@ -1,0 +1,91 @@
+import dataclasses
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+
+if TYPE_CHECKING:
+    from ..space import CellSpace
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MapOptions:
+    """What every command that reads a map takes."""
+
+    map: tyro.conf.Positional[Path]
+    """Map file: our .json, a ROS map_server .yaml, or an ASCII grid .txt."""
+    directions: int | None = None
+    """Number of directions; by default what the map suggests, or 8."""
+    cell: float | None = None
+    """Side of a cell in metres; by default what the map suggests."""
+    robot_radius: float | None = None
+    """Radius of a disc robot in metres; by default what the map says."""
+    step: float | None = None
+    """Length of a step in metres; by default one cell."""
+    collision: Literal["swept", "endpoint"] = "swept"
+    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
+
+    def cells(self) -> "CellSpace":
+        """Reads the map and cuts it into cells."""
+        from ..space import CellSpace, Workspace
+
+        workspace = Workspace.load(self.map)
+        if self.robot_radius is not None:
+            workspace = dataclasses.replace(workspace, robot_radius=self.robot_radius)
+        cell = workspace.cell if self.cell is None else self.cell
+        if cell is None:
+            raise ValueError(
+                f"{self.map}: the map suggests no side of a cell; give --cell in metres"
+            )
+        directions = (workspace.directions or 8) if self.directions is None else self.directions
+        return CellSpace.of(workspace, cell, directions)
+
+    def spec(self, cells: "CellSpace") -> dict[str, Any]:
+        """What determines the cells and their images, for the provenance of results."""
+        assert cells.workspace is not None
+        return {
+            "map": str(self.map),
+            "name": cells.workspace.name,
+            "robot_radius_m": cells.workspace.robot_radius,
+            "cell_m": cells.cell,
+            "directions": cells.directions,
+            "positions": cells.positions,
+            "cells": cells.size,
+            "pieces": cells.workspace.pieces,
+            "step_m": cells.cell if self.step is None else self.step,
+            "collision": self.collision,
+        }
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """Where results go."""
+
+    out: Path | None = None
+    """Directory for the results: NetCDF, a Rerun recording, summary.json."""
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+    def print_summary(self, summary: dict[str, Any]) -> None:
+        """Writes `summary.json`, and prints it if asked."""
+        if self.out is not None:
+            write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+        if self.json:
+            print(json.dumps(summary))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise

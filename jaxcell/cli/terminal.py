@@ -1,0 +1,46 @@
+"""What people see: tables on standard output, progress and remarks on standard error."""
+
+import math
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+
+if TYPE_CHECKING:
+    from ..space import CellSpace
+
+
+def status(text: str) -> AbstractContextManager[object]:
+    """Shows on a terminal that work goes on."""
+    return Console(stderr=True).status(text + " ...")
+
+
+def note(text: str) -> None:
+    """A remark for people."""
+    Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Prints a table with numbers to the right."""
+    body = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]
+    grid = Table(title=title, title_justify="left", title_style="bold")
+    for i, column in enumerate(columns):
+        numeric = all(row[i].replace(",", "").replace(".", "").isdigit() for row in body)
+        grid.add_column(column, justify="right" if body and numeric else "left")
+    for row in body:
+        grid.add_row(*row)
+    Console().print(grid)
+
+
+def count_cells(cells: "CellSpace") -> str:
+    """The size of a cell space as people read it."""
+    return f"{cells.positions:,} positions x {cells.directions} directions = {cells.size:,} cells"
+
+
+def configuration(cells: "CellSpace", z: int) -> str:
+    """A cell as people read it: its number and its pose."""
+    x, y, theta = cells.centre(z)
+    return f"{z} ({float(x):g} m, {float(y):g} m, {math.degrees(float(theta)):g}°)"
