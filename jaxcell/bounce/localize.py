@@ -36,10 +36,10 @@ def localization_filter(
 class Localization:
     """A run of a robot from an unknown cell until its filter is in a knowledge cycle."""
 
-    path: Int[np.ndarray, "steps+1"]
-    "The cells the robot was in, from its start."
     observations: Int[np.ndarray, "steps"]
-    "What it sensed at each step: 0 for a move, 1 for a bump."
+    "What the robot sensed at each step: 0 for a move, 1 for a bump."
+    path: Int[np.ndarray, "steps+1"]
+    "The cells it was in, from its start."
     states: Int[np.ndarray, "steps+1"]
     "The state of the filter before and after each step."
     candidates: Int[np.ndarray, "candidates"]
@@ -77,8 +77,8 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
         observations.append(observation)
         states.append(state.index)
     return Localization(
-        np.array(path, np.int32),
         np.array(observations, np.int8),
+        np.array(path, np.int32),
         np.array(states, np.int32),
         state.cells,
     )

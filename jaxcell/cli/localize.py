@@ -139,15 +139,15 @@ def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
             ("knowledge cycles", len(summary["knowledge_cycles"])),
         ],
     )
-    by_uncertainty: dict[int, list[int]] = {}
+    lengths: dict[int, list[int]] = {}
     for cycle in summary["knowledge_cycles"]:
-        by_uncertainty.setdefault(cycle["uncertainty"], []).append(cycle["length"])
+        lengths.setdefault(cycle["uncertainty"].bit_length(), []).append(cycle["length"])
     table(
         "Knowledge cycles",
         ("uncertainty", "cycles", "shortest", "longest"),
         [
-            (u, len(lengths), min(lengths), max(lengths))
-            for u, lengths in sorted(by_uncertainty.items())
+            (_doubling(bits), len(some), min(some), max(some))
+            for bits, some in sorted(lengths.items())
         ],
     )
     run = summary["run"]
@@ -166,6 +166,11 @@ def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
             ("the truth is among them", "yes" if run["truth_is_a_candidate"] else "NO"),
         ],
     )
+
+
+def _doubling(bits: int) -> str:
+    low, high = 1 << bits - 1, (1 << bits) - 1
+    return str(low) if low == high else f"{low} to {high}"
 
 
 def write(

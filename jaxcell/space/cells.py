@@ -6,11 +6,11 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from .occupancy import rasterise
 from .workspace import Workspace
 
 
 _MOST_CELLS = 2**31 - 1
-_MOST_SQUARES = 2**30
 # Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
 # wall or to an edge between cells lies on it, on every platform.
 TOLERANCE = 1e-9
@@ -67,23 +67,12 @@ class CellSpace:
         """
         if not (math.isfinite(cell) and cell > 0):
             raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
-        left, bottom = workspace.boundary.min(axis=0)
-        right, top = workspace.boundary.max(axis=0)
-        columns = math.ceil((right - left) / cell - TOLERANCE)
-        rows = math.ceil((top - bottom) / cell - TOLERANCE)
-        if rows * columns > _MOST_SQUARES:
-            raise ValueError(
-                f"cell: side {cell:g} m cuts the map into {columns} x {rows} squares, "
-                f"more than {_MOST_SQUARES}; use larger cells"
-            )
+        left, bottom = workspace.boundary.min(axis=0).tolist()
+        right, top = workspace.boundary.max(axis=0).tolist()
         # The margin makes a centre that lies on a wall free whatever the rounding.
         free_space = workspace.free_space.buffer(TOLERANCE * cell, join_style="mitre")
-        shapely.prepare(free_space)
-        x = left + (np.arange(columns) + 0.5) * cell
-        free = np.empty((rows, columns), bool)
-        for row in range(rows):
-            free[row] = shapely.contains_xy(free_space, x, bottom + (row + 0.5) * cell)
-        return cls(workspace, float(cell), directions, (float(left), float(bottom)), free)
+        blocked = rasterise(free_space, (left, bottom, right, top), cell)
+        return cls(workspace, float(cell), directions, (left, bottom), ~blocked)
 
     @classmethod
     def of_grid(

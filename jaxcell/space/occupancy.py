@@ -4,11 +4,15 @@ A grid is a Boolean array, true where a square is blocked, with row 0 at the bot
 the left; coordinates are in units of its squares.
 """
 
+import itertools
 import math
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Int
+
+
+_MOST_SQUARES = 2**30
 
 
 def blocked_rings(
@@ -61,38 +65,45 @@ def _outline(left: list[int], right: list[int], bottom: int) -> Int[np.ndarray, 
     """The ring around runs stacked upwards from row `bottom`, without collinear vertices."""
     going_up, going_down = [(right[0], bottom)], [(left[0], bottom)]
     for side, ends in ((going_up, right), (going_down, left)):
-        for height, (lower, upper) in enumerate(zip(ends, ends[1:], strict=False), bottom + 1):
+        for height, (lower, upper) in enumerate(itertools.pairwise(ends), bottom + 1):
             if lower != upper:
                 side += [(lower, height), (upper, height)]
         side.append((ends[-1], bottom + len(ends)))
     return np.array(going_up + going_down[::-1])
 
 
-def rasterise(environment: shapely.Geometry, cell: float) -> Bool[np.ndarray, "rows columns"]:
-    """The occupancy grid of a polygonal environment over its bounding box.
+def rasterise(
+    environment: shapely.Geometry,
+    bounds: tuple[float, float, float, float],
+    cell: float,
+) -> Bool[np.ndarray, "rows columns"]:
+    """The occupancy grid of a polygonal environment.
 
     **Arguments:**
 
-    - `environment`: a polygon or several.
+    - `environment`: a polygon or several, in metres.
+    - `bounds`: the box to cover (xmin, ymin, xmax, ymax), in metres; squares start at its lower
+        left corner, and the last ones reach over its far sides if need be.
     - `cell`: side of the squares, in metres.
 
     **Returns:**
 
-    True where the centre of a square does not lie inside the environment; row 0 at the bottom.
+    True where the centre of a square does not lie in the closed environment; row 0 at the bottom.
 
     **Raises:**
 
-    `ValueError` where the grid would have more than 2^26 squares.
+    `ValueError` where the grid would have more than 2^30 squares.
     """
-    xmin, ymin, xmax, ymax = environment.bounds
-    # A width of 0.3 holds three squares of 0.1, although 0.3 / 0.1 rounds to less than 3.
-    columns = max(1, math.ceil((xmax - xmin) / cell - 1e-9))
-    rows = max(1, math.ceil((ymax - ymin) / cell - 1e-9))
-    if columns * rows > 2**26:
+    xmin, ymin, xmax, ymax = bounds
+    # A width of 0.3 holds three squares of 0.1, although 0.3 / 0.1 may round to more than 3.
+    columns = math.ceil((xmax - xmin) / cell - 1e-9)
+    rows = math.ceil((ymax - ymin) / cell - 1e-9)
+    if columns * rows > _MOST_SQUARES:
         raise ValueError(
-            f"cell: squares of {cell} m make a grid of {columns} x {rows}; at most 2^26 are written"
+            f"cell: squares of {cell:g} m make a grid of {columns} x {rows}, "
+            f"more than the {_MOST_SQUARES} squares of the largest grid there can be"
         )
     x = xmin + (np.arange(columns) + 0.5) * cell
     y = ymin + (np.arange(rows) + 0.5) * cell
     shapely.prepare(environment)
-    return ~shapely.contains_xy(environment, *np.meshgrid(x, y))
+    return np.stack([~shapely.intersects_xy(environment, x, height) for height in y])

@@ -1,2 +1,270 @@
+"""The map that a robot moves in: a polygonal boundary minus polygonal obstacles."""
+
 import dataclasses
-class Workspace: pass
+import functools
+import math
+import numbers
+import os
+import re
+import reprlib
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from jaxtyping import Float
+
+from .map_files import read_map, write_map
+
+
+Ring: TypeAlias = npt.ArrayLike | shapely.Polygon
+
+# Beyond this (metres) the spacing of float64 is coarser than a nanometre.
+_LARGEST_COORDINATE = 1e7
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Workspace:
+    """A polygonal boundary minus polygonal obstacles, in metres (Alam 2018, section 2.3.1).
+
+    Obstacles may touch or overlap the boundary and each other; their union counts. The arrays are
+    read-only.
+
+    **Attributes:**
+
+    - `boundary`: vertices of the boundary, in order, the first not repeated.
+    - `obstacles`: vertices of each obstacle, likewise.
+    - `robot_radius`: radius of a disc robot; 0 for a point.
+    - `name`: one line that says which map this is.
+    - `cell`: side of the cells that the map suggests, in metres, or `None`.
+    - `directions`: number of directions that the map suggests, or `None`.
+    """
+
+    boundary: Float[np.ndarray, "vertices 2"] = dataclasses.field(repr=False)
+    obstacles: tuple[Float[np.ndarray, "_ 2"], ...] = dataclasses.field(repr=False)
+    robot_radius: float
+    name: str
+    cell: float | None
+    directions: int | None
+
+    def __init__(
+        self,
+        boundary: Ring,
+        obstacles: Sequence[Ring] = (),
+        robot_radius: float | int = 0.0,
+        name: str = "",
+        cell: float | int | None = None,
+        directions: int | None = None,
+    ) -> None:
+        """**Arguments:**
+
+        - `boundary`: a shapely polygon without holes, or the vertices of a simple polygon, in order
+            either way round; the first may be repeated at the end.
+        - `obstacles`: polygons, likewise.
+        - `robot_radius`, `name`, `cell`, `directions`: as the attributes.
+
+        **Raises:**
+
+        `ValueError` that names the field and the place: a polygon that crosses or touches itself,
+        has fewer than three distinct vertices, no area, or a vertex that is not finite or lies
+        beyond 10^7 m; an obstacle wholly outside the boundary; obstacles that leave nothing free; a
+        robot that fits nowhere; a number out of range.
+        """
+        boundary = _ring("boundary", boundary)
+        rings = tuple(_ring(f"obstacles[{i}]", ring) for i, ring in enumerate(obstacles))
+        values = {
+            "boundary": boundary,
+            "obstacles": rings,
+            "robot_radius": _number("robot_radius", robot_radius),
+            "name": name,
+            "cell": None if cell is None else _number("cell", cell),
+            "directions": directions,
+        }
+        for field, value in values.items():
+            object.__setattr__(self, field, value)
+        _check_polygons(boundary, rings)
+        self._check_numbers()
+        if self.environment.is_empty:
+            raise ValueError("obstacles: they cover the whole boundary; nothing is left free")
+        if self.free_space.is_empty:
+            raise ValueError(
+                f"robot_radius: a robot of radius {self.robot_radius:g} m fits nowhere in the map"
+            )
+
+    def _check_numbers(self) -> None:
+        if not self.robot_radius >= 0:
+            raise ValueError(f"robot_radius: expected 0 m or more, got {self.robot_radius:g}")
+        if self.cell is not None and not self.cell > 0:
+            raise ValueError(f"cell: expected more than 0 m, got {self.cell:g}")
+        directions = self.directions
+        if directions is not None and (type(directions) is not int or directions < 1):
+            raise ValueError(f"directions: expected a whole number from 1, got {directions!r}")
+        if not self.name.isprintable():
+            raise ValueError(f"name: expected printable text on one line, got {self.name!r}")
+
+    @functools.cached_property
+    def environment(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """What is free for a point: the boundary minus the union of the obstacles.
+
+        Vertices are rounded to 10^-13 of the power of ten above the largest coordinate (10^-12 m in
+        a map of 8 m), so that polygons meant to touch, whose vertices differ by the rounding of
+        float64, do touch and leave neither a sliver nor a gap between them.
+        """
+        union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
+        rounding = _rounding(self.boundary, self.obstacles)
+        return shapely.normalize(
+            shapely.difference(shapely.Polygon(self.boundary), union, grid_size=rounding)
+        )
+
+    @functools.cached_property
+    def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """Where the centre of the robot can be: the environment less a margin of its radius.
+
+        Around a convex corner of an obstacle the margin is an arc, drawn with 16 chords a quarter;
+        they lie within 0.13 percent of the radius of it, on the side of the obstacle. It may fall
+        into several pieces, and all are kept.
+        """
+        # A margin too small for float64 to hold makes GEOS turn the polygons inside out.
+        if self.robot_radius <= _rounding(self.boundary, self.obstacles):
+            return self.environment
+        return shapely.normalize(self.environment.buffer(-self.robot_radius, quad_segs=16))
+
+    @property
+    def pieces(self) -> int:
+        """The number of parts of the free space that the robot cannot leave."""
+        return len(shapely.get_parts(self.free_space))
+
+    def describe(self) -> str:
+        """The map in a line: its name and size, and in how many pieces its free space is."""
+        width, height = np.ptp(self.boundary, axis=0)
+        text = f"{self.name}: " if self.name else ""
+        count = len(self.obstacles)
+        obstacles = "1 obstacle" if count == 1 else f"{count or 'no'} obstacles"
+        text += f"{width:g} x {height:g} m, {obstacles}, "
+        if self.robot_radius > 0:
+            text += f"robot of radius {self.robot_radius:g} m, "
+        text += f"free space {self.free_space.area:.6g} m2 "
+        if self.pieces == 1:
+            return text + "in one piece"
+        return text + f"in {self.pieces} pieces that the robot cannot cross between"
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Workspace":
+        """Reads a map file; see `jaxcell.space.map_files` for the formats.
+
+        **Arguments:**
+
+        - `path`: a `.json` map of ours, a ROS map_server `.yaml` with its image, or an ASCII grid
+            (`.txt` or `.map`). A map without a name takes that of the file.
+
+        **Raises:**
+
+        `ValueError` that names the file, the field, and what is wrong with it;
+        `FileNotFoundError` where there is no file.
+        """
+        fields = read_map(path)
+        try:
+            return cls(**fields)
+        except ValueError as error:
+            raise ValueError(f"{os.fspath(path)}: {error}") from error
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes a map file in the format of its suffix; no reader ever sees half a file.
+
+        A `.json` file keeps everything. A grid keeps for each square of side `cell` whether its
+        centre is free, and a map_server file has no place for the name, the radius and the number
+        of directions.
+
+        **Arguments:**
+
+        - `path`: ends in `.json`, in `.txt` or `.map` (ASCII grid), or in `.yaml` or `.yml`
+            (map_server; the image stands beside it, with the suffix `.pgm`).
+
+        **Raises:**
+
+        `ValueError` where the suffix is another, or where a grid is asked for and `cell` is `None`
+        or leaves no square free.
+        """
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        write_map(path, fields, self.environment)
+
+
+def _number(field: str, value: object) -> float:
+    if not isinstance(value, numbers.Real) or isinstance(value, bool) or not math.isfinite(value):
+        raise ValueError(f"{field}: expected a finite number, got {value!r}")
+    return float(value)
+
+
+def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
+    if isinstance(ring, shapely.Polygon):
+        if ring.interiors:
+            raise ValueError(
+                f"{field}: expected a polygon without holes, got one with {len(ring.interiors)}"
+            )
+        ring = shapely.get_coordinates(ring)
+    try:
+        vertices = np.array(ring, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{field}: expected pairs of numbers [x, y], got {reprlib.repr(ring)}"
+        ) from None
+    if vertices.size == 0:
+        raise ValueError(f"{field}: it has no vertices; at least 3 are needed")
+    if vertices.ndim != 2 or vertices.shape[1] != 2:
+        raise ValueError(
+            f"{field}: expected pairs of numbers [x, y], got an array of shape {vertices.shape}"
+        )
+    wrong = np.flatnonzero(~(np.abs(vertices) <= _LARGEST_COORDINATE).all(axis=1))
+    if wrong.size:
+        x, y = vertices[wrong[0]]
+        raise ValueError(
+            f"{field}: vertex {wrong[0]} is ({x:g}, {y:g}); "
+            f"expected finite numbers of at most {_LARGEST_COORDINATE:g} m"
+        )
+    distinct = len(set(map(tuple, vertices.tolist())))
+    if distinct < 3:
+        raise ValueError(f"{field}: it has {distinct} distinct vertices; at least 3 are needed")
+    while (vertices[0] == vertices[-1]).all():
+        vertices = vertices[:-1]
+    vertices.setflags(write=False)
+    return vertices
+
+
+def _rounding(
+    boundary: Float[np.ndarray, "vertices 2"],
+    obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
+) -> float:
+    """The unit that vertices are rounded to: large beside float64's, small beside any real wall."""
+    largest = max(np.abs(ring).max() for ring in (boundary, *obstacles))
+    return 10.0 ** (math.ceil(math.log10(largest)) - 13)
+
+
+def _check_polygons(
+    boundary: Float[np.ndarray, "vertices 2"],
+    obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
+) -> None:
+    """Refuses polygons without area, those that meet themselves, and obstacles outside."""
+    fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]
+    polygons = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
+
+    # The hull and not the polygon: the two halves of a bow tie have areas that cancel.
+    hulls = shapely.convex_hull(polygons)
+    flat = np.flatnonzero(
+        shapely.area(hulls) <= _rounding(boundary, obstacles) * shapely.length(hulls)
+    )
+    if flat.size:
+        raise ValueError(f"{fields[flat[0]]}: zero area; all its vertices lie on one line")
+
+    crossed = np.flatnonzero(~shapely.is_valid(polygons))
+    if crossed.size:
+        reason = shapely.is_valid_reason(polygons[crossed[0]])
+        place = re.fullmatch(r"(?:Ring )?(.*)\[(\S+) (\S+)\]", reason)
+        if place:
+            reason = f"{place[1].lower()} at ({place[2]}, {place[3]})"
+        raise ValueError(f"{fields[crossed[0]]}: {reason}; its edges may meet only at their ends")
+
+    shapely.prepare(polygons[0])
+    outside = np.flatnonzero(~shapely.relate_pattern(polygons[0], polygons[1:], "T********"))
+    if outside.size:
+        raise ValueError(f"{fields[1 + outside[0]]}: it lies wholly outside the boundary")

@@ -1,0 +1,325 @@
+"""Grid maps: ASCII grids and the maps of ROS map_server.
+
+A grid becomes a map whose boundary is the rectangle around the grid and whose obstacles are its
+blocked squares, and which suggests the side of a square as its `cell`.
+"""
+
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import yaml
+from jaxtyping import Bool, Integer
+from PIL import Image
+
+from .occupancy import blocked_rings, rasterise
+
+
+_BLOCKED, _FREE = "#X@", ". "
+_HEADER = ("name", "cell", "origin", "robot_radius", "directions")
+
+
+def parse_ascii(text: str) -> dict[str, Any]:
+    """Reads an ASCII grid.
+
+    ```text
+    ; name a corridor
+    ; cell 0.25
+    #######
+    #..#..#
+    #.....#
+    #######
+    ```
+
+    The first row is the top one. `#`, `X` and `@` are blocked squares, `.` and the space are free
+    ones, and every row has the same length. Lines above the rows that begin with `;` give `cell`
+    (m; 1 by default), `origin` (the x and y of the lower left corner, m), `robot_radius` (m),
+    `directions` and `name`; those that begin with `;;` are remarks.
+
+    **Arguments:**
+
+    - `text`: what the file holds.
+
+    **Returns:**
+
+    Keyword arguments of `Workspace`.
+
+    **Raises:**
+
+    `ValueError` that names the line and the column, or the field.
+    """
+    lines = text.replace("\r\n", "\n").split("\n")
+    header: dict[str, str] = {}
+    first = 0
+    while first < len(lines) and (lines[first] == "" or lines[first].startswith(";")):
+        _read_header_line(lines[first], first + 1, header)
+        first += 1
+    rows = lines[first:]
+    while rows and rows[-1] == "":
+        rows.pop()
+    if not rows:
+        raise ValueError("the grid has no rows")
+
+    for number, row in enumerate(rows, first + 1):
+        for column, character in enumerate(row, 1):
+            if character not in _BLOCKED + _FREE:
+                raise ValueError(
+                    f"line {number}, column {column}: expected one of '{_BLOCKED}' (blocked) "
+                    f"or '{_FREE}' (free), got {character!r}"
+                )
+        if len(row) != len(rows[0]):
+            raise ValueError(
+                f"line {number}: the row has {len(row)} squares, "
+                f"but the first row, line {first + 1}, has {len(rows[0])}"
+            )
+    blocked = np.array([[character in _BLOCKED for character in row] for row in rows[::-1]])
+
+    fields: dict[str, Any] = {}
+    if "name" in header:
+        fields["name"] = header["name"]
+    if "robot_radius" in header:
+        (fields["robot_radius"],) = _numbers("robot_radius", [header["robot_radius"]])
+    if "directions" in header:
+        try:
+            fields["directions"] = int(header["directions"])
+        except ValueError:
+            raise ValueError(
+                f"directions: expected a whole number, got {header['directions']!r}"
+            ) from None
+    origin = _numbers("origin", header.get("origin", "0 0").split())
+    if len(origin) != 2:
+        raise ValueError(f"origin: expected two numbers x y, got {header['origin']!r}")
+    cell = _side("cell", header.get("cell", "1"))
+    return {**fields, **_grid_fields(blocked, (origin[0], origin[1]), cell)}
+
+
+def format_ascii(
+    fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
+) -> str:
+    """The text of an ASCII grid of a map.
+
+    **Arguments:**
+
+    - `fields`: the fields of a `Workspace`.
+    - `environment`: its environment.
+
+    **Raises:**
+
+    `ValueError` where the map suggests no `cell`, or none of that side is free.
+    """
+    blocked, origin = _grid_of(fields, environment)
+    x, y = origin
+    header = [f"; cell {fields['cell']!r}", f"; robot_radius {fields['robot_radius']!r}"]
+    if fields["name"]:
+        header.insert(0, f"; name {fields['name']}")
+    if fields["directions"] is not None:
+        header.append(f"; directions {fields['directions']}")
+    if origin != (0.0, 0.0):
+        header.append(f"; origin {x!r} {y!r}")
+    rows = ["".join(row) for row in np.where(blocked[::-1], "#", ".")]
+    return "\n".join([*header, *rows]) + "\n"
+
+
+def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
+    """Reads the YAML file of a ROS map_server map, and its image.
+
+    `image`, `resolution` (m a pixel), `origin` (x, y and yaw of the lower left corner; the yaw must
+    be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may be given as
+    trinary; other keys are passed over. Occupied and unknown pixels are both obstacles. As in
+    map_server, the channels of a pixel, alpha among them, are averaged first.
+
+    **Arguments:**
+
+    - `text`: what the YAML file holds.
+    - `folder`: where it lies; `image` is relative to it.
+
+    **Returns:**
+
+    Keyword arguments of `Workspace`.
+
+    **Raises:**
+
+    `ValueError` that names the field; also for an image that is missing, broken, or over Pillow's
+    limit of size (about 9 * 10^7 pixels), which is told before it is decoded.
+    """
+    try:
+        # All scalars as text: YAML 1.1 has it that 5e-2 is not a number and that `no` is one.
+        document = yaml.load(text, Loader=yaml.BaseLoader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"not valid YAML, or cut short: {' '.join(str(error).split())}") from None
+    if not isinstance(document, dict):
+        raise ValueError("expected a map_server description: image, resolution, origin, ...")
+    required = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+    for field in required:
+        if field not in document:
+            raise ValueError(f"{field}: it is missing; a map_server file has {', '.join(required)}")
+    if (mode := document.get("mode", "trinary")) != "trinary":
+        raise ValueError(f"mode: only trinary maps are read, got {mode!r}")
+    negate = {"0": False, "false": False, "1": True, "true": True}.get(
+        str(document["negate"]).lower()
+    )
+    if negate is None:
+        raise ValueError(f"negate: expected 0 or 1, got {document['negate']!r}")
+
+    origin = document["origin"]
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise ValueError(f"origin: expected [x, y, yaw], got {origin!r}")
+    x, y, yaw = _numbers("origin", origin)
+    if yaw != 0:
+        raise ValueError(f"origin: only maps that are not rotated are read, got a yaw of {yaw:g}")
+    resolution = _side("resolution", document["resolution"])
+    (occupied,) = _numbers("occupied_thresh", [document["occupied_thresh"]])
+    (free,) = _numbers("free_thresh", [document["free_thresh"]])
+    if not 0 <= free <= occupied <= 1:
+        raise ValueError(
+            "free_thresh, occupied_thresh: expected 0 <= free_thresh <= occupied_thresh <= 1, "
+            f"got {free:g} and {occupied:g}"
+        )
+
+    if not isinstance(document["image"], str) or not document["image"]:
+        raise ValueError(f"image: expected the name of a file, got {document['image']!r}")
+    try:
+        pixels_free = _free_pixels(folder / document["image"], negate, free)
+    except ValueError as error:
+        raise ValueError(f"image: {document['image']}: {error}") from error
+    return _grid_fields(~pixels_free[::-1], (x, y), resolution)
+
+
+def format_map_server(
+    fields: Mapping[str, Any],
+    environment: shapely.Polygon | shapely.MultiPolygon,
+    image: str,
+) -> tuple[str, bytes]:
+    """The YAML text and the PGM image of a map_server map.
+
+    **Arguments:**
+
+    - `fields`: the fields of a `Workspace`.
+    - `environment`: its environment.
+    - `image`: name of the file that the image will be written to.
+
+    **Raises:**
+
+    `ValueError` where the map suggests no `cell`, or none of that side is free.
+    """
+    blocked, (x, y) = _grid_of(fields, environment)
+    text = (
+        f"image: {json.dumps(image)}\n"
+        f"resolution: {fields['cell']!r}\n"
+        f"origin: [{x!r}, {y!r}, 0.0]\n"
+        "negate: 0\n"
+        "occupied_thresh: 0.65\n"
+        "free_thresh: 0.196\n"
+    )
+    rows, columns = blocked.shape
+    pixels = np.where(blocked[::-1], 0, 254).astype(np.uint8)
+    return text, f"P5\n{columns} {rows}\n255\n".encode() + pixels.tobytes()
+
+
+def _read_header_line(line: str, number: int, header: dict[str, str]) -> None:
+    if line == "" or line.startswith(";;") or not line[1:].strip():
+        return
+    key, _, value = line[1:].strip().partition(" ")
+    if key not in _HEADER:
+        raise ValueError(
+            f"line {number}: {key!r}: unknown; expected {', '.join(_HEADER)}, "
+            "or ';;' before a remark"
+        )
+    if key in header:
+        raise ValueError(f"line {number}: {key!r} is given twice")
+    header[key] = value.strip()
+
+
+def _numbers(field: str, texts: list[Any]) -> list[float]:
+    """Finite numbers from text."""
+    values = []
+    for text in texts:
+        try:
+            value = float(text) if isinstance(text, str) else math.nan
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{field}: expected a finite number, got {text!r}")
+        values.append(value)
+    return values
+
+
+def _side(field: str, text: Any) -> float:
+    (value,) = _numbers(field, [text])
+    if not value > 0:
+        raise ValueError(f"{field}: expected more than 0 m, got {value:g}")
+    return value
+
+
+def _grid_fields(
+    blocked: Bool[np.ndarray, "rows columns"], origin: tuple[float, float], cell: float
+) -> dict[str, Any]:
+    """The map of a grid with row 0 at the bottom and its lower left corner at `origin`."""
+    if blocked.all():
+        raise ValueError("the grid has no free square")
+    rows, columns = blocked.shape
+    rectangle = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)])
+    return {
+        "boundary": np.array(origin) + cell * rectangle,
+        "obstacles": [np.array(origin) + cell * ring for ring in blocked_rings(blocked)],
+        "cell": cell,
+    }
+
+
+def _grid_of(
+    fields: Mapping[str, Any], environment: shapely.Polygon | shapely.MultiPolygon
+) -> tuple[Bool[np.ndarray, "rows columns"], tuple[float, float]]:
+    """The grid of a map, row 0 at the bottom, and its lower left corner."""
+    if fields["cell"] is None:
+        raise ValueError("cell: a grid needs the side of its squares, and this map suggests none")
+    x, y = fields["boundary"].min(axis=0).tolist()
+    far_x, far_y = fields["boundary"].max(axis=0).tolist()
+    blocked = rasterise(environment, (x, y, far_x, far_y), fields["cell"])
+    if blocked.all():
+        raise ValueError(f"cell: no square of side {fields['cell']:g} m has its centre free")
+    return blocked, (x, y)
+
+
+def _free_pixels(path: Path, negate: bool, free_thresh: float) -> Bool[np.ndarray, "rows columns"]:
+    """Which pixels of an image map_server takes as free; row 0 at the top."""
+    pixels, full = _pixels(path)
+    channels = pixels.shape[2]
+    # One entry for each possible sum of the channels: the arithmetic is map_server's own, and
+    # only this table is in float64.
+    mean = np.arange(full * channels + 1) / channels
+    occupancy = mean / full if negate else (full - mean) / full
+    return (occupancy < free_thresh)[pixels.sum(axis=2, dtype=np.int32)]
+
+
+def _pixels(path: Path) -> tuple[Integer[np.ndarray, "rows columns channels"], int]:
+    """The channels of an image's pixels, and the value of a white one."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ValueError(error.strerror or str(error)) from None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(BytesIO(content), formats=("PPM", "PNG"))
+        image.load()
+    except Image.UnidentifiedImageError:
+        raise ValueError("expected a PGM or PNG image") from None
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        raise ValueError(f"too large: {error}") from None
+    except Exception as error:  # Pillow's decoders leak errors of many types on broken files.
+        raise ValueError(f"broken or cut short: {error}") from error
+
+    mode = {"1": "L", "P": "RGB", "LA": "RGBA"}.get(image.mode, image.mode)
+    if mode in ("L", "RGB") and "transparency" in image.info:
+        mode = "RGBA"
+    if mode not in ("L", "RGB", "RGBA", "I", "I;16"):
+        raise ValueError(f"expected grey or colour of 8 bits, or grey of 16; got mode {mode!r}")
+    pixels = np.asarray(image.convert(mode))
+    full = 255 if pixels.dtype == np.uint8 else 65535
+    return pixels.reshape(image.height, image.width, -1), full

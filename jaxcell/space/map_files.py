@@ -1,0 +1,240 @@
+"""Map files: which format a file has, our own JSON format, and safe writing.
+
+The other formats are in `grid_files`. A map is passed about as the keyword arguments of
+`Workspace`.
+
+Our format is a JSON object. `format` ("jaxcell-map"), `version` (1) and `boundary` are required:
+
+```json
+{
+  "format": "jaxcell-map",
+  "version": 1,
+  "units": "m",
+  "name": "a room with a table",
+  "boundary": [[0, 0], [6, 0], [6, 5], [0, 5]],
+  "obstacles": [[[2, 2], [3, 2], [3, 3], [2, 3]]],
+  "robot_radius": 0.17,
+  "cell": 0.25,
+  "directions": 16
+}
+```
+
+`units` ("m" by default, or "cm", "mm", "ft") holds for all lengths of the file. Other keys are
+refused, so that a misspelt one is not passed over.
+"""
+
+import json
+import os
+import reprlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import shapely
+
+from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
+
+
+_GRID_SUFFIXES = (".txt", ".map")
+_MAP_SERVER_SUFFIXES = (".yaml", ".yml")
+_IMAGE_SUFFIXES = (".pgm", ".png")
+_SUFFIXES = ".json, .yaml or .yml (map_server), .txt or .map (ASCII grid)"
+
+_KEYS = ("boundary", "obstacles", "robot_radius", "name", "cell", "directions")
+# Metres in a unit, as a fraction of whole numbers: 57 cm is then the float64 nearest to 0.57.
+_UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
+
+
+def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Reads a map file of any format.
+
+    **Arguments:**
+
+    - `path`: the file; its suffix says the format.
+
+    **Returns:**
+
+    Keyword arguments of `Workspace`, with lengths in metres.
+
+    **Raises:**
+
+    `ValueError` that names the file, the field, and what is wrong; `FileNotFoundError`.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: expected a map file, got a directory")
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".json":
+            fields = parse_json(_text(path))
+        elif suffix in _MAP_SERVER_SUFFIXES:
+            fields = parse_map_server(_text(path), path.parent)
+        elif suffix in _GRID_SUFFIXES:
+            fields = parse_ascii(_text(path))
+        elif suffix in _IMAGE_SUFFIXES:
+            raise ValueError("an image alone has no scale; give the map_server .yaml that names it")
+        else:
+            raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    return {"name": path.stem, **fields}
+
+
+def write_map(
+    path: str | os.PathLike[str],
+    fields: Mapping[str, Any],
+    environment: shapely.Polygon | shapely.MultiPolygon,
+) -> None:
+    """Writes a map file in the format of its suffix; see `Workspace.save`.
+
+    **Arguments:**
+
+    - `path`: the file to write or replace.
+    - `fields`: the fields of a `Workspace`.
+    - `environment`: its environment, which a grid holds in place of the polygons.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".json":
+            files = {path: format_json(fields).encode()}
+        elif suffix in _GRID_SUFFIXES:
+            files = {path: format_ascii(fields, environment).encode()}
+        elif suffix in _MAP_SERVER_SUFFIXES:
+            image = path.with_suffix(".pgm")
+            text, pixels = format_map_server(fields, environment, image.name)
+            files = {image: pixels, path: text.encode()}
+        else:
+            raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    for file, content in files.items():
+        _write_atomically(file, content)
+
+
+def parse_json(text: str) -> dict[str, Any]:
+    """Reads a map in our own format.
+
+    **Arguments:**
+
+    - `text`: what the file holds.
+
+    **Returns:**
+
+    Keyword arguments of `Workspace`, with lengths in metres.
+
+    **Raises:**
+
+    `ValueError` that names the field.
+    """
+    try:
+        document = json.loads(text, object_pairs_hook=_without_repeats)
+    except RecursionError:
+        raise ValueError("not a map: its brackets are nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"not valid JSON, or cut short: {error}") from None
+    if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
+        raise ValueError('format: expected an object with "format": "jaxcell-map"')
+    version = document.get("version")
+    if type(version) is not int or version != 1:
+        raise ValueError(f"version: expected 1, got {reprlib.repr(version)}")
+    for key in document:
+        if key not in ("format", "version", "units", *_KEYS):
+            raise ValueError(f"{reprlib.repr(key)}: unknown key; expected {', '.join(_KEYS)}")
+    units = document.get("units", "m")
+    if not isinstance(units, str) or units not in _UNITS:
+        raise ValueError(f"units: expected {', '.join(_UNITS)}, got {reprlib.repr(units)}")
+    if "boundary" not in document:
+        raise ValueError("boundary: it is missing")
+
+    fields = {key: document[key] for key in _KEYS if key in document}
+    fields["boundary"] = _vertices("boundary", fields["boundary"], units)
+    fields["obstacles"] = [
+        _vertices(f"obstacles[{i}]", ring, units)
+        for i, ring in enumerate(_list("obstacles", fields.get("obstacles", [])))
+    ]
+    for key in ("robot_radius", "cell"):
+        if key in fields:
+            fields[key] = _length(key, fields[key], units)
+    if not isinstance(fields.get("name", ""), str):
+        raise ValueError(f"name: expected text, got {reprlib.repr(fields['name'])}")
+    if type(fields.get("directions", 1)) is not int:
+        raise ValueError(
+            f"directions: expected a whole number, got {reprlib.repr(fields['directions'])}"
+        )
+    return fields
+
+
+def format_json(fields: Mapping[str, Any]) -> str:
+    """The text of a map in our own format, in metres; reading it gives the same numbers.
+
+    **Arguments:**
+
+    - `fields`: the fields of a `Workspace`.
+    """
+    obstacles = ",\n".join(f"    {json.dumps(ring.tolist())}" for ring in fields["obstacles"])
+    values = {
+        "format": '"jaxcell-map"',
+        "version": "1",
+        "units": '"m"',
+        "name": json.dumps(fields["name"], ensure_ascii=False),
+        "boundary": json.dumps(fields["boundary"].tolist()),
+        "obstacles": f"[\n{obstacles}\n  ]" if obstacles else "[]",
+    }
+    for key in ("robot_radius", "cell", "directions"):
+        if fields[key] is not None:
+            values[key] = json.dumps(fields[key])
+    return "{\n" + ",\n".join(f'  "{key}": {value}' for key, value in values.items()) + "\n}\n"
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        keys = [key for key, _ in pairs]
+        repeated = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {reprlib.repr(repeated)} is given twice")
+    return document
+
+
+def _list(field: str, value: object) -> list[Any]:
+    if not isinstance(value, list):
+        raise ValueError(f"{field}: expected a list, got {reprlib.repr(value)}")
+    return value
+
+
+def _vertices(field: str, value: object, units: str) -> list[list[float]]:
+    vertices = []
+    for i, pair in enumerate(_list(field, value)):
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise ValueError(f"{field}[{i}]: expected a pair [x, y], got {reprlib.repr(pair)}")
+        vertices.append([_length(f"{field}[{i}]", number, units) for number in pair])
+    return vertices
+
+
+def _length(field: str, value: object, units: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"{field}: expected a number, got {reprlib.repr(value)}")
+    metres, parts = _UNITS[units]
+    try:
+        return float(value) * metres / parts
+    except OverflowError:
+        raise ValueError(f"{field}: the number is too large") from None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"expected UTF-8 text; byte {error.start} is not") from None
+
+
+def _write_atomically(path: Path, content: bytes) -> None:
+    """Writes under another name in the same folder first: nobody ever sees half a file."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

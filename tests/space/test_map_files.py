@@ -1,0 +1,256 @@
+import contextlib
+import json
+import math
+import os
+import re
+import stat
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from jaxcell.space import Workspace
+from jaxcell.space.map_files import format_json, parse_json
+
+
+ROOM = {"format": "jaxcell-map", "version": 1, "boundary": [[0, 0], [6, 0], [6, 5], [0, 5]]}
+BOX = [[1, 1], [2, 1], [2, 2], [1, 2]]
+
+
+def fields_of(room):
+    return {
+        "boundary": room.boundary,
+        "obstacles": room.obstacles,
+        "robot_radius": room.robot_radius,
+        "name": room.name,
+        "cell": room.cell,
+        "directions": room.directions,
+    }
+
+
+def same(a, b):
+    return (
+        np.array_equal(a.boundary, b.boundary)
+        and len(a.obstacles) == len(b.obstacles)
+        and all(map(np.array_equal, a.obstacles, b.obstacles))
+        and (a.robot_radius, a.name, a.cell, a.directions)
+        == (b.robot_radius, b.name, b.cell, b.directions)
+    )
+
+
+coordinates = st.floats(-1e3, 1e3, allow_nan=False)
+lengths = st.floats(1e-3, 1e3)
+
+
+@given(
+    corner=st.tuples(coordinates, coordinates),
+    width=lengths,
+    height=lengths,
+    dents=st.lists(st.floats(0.01, 0.99), max_size=3),
+    name=st.text().filter(str.isprintable),
+    cell=st.none() | lengths,
+    directions=st.none() | st.integers(1, 2**40),
+)
+def test_json_round_trip_is_exact(corner, width, height, dents, name, cell, directions):
+    x, y = corner
+    room = Workspace(
+        [(x, y), (x + width, y + height / 3), (x + width, y + height), (x, y + height)],
+        [[(x, y), (x + d * width, y + height), (x, y + height)] for d in dents],
+        robot_radius=min(width, height) / 1000,
+        name=name,
+        cell=cell,
+        directions=directions,
+    )
+    assert same(Workspace(**parse_json(format_json(fields_of(room)))), room)
+
+
+def test_saved_files_are_read_back(tmp_path):
+    room = Workspace(ROOM["boundary"], [BOX], 0.1, 'Café "1"', 0.25, 16)
+    room.save(tmp_path / "room.json")
+    assert same(Workspace.load(tmp_path / "room.json"), room)
+    assert same(Workspace.load(str(tmp_path / "room.json")), room)
+    document = json.loads((tmp_path / "room.json").read_text(encoding="utf-8"))
+    assert document["units"] == "m"
+    assert list(document) == [
+        *("format", "version", "units", "name", "boundary", "obstacles"),
+        *("robot_radius", "cell", "directions"),
+    ]
+
+
+def test_a_plain_map(tmp_path):
+    (tmp_path / "hall.json").write_text(json.dumps(ROOM))
+    hall = Workspace.load(tmp_path / "hall.json")
+    assert same(hall, Workspace(ROOM["boundary"], name="hall"))
+
+
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    (tmp_path / "hall.JSON").write_text(json.dumps(ROOM), encoding="utf-8-sig")
+    assert Workspace.load(tmp_path / "hall.JSON").free_space.area == 30
+
+
+@pytest.mark.parametrize(("units", "metre"), [("m", 1), ("cm", 100), ("mm", 1000)])
+def test_units(units, metre):
+    numbers = {"robot_radius": 0.17, "cell": 0.25}
+    scaled = {key: value * metre for key, value in numbers.items()}
+    boundary = [[x * metre, y * metre] for x, y in [(0, 0), (0.57, 0), (0.57, 0.29), (0, 0.29)]]
+    obstacles = [[[0, 0], [0, metre], [metre, 0]]]
+    fields = parse_json(
+        json.dumps(ROOM | {"units": units, "boundary": boundary, "obstacles": obstacles, **scaled})
+    )
+    assert fields["boundary"] == [[0, 0], [0.57, 0], [0.57, 0.29], [0, 0.29]]
+    assert fields["obstacles"] == [[[0, 0], [0, 1], [1, 0]]]
+    assert {key: fields[key] for key in numbers} == numbers
+
+
+def test_feet():
+    fields = parse_json(json.dumps(ROOM | {"units": "ft", "cell": 0.5}))
+    assert fields["boundary"][2] == [1.8288, 1.524]
+    assert fields["cell"] == 0.1524
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "other"}, "format: expected"),
+        ({"format": None}, "format: expected"),
+        ({"version": 2}, "version: expected 1, got 2"),
+        ({"version": True}, "version: expected 1, got True"),
+        ({"version": "1"}, "version: expected 1, got '1'"),
+        ({"robot_radis": 0.1}, "'robot_radis': unknown key; expected boundary, obstacles"),
+        ({"units": "inch"}, "units: expected m, cm, mm, ft, got 'inch'"),
+        ({"units": ["m"]}, "units: expected m, cm, mm, ft, got ['m']"),
+        ({"boundary": 3}, "boundary: expected a list, got 3"),
+        ({"boundary": []}, "boundary: it has no vertices"),
+        ({"boundary": [[0, 0], [1, 0]]}, "boundary: it has 2 distinct vertices"),
+        ({"boundary": [[0, 0], [1, 0], [1]]}, "boundary[2]: expected a pair [x, y], got [1]"),
+        ({"boundary": [[0, 0], [1, 0], "1 1"]}, "boundary[2]: expected a pair [x, y], got '1 1'"),
+        ({"boundary": [[0, 0], [1, "0"], [1, 1]]}, "boundary[1]: expected a number, got '0'"),
+        ({"boundary": [[0, 0], [1, True], [1, 1]]}, "boundary[1]: expected a number, got True"),
+        ({"boundary": [[0, 0], [1, 10**400], [1, 1]]}, "boundary[1]: the number is too large"),
+        ({"boundary": [[0, 0], [1, math.nan], [1, 1]]}, "boundary: vertex 1 is (1, nan)"),
+        ({"boundary": [[0, 0], [1, math.inf], [1, 1]]}, "boundary: vertex 1 is (1, inf)"),
+        ({"boundary": [[0, 0], [1, 1], [1, 0], [0, 1]]}, "boundary: self-intersection at (0.5, 0"),
+        ({"obstacles": BOX}, "obstacles[0][0]: expected a pair [x, y], got 1"),
+        ({"obstacles": {}}, "obstacles: expected a list, got {}"),
+        ({"obstacles": [BOX, None]}, "obstacles[1]: expected a list, got None"),
+        ({"obstacles": [[[7, 7], [8, 7], [8, 8]]]}, "obstacles[0]: it lies wholly outside"),
+        ({"robot_radius": "big"}, "robot_radius: expected a number, got 'big'"),
+        ({"robot_radius": -1}, "robot_radius: expected 0 m or more, got -1"),
+        ({"robot_radius": 3}, "robot_radius: a robot of radius 3 m fits nowhere"),
+        ({"cell": None}, "cell: expected a number, got None"),
+        ({"cell": 0}, "cell: expected more than 0 m"),
+        ({"directions": 8.0}, "directions: expected a whole number, got 8.0"),
+        ({"directions": 0}, "directions: expected a whole number from 1, got 0"),
+        ({"name": 3}, "name: expected text, got 3"),
+        ({"name": "a\nb"}, "name: expected printable text on one line"),
+    ],
+)
+def test_bad_json_maps_are_refused(tmp_path, change, message):
+    path = tmp_path / "map.json"
+    path.write_text(json.dumps(ROOM | change))
+    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
+        Workspace.load(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not valid JSON, or cut short"),
+        (b"[]", "format: expected"),
+        (b"3", "format: expected"),
+        (b"null", "format: expected"),
+        (b'{"format": "jaxcell-map", "version": 1}', "boundary: it is missing"),
+        (b'{"cell": 1, "cell": 2}', "not valid JSON, or cut short: the key 'cell' is given twice"),
+        (b"[" * 100_000, "not a map: its brackets are nested too deeply"),
+        (b'{"cell": ' + b"9" * 5000 + b"}", "not valid JSON, or cut short"),
+        ('{"name": "Café"}'.encode("latin-1"), "expected UTF-8 text; byte 13 is not"),
+        (json.dumps(ROOM).encode("utf-16"), "expected UTF-8 text; byte 0 is not"),
+        (b"\x89PNG\r\n", "expected UTF-8 text; byte 0 is not"),
+    ],
+)
+def test_other_content_is_refused(tmp_path, content, message):
+    path = tmp_path / "map.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
+        Workspace.load(path)
+
+
+def test_every_cut_of_a_file_is_refused(tmp_path):
+    path = tmp_path / "map.json"
+    Workspace(ROOM["boundary"], [BOX], 0.1, "Café", 0.25, 16).save(path)
+    content = path.read_bytes().rstrip(b"\n")
+    for end in range(len(content)):
+        path.write_bytes(content[:end])
+        with pytest.raises(ValueError, match=r"map\.json: "):
+            Workspace.load(path)
+
+
+@given(st.data())
+def test_damaged_text_is_read_or_refused(data):
+    """Whatever one character becomes, the answer is a map or a `ValueError`."""
+    text = format_json(fields_of(Workspace(ROOM["boundary"], [BOX], 0.1, "room", 0.25, 16)))
+    at = data.draw(st.integers(0, len(text) - 1))
+    change = data.draw(st.characters() | st.sampled_from('{}[],:".-e0123456789'))
+    with contextlib.suppress(ValueError):
+        Workspace(**parse_json(text[:at] + change + text[at + 1 :]))
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("map.svg", "unknown format '.svg'; expected .json, .yaml or .yml (map_server), .txt"),
+        ("map", "unknown format ''"),
+        ("map.pgm", "an image alone has no scale"),
+        ("map.PNG", "an image alone has no scale"),
+    ],
+)
+def test_unknown_formats_are_refused(tmp_path, name, message):
+    path = tmp_path / name
+    path.write_text(json.dumps(ROOM))
+    with pytest.raises(ValueError, match="^" + re.escape(f"{path}: {message}")):
+        Workspace.load(path)
+
+
+def test_no_file(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
+        Workspace.load(tmp_path / "none.json")
+    (tmp_path / "folder.json").mkdir()
+    with pytest.raises(ValueError, match=r"folder\.json: expected a map file, got a directory"):
+        Workspace.load(tmp_path / "folder.json")
+
+
+def test_saving_in_an_unknown_format_writes_nothing(tmp_path):
+    with pytest.raises(ValueError, match=r"map\.svg: unknown format '\.svg'"):
+        Workspace(ROOM["boundary"]).save(tmp_path / "map.svg")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_saving_replaces_the_whole_file(tmp_path):
+    path = tmp_path / "map.json"
+    Workspace(ROOM["boundary"], [BOX]).save(path)
+    Workspace(ROOM["boundary"]).save(path)
+    assert Workspace.load(path).obstacles == ()
+    assert [file.name for file in tmp_path.iterdir()] == ["map.json"]
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "map.json"
+    Workspace(ROOM["boundary"]).save(path)
+    before = path.read_bytes()
+
+    def disk_full(source, target):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(os, "replace", disk_full)
+    monkeypatch.setattr("pathlib.Path.replace", disk_full)
+    with pytest.raises(OSError, match="disk full"):
+        Workspace(ROOM["boundary"], [BOX]).save(path)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["map.json"]
+
+
+def test_saved_files_have_the_usual_permissions(tmp_path):
+    Workspace(ROOM["boundary"]).save(tmp_path / "map.json")
+    (tmp_path / "plain").touch()
+    modes = [stat.S_IMODE((tmp_path / n).stat().st_mode) for n in ("map.json", "plain")]
+    assert modes[0] == modes[1]
