@@ -32,6 +32,7 @@ from typing import Any
 
 import shapely
 
+from ..files import replacing
 from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
 
 
@@ -111,7 +112,8 @@ def write_map(
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     for file, content in files.items():
-        _write_atomically(file, content)
+        with replacing(file) as temporary:
+            temporary.write_bytes(content)
 
 
 def parse_json(text: str) -> dict[str, Any]:
@@ -228,13 +230,3 @@ def _text(path: Path) -> str:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"expected UTF-8 text; byte {error.start} is not") from None
-
-
-def _write_atomically(path: Path, content: bytes) -> None:
-    """Writes under another name in the same folder first: nobody ever sees half a file."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
