@@ -9,7 +9,8 @@ import jax
 def configure_jax() -> None:
     """Turns on 64-bit numbers, and a compilation cache in a private directory of the user.
 
-    The cache runs what it finds, so nobody else may write there. Where no such directory can be made, there is no cache.
+    The cache runs what it finds, so nobody else may write there. Where no such directory can be
+    made, there is no cache.
     """
     jax.config.update("jax_enable_x64", True)
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

@@ -1,4 +1,4 @@
-"""The `jaxcell` command. Nothing here imports JAX before a command runs, so that help is instant."""
+"""The `jaxcell` command. Nothing here imports JAX before a command runs, so help is instant."""
 
 import sys
 from collections.abc import Sequence

@@ -1,0 +1,73 @@
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Int32, Integer
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class KnowledgeCycle:
+    """A simple cycle of a filter from which nothing leaves: there the robot is localized.
+
+    Alam 2018, section 2.4.3.
+    """
+
+    states: Int32[np.ndarray, "length"]
+    "The states in the order in which they follow each other, from the smallest."
+    color: int
+    "The colour of these states, 2 or more."
+    uncertainty: int
+    "In how many configurations the robot may be, at each state of the cycle."
+    word: str
+    "The observations of one turn, from the smallest state back to it."
+
+
+def knowledge_cycles(
+    transition: Int32[np.ndarray, "states 2"], uncertainty: Int32[np.ndarray, "states"]
+) -> tuple[KnowledgeCycle, ...]:
+    """Finds the knowledge cycles of a deterministic I-state automaton.
+
+    **Arguments:**
+
+    - `transition`: the state after observation 0 or 1, -1 where there is none.
+    - `uncertainty`: the number of configurations of each state.
+
+    **Returns:** the cycles in the order of their smallest states, with colours 2, 3, ... in that
+    order.
+    """
+    states = transition.shape[0]
+    single = np.sum(transition >= 0, axis=1) == 1
+    # A state with no choice has one successor; the others, through which no knowledge cycle passes,
+    # share a sink.
+    successor = np.append(np.where(single, transition.max(axis=1), states), states)
+    word = np.where(transition[:, 1] >= 0, "1", "0")
+    cycles: list[KnowledgeCycle] = []
+    seen = {states}
+    for smallest in np.flatnonzero(periodic_nodes(successor)).tolist():
+        if smallest in seen:
+            continue
+        cycle, state = [], smallest
+        while state not in seen:
+            seen.add(state)
+            cycle.append(state)
+            state = successor.item(state)
+        cycles.append(
+            KnowledgeCycle(
+                states=np.array(cycle, np.int32),
+                color=len(cycles) + 2,
+                uncertainty=uncertainty.item(smallest),
+                word="".join(word[cycle].tolist()),
+            )
+        )
+    return tuple(cycles)
+
+
+def periodic_nodes(successor: Integer[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
+    """The nodes of a functional graph that lie on a cycle.
+
+    They are the images of any power of the map not less than the number of nodes.
+    """
+    for _ in range(successor.size.bit_length()):
+        successor = successor[successor]
+    periodic = np.zeros(successor.size, bool)
+    periodic[successor] = True
+    return periodic

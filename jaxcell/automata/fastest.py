@@ -1,0 +1,33 @@
+import numpy as np
+
+from .filter import Filter
+
+
+def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str | None:
+    """The shortest observation string that localizes a robot, the first in dictionary order.
+
+    **Arguments:**
+
+    - `filter`: a localization filter.
+    - `uncertainty`: counts only knowledge cycles with this number of configurations; any by
+        default.
+
+    **Returns:** the string of 0s and 1s, or `None` if no knowledge cycle has that uncertainty.
+    """
+    goals = [
+        cycle.states.min()
+        for cycle in filter.cycles
+        if uncertainty is None or cycle.uncertainty == uncertainty
+    ]
+    if not goals:
+        return None
+    # Breadth-first numbers: the smallest goal is the nearest, and a state is first met on the
+    # shortest string to it.
+    flat = filter.transition.ravel()
+    met, edge = np.unique(flat, return_index=True)
+    state, string = int(min(goals)), []
+    while state:
+        parent, observation = divmod(edge.item(np.searchsorted(met, state)), 2)
+        string.append("01"[observation])
+        state = parent
+    return "".join(reversed(string))

@@ -1,0 +1,357 @@
+import dataclasses
+import functools
+import json
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int32, Int64, Shaped
+
+from .cycles import KnowledgeCycle, knowledge_cycles
+from .storage import read_arrays, write_arrays
+from .subset import Automaton
+
+
+# Observations 0 and 1, as the digits of a string or as numbers.
+Observations = str | Iterable[int] | Shaped[np.ndarray, "_"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Filter:
+    """A localization filter: a deterministic I-state automaton with colours.
+
+    Alam 2018, Definitions 2.4.5 and 2.4.6.
+
+    State 0 is the start, and states are numbered in breadth-first order, observation 0 before
+    observation 1. Made by [`Filter.of`][]; the constructor takes the parts and checks that they
+    fit.
+    """
+
+    transition: Int32[np.ndarray, "states 2"]
+    "The state after observation 0 or 1, or -1 where that observation cannot occur."
+    uncertainty: Int32[np.ndarray, "states"]
+    "In how many configurations the robot may be, 0 in the trap."
+    offsets: Int64[np.ndarray, "states+1"]
+    "Where the configurations of each state begin in `members`."
+    members: Int32[np.ndarray, "total"]
+    "The configurations of each state in ascending order, one state after the other."
+    open_world: bool = False
+    "Whether the last state is a trap, reached by every observation that cannot occur in the map."
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    "A JSON object that is kept with the filter: what map and which bounce it is for."
+
+    def __post_init__(self) -> None:
+        _check_parts(self.transition, self.offsets, self.members, self.open_world)
+        try:
+            copied = json.loads(json.dumps(dict(self.metadata), allow_nan=False))
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ValueError(f"metadata: expected a JSON object: {error}") from error
+        object.__setattr__(self, "metadata", copied)
+
+    @staticmethod
+    def of(
+        automaton: Automaton,
+        *,
+        open_world: bool = False,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> "Filter":
+        """Colours a deterministic I-state automaton.
+
+        **Arguments:**
+
+        - `automaton`: the result of [`jaxcell.automata.subset_construction`][].
+        - `open_world`: whether the robot may be elsewhere; see [`Filter.with_trap`][].
+        - `metadata`: a JSON object to keep with the filter.
+
+        **Returns:** [`Filter`][].
+        """
+        closed = Filter(
+            transition=automaton.transition,
+            uncertainty=np.diff(automaton.offsets).astype(np.int32),
+            offsets=automaton.offsets,
+            members=automaton.members,
+            metadata=metadata or {},
+        )
+        return closed.with_trap() if open_world else closed
+
+    def with_trap(self) -> "Filter":
+        """The open-world filter, where every missing observation leads to a trap.
+
+        The trap is the last state, and nothing leaves it (Alam 2018, Definition 2.4.6).
+
+        **Returns:** [`Filter`][], itself if it is open-world already.
+        """
+        if self.open_world:
+            return self
+        trap = len(self.transition)
+        transition = np.append(self.transition, np.full((1, 2), trap, np.int32), axis=0)
+        return dataclasses.replace(
+            self,
+            transition=np.where(transition < 0, np.int32(trap), transition),
+            uncertainty=np.append(self.uncertainty, np.int32(0)),
+            offsets=np.append(self.offsets, self.offsets[-1]),
+            open_world=True,
+        )
+
+    @property
+    def trap(self) -> int | None:
+        """The trap of an open-world filter: its last state."""
+        return len(self.transition) - 1 if self.open_world else None
+
+    @functools.cached_property
+    def cycles(self) -> tuple[KnowledgeCycle, ...]:
+        """The knowledge cycles in the order of their smallest states, with colours 2, 3, ..."""
+        transition = self.transition
+        if self.open_world:
+            trap = len(transition) - 1
+            transition = np.where(transition[:-1] == trap, np.int32(-1), transition[:-1])
+        return knowledge_cycles(transition, self.uncertainty[: len(transition)])
+
+    @functools.cached_property
+    def color(self) -> Int32[np.ndarray, "states"]:
+        """The colour of every state.
+
+        That of its knowledge cycle; one more than any of those for the trap; 1 for all others.
+        """
+        color = np.ones(len(self.transition), np.int32)
+        for cycle in self.cycles:
+            color[cycle.states] = cycle.color
+        if self.open_world:
+            color[-1] = len(self.cycles) + 2
+        return color
+
+    def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
+        """The configurations where the robot may be in a state, in ascending order.
+
+        **Raises:** `ValueError` if there is no such state.
+        """
+        if not 0 <= state < len(self.transition):
+            raise ValueError(f"state {state} does not exist; there are {len(self.transition)}")
+        cells = self.members[self.offsets[state] : self.offsets[state + 1]]
+        cells.flags.writeable = False
+        return cells
+
+    def start(self) -> "FilterState":
+        """The filter before its first observation."""
+        return FilterState(self, self._tables, 0, 0, None)
+
+    def run(self, observations: Observations) -> "FilterRun":
+        """Filters a whole observation string.
+
+        **Arguments:**
+
+        - `observations`: 0s and 1s, as numbers or as a string of digits.
+
+        **Returns:** [`FilterRun`][].
+
+        **Raises:** `ValueError`, with the index of the observation, if it is neither 0 nor 1, or if
+        it cannot occur and the filter is closed-world.
+        """
+        state = self.start()
+        states = [state.index]
+        for observation in digits(observations):
+            state = state.observe(observation)
+            states.append(state.index)
+        path = np.array(states, np.int32)
+        colors = self.color[path]
+        localized = np.flatnonzero((colors > 1) & (path != self._tables.trap))
+        return FilterRun(
+            states=path,
+            colors=colors,
+            refuted_at=state.refuted_at,
+            localized_at=localized.item(0) if localized.size else None,
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the filter to one file with a checksum, whole or not at all.
+
+        Equal filters give equal bytes.
+        """
+        header = {"kind": "filter", "open_world": self.open_world, "metadata": self.metadata}
+        arrays = {
+            "transition": self.transition.ravel(),
+            "uncertainty": self.uncertainty,
+            "sizes": np.diff(self.offsets).astype(np.int32),
+            "members": self.members,
+        }
+        write_arrays(path, header, arrays)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> "Filter":
+        """Reads a filter that [`Filter.save`][] wrote.
+
+        **Raises:** `ValueError` if the file is not a filter, is of another version, or was
+        truncated or altered.
+        """
+        header, arrays = read_arrays(path)
+        try:
+            if header["kind"] != "filter":
+                raise ValueError(f"it is a {header['kind']}, not a filter")
+            sizes = arrays["sizes"]
+            if (
+                arrays["transition"].size != 2 * sizes.size
+                or arrays["uncertainty"].size != sizes.size
+            ):
+                raise ValueError("its tables are of different lengths")
+            return Filter(
+                transition=arrays["transition"].reshape(-1, 2),
+                uncertainty=arrays["uncertainty"],
+                offsets=np.append(0, np.cumsum(sizes, dtype=np.int64)),
+                members=arrays["members"],
+                open_world=bool(header["open_world"]),
+                metadata=header["metadata"],
+            )
+        except KeyError as error:
+            raise ValueError(f"{path}: {error} is missing") from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+
+    @functools.cached_property
+    def _tables(self) -> "_Tables":
+        zero, one = self.transition.T.tolist()
+        return _Tables(zero, one, self.color.tolist(), self.trap)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FilterRun:
+    """What a filter says along an observation string.
+
+    Entry `i` is after `i` observations, so entry 0 is the start.
+    """
+
+    states: Int32[np.ndarray, "entries"]
+    "The states."
+    colors: Int32[np.ndarray, "entries"]
+    "Their colours."
+    refuted_at: int | None
+    "The index of the observation that the map cannot give, if any; open world only."
+    localized_at: int | None
+    "The first entry of `states` in a knowledge cycle, if any: so many observations localized it."
+
+
+class _Tables(NamedTuple):
+    """The filter as Python lists, where one look-up is far cheaper than in an array."""
+
+    zero: list[int]
+    one: list[int]
+    color: list[int]
+    trap: int | None
+
+
+class FilterState:
+    """A filter after some observations, which nothing changes; the next is another object.
+
+    Each observation costs constant time and memory.
+    """
+
+    __slots__ = ("_tables", "filter", "index", "refuted_at", "time")
+
+    filter: Filter
+    index: int
+    "The state of the filter."
+    time: int
+    "The number of observations so far."
+    refuted_at: int | None
+    "The index of the observation that the map cannot give, once there was one; open world only."
+
+    def __init__(
+        self, filter: Filter, tables: _Tables, index: int, time: int, refuted_at: int | None
+    ):
+        self.filter = filter
+        self._tables = tables
+        self.index = index
+        self.time = time
+        self.refuted_at = refuted_at
+
+    def observe(self, observation: int) -> "FilterState":
+        """The filter after one more observation, 0 or 1.
+
+        **Raises:** `ValueError`, with the index of the observation, if it is neither 0 nor 1, or if
+        it cannot occur and the filter is closed-world.
+        """
+        tables = self._tables
+        if observation == 0:
+            index = tables.zero[self.index]
+        elif observation == 1:
+            index = tables.one[self.index]
+        else:
+            raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
+        refuted_at = self.refuted_at
+        if index < 0:
+            raise ValueError(
+                f"observation {self.time} is {int(observation)}, which cannot occur in this map "
+                "after those before it; only an open-world filter allows for another map"
+            )
+        if refuted_at is None and index == tables.trap:
+            refuted_at = self.time
+        return FilterState(self.filter, tables, index, self.time + 1, refuted_at)
+
+    @property
+    def color(self) -> int:
+        """The output of the filter."""
+        return self._tables.color[self.index]
+
+    @property
+    def uncertainty(self) -> int:
+        """In how many configurations the robot may be."""
+        return self.filter.uncertainty.item(self.index)
+
+    @property
+    def localized(self) -> bool:
+        """Whether the filter is in a knowledge cycle."""
+        return self._tables.color[self.index] > 1 and self.index != self._tables.trap
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the robot cannot be in the map."""
+        return self.refuted_at is not None
+
+    @property
+    def cells(self) -> Int32[np.ndarray, "configurations"]:
+        """The configurations where the robot may be, in ascending order."""
+        return self.filter.cells(self.index)
+
+
+def digits(observations: Observations) -> Iterable[int]:
+    """The observations one by one; those of a string are its digits."""
+    if isinstance(observations, np.ndarray):
+        return observations.tolist()
+    if not isinstance(observations, str):
+        return observations
+    for index, character in enumerate(observations):
+        if character not in "01":
+            raise ValueError(f"observation {index} is {character!r}; expected 0 or 1")
+    return map(int, observations)
+
+
+def _check_parts(
+    transition: Int32[np.ndarray, "states 2"],
+    offsets: Int64[np.ndarray, "states+1"],
+    members: Int32[np.ndarray, "total"],
+    open_world: bool,
+) -> None:
+    states = len(transition)
+    if states <= open_world:
+        raise ValueError(
+            f"transition: {states} states; expected a start" + " and a trap" * open_world
+        )
+    if transition.min() < -1 or transition.max() >= states:
+        raise ValueError(f"transition: expected states from 0 to {states - 1}, or -1 for none")
+    if offsets[0] != 0 or offsets[-1] != members.size or np.any(np.diff(offsets) < 0):
+        raise ValueError(f"offsets: expected to rise from 0 to the {members.size} members")
+    ordinary = transition
+    if open_world:
+        trap = states - 1
+        if transition.min() < 0 or np.any(transition[trap] != trap):
+            raise ValueError(
+                "transition: expected every observation and, as last state, a trap in an open world"
+            )
+        ordinary = np.where(transition[:trap] == trap, np.int32(-1), transition[:trap])
+    # The largest state met before each edge: one more at a time, and a state before its own edges.
+    met = np.maximum.accumulate(np.append(0, ordinary.ravel()))
+    late = met[:-1:2] < np.arange(len(ordinary))
+    if met[-1] != len(ordinary) - 1 or np.any(np.diff(met) > 1) or np.any(late):
+        raise ValueError(
+            "transition: expected states in breadth-first order from state 0, each reached"
+        )

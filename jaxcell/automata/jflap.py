@@ -1,0 +1,147 @@
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Integer
+
+from .cycles import periodic_nodes
+from .filter import Filter
+
+
+# What XML 1.0 has no way to write.
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_SPACING = 90
+
+
+def to_jflap(
+    filter: Filter, kind: Literal["fa", "moore"] = "moore", *, name: str = "filter"
+) -> str:
+    """The filter as an automaton of JFLAP 7.
+
+    **Arguments:**
+
+    - `filter`: a localization filter.
+    - `kind`: `"moore"` for a Moore machine whose output is the colour, `"fa"` for a finite
+        automaton whose final states are those of the knowledge cycles.
+    - `name`: a note in the drawing.
+
+    **Returns:** the text of a `.jff` file. States stand in columns by their distance from the
+    start.
+
+    **Raises:** `ValueError` if `kind` is neither.
+    """
+    if kind not in ("fa", "moore"):
+        raise ValueError(f"kind is {kind!r}; expected 'fa' or 'moore'")
+    colors = filter.color.tolist()
+    root, automaton = _document(kind, name)
+    for state, (x, y) in enumerate(_columns(filter)):
+        node = _add_state(automaton, state, x, y)
+        if kind == "moore":
+            ElementTree.SubElement(node, "output").text = str(colors[state])
+        elif colors[state] > 1 and state != filter.trap:
+            ElementTree.SubElement(node, "final")
+    for source, row in enumerate(filter.transition.tolist()):
+        for observation, target in enumerate(row):
+            if target < 0:
+                continue
+            edge = _add_transition(automaton, source, target, str(observation))
+            if kind == "moore":
+                ElementTree.SubElement(edge, "transout").text = str(colors[target])
+    return _text(root)
+
+
+def nondeterministic_to_jflap(
+    image: Integer[np.ndarray, "cells"],
+    observation: Bool[np.ndarray, "cells"],
+    *,
+    name: str = "I-state automaton",
+) -> str:
+    """The nondeterministic I-state automaton as a finite automaton of JFLAP 7.
+
+    Alam 2018, Definition 2.4.2.
+
+    State 0 is the new start, with an empty transition to every cell; cell `z` is state `z + 1`; the
+    periodic cells are final. JFLAP's conversion to a deterministic
+    automaton has the states of [`jaxcell.automata.subset_construction`][].
+
+    **Arguments:**
+
+    - `image`: the cell that each cell is mapped to.
+    - `observation`: whether the robot then senses a 1.
+    - `name`: a note in the drawing.
+
+    **Returns:** the text of a `.jff` file. The start stands left of a square of cells.
+    """
+    side = int(np.ceil(np.sqrt(image.size)))
+    root, automaton = _document("fa", name)
+    _add_state(automaton, 0, 0, 0)
+    for cell, periodic in enumerate(periodic_nodes(image).tolist()):
+        node = _add_state(automaton, cell + 1, 1 + cell % side, cell // side, name=str(cell))
+        if periodic:
+            ElementTree.SubElement(node, "final")
+    for cell, (target, bit) in enumerate(zip(image.tolist(), observation.tolist(), strict=True)):
+        _add_transition(automaton, 0, cell + 1, "")
+        _add_transition(automaton, cell + 1, target + 1, str(int(bit)))
+    return _text(root)
+
+
+def _document(kind: str, name: str) -> tuple[ElementTree.Element, ElementTree.Element]:
+    root = ElementTree.Element("structure")
+    ElementTree.SubElement(root, "type").text = kind
+    automaton = ElementTree.SubElement(root, "automaton")
+    note = ElementTree.SubElement(automaton, "note")
+    ElementTree.SubElement(note, "text").text = _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", name)
+    _add_place(note, 0, -1)
+    return root, automaton
+
+
+def _add_state(
+    automaton: ElementTree.Element, state: int, x: int, y: int, name: str | None = None
+) -> ElementTree.Element:
+    node = ElementTree.SubElement(automaton, "state", id=str(state), name=name or f"q{state}")
+    _add_place(node, x, y)
+    if state == 0:
+        ElementTree.SubElement(node, "initial")
+    return node
+
+
+def _add_place(node: ElementTree.Element, x: int, y: int) -> None:
+    ElementTree.SubElement(node, "x").text = str(float(_SPACING * (x + 1)))
+    ElementTree.SubElement(node, "y").text = str(float(_SPACING * (y + 2)))
+
+
+def _add_transition(
+    automaton: ElementTree.Element, source: int, target: int, read: str
+) -> ElementTree.Element:
+    edge = ElementTree.SubElement(automaton, "transition")
+    ElementTree.SubElement(edge, "from").text = str(source)
+    ElementTree.SubElement(edge, "to").text = str(target)
+    ElementTree.SubElement(edge, "read").text = read
+    return edge
+
+
+def _columns(filter: Filter) -> Iterable[tuple[int, int]]:
+    """Column and row of each state: distance from the start, and place at that distance."""
+    column = [0] * len(filter.transition)
+    height: list[int] = [1]
+    row = [0] * len(filter.transition)
+    met = {0}
+    for source, targets in enumerate(filter.transition.tolist()):
+        for target in targets:
+            if target < 0 or target in met:
+                continue
+            met.add(target)
+            column[target] = column[source] + 1
+            if column[target] == len(height):
+                height.append(0)
+            row[target] = height[column[target]]
+            height[column[target]] += 1
+    return zip(column, row, strict=True)
+
+
+def _text(root: ElementTree.Element) -> str:
+    ElementTree.indent(root)
+    declaration = '<?xml version="1.0" encoding="UTF-8" standalone="no"?>\n'
+    return declaration + ElementTree.tostring(root, encoding="unicode") + "\n"

@@ -1,0 +1,237 @@
+import dataclasses
+import itertools
+
+import numpy as np
+from jaxtyping import Bool, Int32, Int64, Integer, UInt64
+
+
+# Below this many cells in a whole level, plain Python costs less than the fixed price of some
+# twenty NumPy calls.
+_NARROW = 48
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Automaton:
+    """A deterministic I-state automaton: each state is the set of cells where the robot may be.
+
+    States are numbered in breadth-first order from the start, which is state 0, observation 0
+    before observation 1.
+    """
+
+    transition: Int32[np.ndarray, "states 2"]
+    "The state after observation 0 or 1, or -1 where no cell of the state gives that observation."
+    offsets: Int64[np.ndarray, "states+1"]
+    "Where the cells of each state begin in `members`."
+    members: Int32[np.ndarray, "total"]
+    "The cells of each state in ascending order, one state after the other."
+
+
+def subset_construction(
+    image: Integer[np.ndarray, "cells"],
+    observation: Bool[np.ndarray, "cells"],
+    *,
+    limit: int = 2**31 - 1,
+) -> Automaton:
+    """Makes the I-state graph of a simple map, started in an unknown cell, deterministic.
+
+    Alam 2018, section 2.4.3.
+
+    The states are the non-empty sets of cells that observation strings leave possible, the start
+    (all cells) included and the empty set not. A level of the breadth-first search is one batch:
+    its cells are mapped by one gather, and a sum of random 64-bit words, one for each cell, stands
+    for a set. Sets with equal sums are compared cell by cell, so the answer is exact. Time and
+    memory are linear in the total size of the sets, save that a non-monotone map costs a sort of
+    each level.
+
+    **Arguments:**
+
+    - `image`: the cell that each cell is mapped to.
+    - `observation`: whether the robot then senses a 1 (for a bouncing robot, a bump).
+    - `limit`: the largest total size of all sets, in cells; 4 bytes each.
+
+    **Returns:** [`jaxcell.automata.Automaton`][].
+
+    **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets outgrow
+    `limit`.
+    """
+    if image.size == 0:
+        raise ValueError("image: there are no cells; expected at least one")
+    outside = np.flatnonzero((image < 0) | (image >= image.size))
+    if outside.size:
+        cell = outside[0]
+        raise ValueError(
+            f"image[{cell}] is {image[cell]}; expected a cell from 0 to {image.size - 1}"
+        )
+    if image.size > limit:
+        raise ValueError(f"image: {image.size} cells are more than the limit of {limit}")
+    image = image.astype(np.int32)
+    graph = _Graph(
+        image,
+        observation,
+        tuple(bool(np.all(np.diff(image[observation == bit]) > 0)) for bit in (False, True)),
+    )
+    seed = 0
+    while True:
+        try:
+            return _construct(graph, _random_words(image.size, seed), limit)
+        except _HashCollisionError:
+            seed += 1
+
+
+@dataclasses.dataclass(frozen=True)
+class _Graph:
+    image: Int32[np.ndarray, "cells"]
+    observation: Bool[np.ndarray, "cells"]
+    increasing: tuple[bool, ...]
+    "For each observation, whether its map is strictly increasing: sorted sets have sorted images."
+
+
+class _HashCollisionError(Exception):
+    """Two different sets have one hash."""
+
+
+class _Subsets:
+    """The sets found so far, numbered in the order of arrival, and the edges between them."""
+
+    def __init__(self, words: UInt64[np.ndarray, "cells"], limit: int):
+        self.words = words
+        self.limit = limit
+        self.members = np.arange(words.size, dtype=np.int32)
+        self.offsets = [0, words.size]
+        self.table = {int(np.sum(words)): 0}
+        self.edges: list[int] = []
+        self.targets: list[int] = []
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def append(self, sets: list[Int32[np.ndarray, "_"]]) -> None:
+        begin = self.offsets[-1]
+        self.offsets.extend(itertools.accumulate(map(len, sets[1:]), initial=begin + len(sets[0])))
+        end = self.offsets[-1]
+        if end > self.limit:
+            raise ValueError(
+                f"the sets of cells of the first {len(self)} states have {end} members, "
+                f"more than the limit of {self.limit}"
+            )
+        if end > self.members.size:
+            # The system's realloc moves pages, not bytes; nothing else holds a view of this buffer
+            # here.
+            self.members.resize(max(end, self.members.size * 5 // 4), refcheck=False)
+        np.concatenate(sets, out=self.members[begin:end])
+
+
+def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) -> Automaton:
+    found = _Subsets(words, limit)
+    low, high = 0, 1
+    while low < high:
+        narrow = found.offsets[high] - found.offsets[low] <= _NARROW
+        (_narrow_level if narrow else _wide_level)(graph, found, low, high)
+        low, high = high, len(found)
+    found.members.resize(found.offsets[-1], refcheck=False)
+    transition = np.full(2 * len(found), -1, np.int32)
+    transition[found.edges] = found.targets
+    return Automaton(transition.reshape(-1, 2), np.array(found.offsets, np.int64), found.members)
+
+
+def _narrow_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
+    """Adds the successors of the sets `low` to `high - 1`, one set at a time."""
+    image, observation, word = graph.image.item, graph.observation.item, found.words.item
+    for state in range(low, high):
+        cells = found.members[found.offsets[state] : found.offsets[state + 1]].tolist()
+        for bit in (0, 1):
+            reached = sorted({image(cell) for cell in cells if observation(cell) == bit})
+            if not reached:
+                continue
+            key = sum(map(word, reached)) & 0xFFFF_FFFF_FFFF_FFFF
+            target = found.table.setdefault(key, len(found))
+            if target == len(found):
+                found.append([np.array(reached, np.int32)])
+            known = found.members[found.offsets[target] : found.offsets[target + 1]]
+            if known.tolist() != reached:
+                raise _HashCollisionError
+            found.edges.append(2 * state + bit)
+            found.targets.append(target)
+
+
+def _wide_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
+    """Adds the successors of the sets `low` to `high - 1`, all in one batch."""
+    bounds = np.array(found.offsets[low : high + 1])
+    cells = found.members[bounds[0] : bounds[-1]]
+    bounds -= bounds[0]
+    bumped = graph.observation[cells]
+    bumps = np.flatnonzero(bumped)
+    ones = np.diff(np.searchsorted(bumps, bounds))
+    zeros = np.diff(bounds) - ones
+    images_0, lengths_0 = _images(graph, 0, cells[~bumped], zeros[zeros > 0])
+    images_1, lengths_1 = _images(graph, 1, cells[bumps], ones[ones > 0])
+    del cells
+
+    images = np.concatenate([images_0, images_1])
+    lengths = np.concatenate([lengths_0, lengths_1])
+    edges = 2 * low + np.concatenate([2 * np.flatnonzero(zeros), 2 * np.flatnonzero(ones) + 1])
+    ends = np.cumsum(lengths)
+    starts = ends - lengths
+    keys = np.add.reduceat(found.words[images], starts)
+
+    order = np.argsort(edges)
+    fresh = len(found)
+    targets, new, known = [], [], []
+    for key, start, end in zip(
+        keys[order].tolist(), starts[order].tolist(), ends[order].tolist(), strict=True
+    ):
+        target = found.table.setdefault(key, fresh)
+        if target == fresh:
+            fresh += 1
+            new.append(images[start:end])
+        else:
+            known.append((target, start, end - start))
+        targets.append(target)
+    if new:
+        found.append(new)
+    _check_equal(found, images, np.array(known, np.int64).reshape(-1, 3))
+    found.edges.extend(edges[order].tolist())
+    found.targets.extend(targets)
+
+
+def _images(
+    graph: _Graph, bit: int, cells: Int32[np.ndarray, "_"], lengths: Integer[np.ndarray, "sets"]
+) -> tuple[Int32[np.ndarray, "_"], Integer[np.ndarray, "sets"]]:
+    """The image of each set, sorted and without repeats; sets lie one after the other."""
+    images = graph.image[cells]
+    if graph.increasing[bit] or not lengths.size:
+        return images, lengths
+    base = np.arange(lengths.size + 1, dtype=np.int64) * graph.image.size
+    keys = np.repeat(base[:-1], lengths) + images
+    keys.sort()
+    first = np.ones(keys.size, bool)
+    np.not_equal(keys[1:], keys[:-1], out=first[1:])
+    keys = keys[first]
+    lengths = np.diff(np.searchsorted(keys, base))
+    return (keys - np.repeat(base[:-1], lengths)).astype(np.int32), lengths
+
+
+def _check_equal(
+    found: _Subsets, images: Int32[np.ndarray, "_"], known: Int64[np.ndarray, "sets 3"]
+) -> None:
+    """Compares sets of `images` with the states that have their hashes.
+
+    Each row of `known` is a state, and the start and length of a set.
+
+    Every cell of a level is in one of its sets, and sets that were met before have no successors in
+    the next level: all these comparisons of one construction together touch no more members than
+    there are cells.
+    """
+    state, start, length = known.T
+    begin = np.array([found.offsets[i] for i in state.tolist()], np.int64)
+    end = np.array([found.offsets[i + 1] for i in state.tolist()], np.int64)
+    if not np.array_equal(end - begin, length):
+        raise _HashCollisionError
+    within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+    here, there = np.repeat(start, length) + within, np.repeat(begin, length) + within
+    if not np.array_equal(images[here], found.members[there]):
+        raise _HashCollisionError
+
+
+def _random_words(cells: int, seed: int) -> UInt64[np.ndarray, "cells"]:
+    return np.random.default_rng(seed).integers(0, 2**64, cells, dtype=np.uint64)

@@ -1,0 +1,52 @@
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+
+from jaxcell.automata import Environments, Filter, subset_construction
+
+
+@given(data=st.data(), string=st.text("01", max_size=15), open_world=st.booleans())
+def test_each_map_is_filtered_by_itself(graphs, data, string, open_world):
+    maps = data.draw(st.lists(graphs, min_size=1, max_size=4))
+    filters = {
+        f"map {i}": Filter.of(subset_construction(*graph), open_world=open_world)
+        for i, graph in enumerate(maps)
+    }
+    state = Environments(filters).run(string)
+    runs = {name: filter.with_trap().run(string) for name, filter in filters.items()}
+    assert state.remaining == tuple(n for n, run in runs.items() if run.refuted_at is None)
+    assert state.refuted_at == {
+        name: run.refuted_at for name, run in runs.items() if run.refuted_at is not None
+    }
+    assert list(state.cells) == list(state.remaining)
+    for name, cells in state.cells.items():
+        np.testing.assert_array_equal(cells, filters[name].cells(int(runs[name].states[-1])))
+
+
+def test_a_robot_finds_out_which_lab_it_is_in(labs):
+    filters = {room: Filter.of(subset_construction(*labs[room, 45])) for room in "ab"}
+    outcomes = set()
+    for room in "ab":
+        image, observation = labs[room, 45]
+        for cell in range(image.size):
+            state = Environments(filters).start()
+            for _ in range(100):
+                state, cell = state.observe(int(observation[cell])), image[cell]
+            assert room in state.remaining
+            assert cell in state.cells[room]
+            outcomes.add(state.remaining)
+    assert ("a",) in outcomes
+    assert ("b",) in outcomes
+
+
+def test_every_map_may_be_refuted(labs):
+    filter = Filter.of(subset_construction(*labs["a", 45]))
+    state = Environments({"lab": filter}).run("1" * 20)
+    assert state.remaining == ()
+    assert state.refuted_at == {"lab": filter.with_trap().run("1" * 20).refuted_at}
+
+
+def test_no_maps_are_refused():
+    with pytest.raises(ValueError, match="at least one map"):
+        Environments({})

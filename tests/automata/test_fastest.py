@@ -1,0 +1,42 @@
+import itertools
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given
+
+from jaxcell.automata import Filter, fastest_localization, subset_construction
+
+
+def first_string(filter, uncertainty, longest):
+    """All strings, shortest first and then in dictionary order, until one localizes."""
+    filter = filter.with_trap()
+    for length in range(longest + 1):
+        for word in itertools.product("01", repeat=length):
+            state = filter.start()
+            for digit in word:
+                state = state.observe(int(digit))
+            if state.localized and uncertainty in (None, state.uncertainty):
+                return "".join(word)
+    return None
+
+
+@given(data=st.data(), open_world=st.booleans())
+def test_equals_trying_all_strings(graphs, data, open_world):
+    filter = Filter.of(subset_construction(*data.draw(graphs)), open_world=open_world)
+    for uncertainty in (None, *(cycle.uncertainty for cycle in filter.cycles)):
+        found = fastest_localization(filter, uncertainty)
+        assert found is not None
+        if len(found) <= 7:
+            assert found == first_string(filter, uncertainty, 7)
+        else:
+            assert first_string(filter, uncertainty, 6) is None
+    assert fastest_localization(filter, 10**6) is None
+
+
+@pytest.mark.parametrize("room", ["a", "b"])
+def test_labs(labs, room):
+    filter = Filter.of(subset_construction(*labs[room, 45]))
+    for cycle in filter.cycles:
+        string = fastest_localization(filter, cycle.uncertainty)
+        assert string == first_string(filter, cycle.uncertainty, 12)
+        assert filter.run(string).localized_at == len(string)

@@ -1,0 +1,260 @@
+import dataclasses
+import math
+
+import hypothesis.strategies as st
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given
+
+from jaxcell.automata import Automaton, Filter, subset_construction
+
+
+strings = st.text("01", max_size=12)
+
+
+def filter_of(graph, **kwargs):
+    return Filter.of(subset_construction(*graph), **kwargs)
+
+
+def possible_cells(graph, string):
+    """Where the robot may be after a string: every cell is tried as its start."""
+    image, observation = (array.tolist() for array in graph)
+    ends = set()
+    for cell in range(len(image)):
+        for bit in string:
+            if observation[cell] != int(bit):
+                break
+            cell = image[cell]
+        else:
+            ends.add(cell)
+    return sorted(ends)
+
+
+def closed_simple_cycles(transition):
+    """Sets of states, by strongly connected components: each state on one has one edge, inside."""
+    edges = [(s, t) for s, row in enumerate(transition.tolist()) for t in row if t >= 0]
+    graph = nx.MultiDiGraph(edges)
+    return {
+        frozenset(component)
+        for component in nx.strongly_connected_components(graph)
+        if all(graph.out_degree(s) == 1 and set(graph[s]) <= component for s in component)
+    }
+
+
+@pytest.mark.parametrize(
+    ("room", "angle", "uncertainties"),
+    [("a", 45, [1, 3, 4]), ("a", 135, [1, 2]), ("b", 45, [1, 2]), ("b", 135, [1, 1])],
+)
+def test_uncertainties_of_table_2_2(labs, room, angle, uncertainties):
+    filter = filter_of(labs[room, angle])
+    assert sorted(cycle.uncertainty for cycle in filter.cycles) == uncertainties
+
+
+@given(data=st.data(), open_world=st.booleans())
+def test_knowledge_cycles_are_the_closed_simple_cycles(graphs, data, open_world):
+    graph = data.draw(graphs)
+    filter = filter_of(graph, open_world=open_world)
+    closed = filter_of(graph)
+    assert {frozenset(c.states.tolist()) for c in filter.cycles} == closed_simple_cycles(
+        closed.transition
+    )
+    smallest = [cycle.states[0] for cycle in filter.cycles]
+    assert smallest == sorted(smallest)
+    assert [cycle.color for cycle in filter.cycles] == list(range(2, 2 + len(filter.cycles)))
+    expected = np.ones(len(filter.transition))
+    for cycle in filter.cycles:
+        states = cycle.states.tolist()
+        assert states[0] == min(states)
+        assert len(cycle.word) == len(states)
+        for state, bit, after in zip(states, cycle.word, states[1:] + states[:1], strict=True):
+            assert closed.transition[state, int(bit)] == after
+            assert closed.transition[state, 1 - int(bit)] == -1
+            assert filter.uncertainty[state] == cycle.uncertainty == filter.cells(state).size
+        expected[states] = cycle.color
+    if open_world:
+        expected[-1] = 2 + len(filter.cycles)
+    np.testing.assert_array_equal(filter.color, expected)
+
+
+@given(data=st.data(), string=strings)
+def test_a_state_is_what_is_possible(graphs, data, string):
+    graph = data.draw(graphs)
+    filter = filter_of(graph, open_world=True)
+    run = filter.run(string)
+    refuted_at = None
+    for time in range(len(string) + 1):
+        cells = possible_cells(graph, string[:time])
+        assert filter.cells(int(run.states[time])).tolist() == cells
+        assert filter.uncertainty[run.states[time]] == len(cells)
+        if not cells and refuted_at is None:
+            refuted_at = time - 1
+    assert run.refuted_at == refuted_at
+    np.testing.assert_array_equal(run.colors, filter.color[run.states])
+    in_cycle = [
+        any(state in cycle.states for cycle in filter.cycles) for state in run.states.tolist()
+    ]
+    assert run.localized_at == (in_cycle.index(True) if any(in_cycle) else None)
+
+
+@given(data=st.data(), string=strings)
+def test_a_closed_world_refuses_what_an_open_world_traps(graphs, data, string):
+    graph = data.draw(graphs)
+    closed, opened = filter_of(graph), filter_of(graph, open_world=True)
+    run = opened.run(string)
+    if run.refuted_at is None:
+        np.testing.assert_array_equal(closed.run(string).states, run.states)
+    else:
+        with pytest.raises(ValueError, match=rf"^observation {run.refuted_at} is "):
+            closed.run(string)
+        assert (run.states[run.refuted_at + 1 :] == opened.trap).all()
+        assert (run.states[: run.refuted_at + 1] != opened.trap).all()
+
+
+@given(data=st.data(), string=strings)
+def test_streaming_equals_running(graphs, data, string):
+    filter = filter_of(data.draw(graphs), open_world=True)
+    run = filter.run(string)
+    state = filter.start()
+    for time in range(len(string) + 1):
+        assert (state.index, state.time) == (run.states[time], time)
+        assert state.color == run.colors[time]
+        assert state.uncertainty == filter.uncertainty[state.index]
+        assert state.localized == (1 < state.color < 2 + len(filter.cycles))
+        assert state.refuted == (state.index == filter.trap)
+        assert state.refuted_at == (run.refuted_at if state.refuted else None)
+        np.testing.assert_array_equal(state.cells, filter.cells(state.index))
+        if time < len(string):
+            before, state = state, state.observe(int(string[time]))
+            assert before.time == time
+
+
+def test_streaming_uses_plain_integers(labs):
+    state = filter_of(labs["a", 45]).start().observe(0)
+    assert type(state.index) is type(state.color) is type(state.uncertainty) is int
+
+
+def test_every_robot_is_localized_with_the_truth_among_its_cells(labs):
+    for graph in labs.values():
+        image, observation = graph
+        filter = filter_of(graph)
+        for cell in range(image.size):
+            state = filter.start()
+            while not state.localized:
+                state, cell = state.observe(int(observation[cell])), image[cell]
+            assert state.uncertainty <= 4
+            assert cell in state.cells
+
+
+@pytest.mark.parametrize("kind", [list, np.array, lambda bits: map(bool, bits)])
+def test_observations_of_every_kind(labs, kind):
+    filter = filter_of(labs["a", 45])
+    expected = filter.run("0100")
+    np.testing.assert_array_equal(filter.run(kind([0, 1, 0, 0])).states, expected.states)
+
+
+@pytest.mark.parametrize("observation", [2, -1, "1", None, math.nan, 0.5])
+@pytest.mark.parametrize("open_world", [False, True])
+def test_other_observations_are_refused(labs, observation, open_world):
+    state = filter_of(labs["a", 45], open_world=open_world).start().observe(0)
+    with pytest.raises(ValueError, match=r"^observation 1 is .*; expected 0 or 1"):
+        # Past the type checks of these tests, as a caller's program would come.
+        type(state).observe.__wrapped__(state, observation)
+
+
+def test_other_digits_are_refused(labs):
+    with pytest.raises(ValueError, match=r"^observation 2 is 'x'; expected 0 or 1"):
+        filter_of(labs["a", 45]).run("00x")
+
+
+def test_with_trap(labs):
+    for graph in labs.values():
+        closed, opened = filter_of(graph), filter_of(graph, open_world=True)
+        converted = closed.with_trap()
+        assert opened.with_trap() is opened
+        assert (closed.trap, opened.trap) == (None, len(closed.transition))
+        for field in ("transition", "uncertainty", "offsets", "members", "color"):
+            np.testing.assert_array_equal(getattr(converted, field), getattr(opened, field))
+        missing = closed.transition < 0
+        assert missing.any()
+        assert (opened.transition[:-1][missing] == opened.trap).all()
+        np.testing.assert_array_equal(opened.transition[:-1][~missing], closed.transition[~missing])
+        assert opened.transition[-1].tolist() == [opened.trap] * 2
+        assert opened.cells(opened.trap).size == 0
+
+
+def test_cells_of_no_state_are_refused(labs):
+    filter = filter_of(labs["a", 45])
+    for state in (-1, 129):
+        with pytest.raises(ValueError, match=f"state {state} does not exist; there are 129"):
+            filter.cells(state)
+
+
+def test_cells_cannot_be_written(labs):
+    with pytest.raises(ValueError, match="read-only"):
+        filter_of(labs["a", 45]).cells(0)[0] = 1
+
+
+def test_metadata_is_a_json_object(labs):
+    metadata = {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
+    filter = filter_of(labs["a", 45], metadata=metadata)
+    metadata["nested"].append(2)
+    assert filter.metadata == {"map": "lab", "bounce": 0.5, "nested": [1, {"a": None}]}
+    for bad in ({"a": math.nan}, {"a": object()}):
+        with pytest.raises(ValueError, match="metadata: expected a JSON object"):
+            filter_of(labs["a", 45], metadata=bad)
+
+
+def parts(transition, **changes):
+    states = len(transition)
+    given = {
+        "transition": np.array(transition, np.int32).reshape(-1, 2),
+        "uncertainty": np.ones(states, np.int32),
+        "offsets": np.arange(states + 1, dtype=np.int64),
+        "members": np.arange(states, dtype=np.int32),
+    }
+    return {**given, **changes}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (parts([]), "0 states; expected a start"),
+        (parts([[0, 1]]), "expected states from 0 to 0"),
+        (parts([[0, 0]], open_world=True), "expected a start and a trap"),
+        (parts([[1, -2], [0, -1]]), "expected states from 0 to 1, or -1"),
+        (parts([[2, -1], [1, 1], [2, 1]]), "breadth-first order"),
+        (parts([[0, -1], [1, -1]]), "each reached"),
+        (parts([[1, -1], [1, 1]], open_world=True), "every observation and"),
+        (parts([[0, 1], [0, 1]], open_world=True), "a trap in an open world"),
+        (parts([[0, -1]], offsets=np.array([0, 2])), "expected to rise from 0 to the 1 members"),
+        (parts([[0, 1], [1, -1]], offsets=np.array([0, 3, 2])), "expected to rise from 0 to the 2"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Filter(**arguments)
+
+
+def test_a_cycle_that_an_edge_leaves_is_no_knowledge_cycle():
+    # Subset construction makes no such automaton, a caller may.
+    filter = Filter(**parts([[1, -1], [0, 2], [2, -1]]))
+    assert [cycle.states.tolist() for cycle in filter.cycles] == [[2]]
+
+
+def test_filters_are_frozen(labs):
+    filter = filter_of(labs["a", 45])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        filter.open_world = True
+
+
+def test_of_takes_its_sets_from_the_automaton():
+    automaton = Automaton(
+        transition=np.array([[1, -1], [-1, 1]], np.int32),
+        offsets=np.array([0, 3, 4]),
+        members=np.array([0, 1, 2, 1], np.int32),
+    )
+    filter = Filter.of(automaton)
+    assert filter.uncertainty.tolist() == [3, 1]
+    assert filter.cells(0).tolist() == [0, 1, 2]
+    assert filter.cells(1).tolist() == [1]

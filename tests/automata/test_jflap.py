@@ -1,0 +1,122 @@
+import re
+import xml.etree.ElementTree as ElementTree
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+
+from jaxcell.automata import (
+    Filter,
+    nondeterministic_to_jflap,
+    subset_construction,
+    to_jflap,
+)
+
+
+class JflapFile:
+    """A reader of the format, written for these tests alone."""
+
+    def __init__(self, text):
+        root = ElementTree.fromstring(text.encode())
+        assert root.tag == "structure"
+        self.kind = root.findtext("type")
+        automaton = root.find("automaton")
+        states = automaton.findall("state")
+        self.names = {state.get("id"): state.get("name") for state in states}
+        assert len(self.names) == len(states)
+        self.places = {
+            s.get("id"): (float(s.findtext("x")), float(s.findtext("y"))) for s in states
+        }
+        self.initial = [s.get("id") for s in states if s.find("initial") is not None]
+        self.final = {s.get("id") for s in states if s.find("final") is not None}
+        self.output = {s.get("id"): s.findtext("output") for s in states}
+        self.edges = {}
+        for edge in automaton.findall("transition"):
+            key = edge.findtext("from"), edge.findtext("read")
+            target = edge.findtext("to")
+            assert target in self.names
+            assert edge.findtext("transout") == self.output[target]
+            self.edges.setdefault(key, set()).add(target)
+        self.note = automaton.findtext("note/text")
+
+    def reach(self, string):
+        """The states after a string, empty transitions followed at the start only."""
+        states = set(self.initial)
+        for state in self.initial:
+            states |= self.edges.get((state, ""), set())
+        for digit in string:
+            states = {t for s in states for t in self.edges.get((s, digit), ())}
+        return states
+
+
+def strings(rng, graph):
+    """Strings that robots sense, and some that none does."""
+    image, observation = graph
+    for cell in rng.integers(0, image.size, 30):
+        string = ""
+        for _ in range(40):
+            string += str(int(observation[cell]))
+            cell = image[cell]
+        yield string
+    for bits in rng.integers(0, 2, (30, 12)).tolist():
+        yield "".join(map(str, bits))
+
+
+@pytest.mark.parametrize("kind", ["fa", "moore"])
+@pytest.mark.parametrize("open_world", [False, True])
+def test_the_file_is_the_filter(labs, kind, open_world):
+    for graph in labs.values():
+        filter = Filter.of(subset_construction(*graph), open_world=open_world)
+        file = JflapFile(to_jflap(filter, kind))
+        assert file.kind == kind
+        assert len(file.names) == len(filter.transition)
+        assert len(set(file.places.values())) == len(file.places)
+        localized = (filter.color > 1) & (np.arange(filter.color.size) != filter.trap)
+        if kind == "fa":
+            assert file.final == {str(state) for state in np.flatnonzero(localized)}
+            assert set(file.output.values()) == {None}
+        else:
+            assert file.final == set()
+            assert list(file.output.values()) == [str(c) for c in filter.color]
+        for string in strings(np.random.default_rng(0), graph):
+            states = file.reach(string)
+            if states:
+                assert states == {str(filter.run(string).states[-1])}
+            else:
+                with pytest.raises(ValueError, match="cannot occur"):
+                    filter.run(string)
+
+
+def test_the_nondeterministic_file_is_the_graph(labs):
+    for graph in labs.values():
+        image, _ = graph
+        filter = Filter.of(subset_construction(*graph), open_world=True)
+        file = JflapFile(nondeterministic_to_jflap(*graph))
+        assert len(file.names) == image.size + 1
+        assert len(set(file.places.values())) == len(file.places)
+        periodic = set(range(image.size))
+        for _ in range(image.size):
+            periodic = {int(image[cell]) for cell in periodic}
+        assert {file.names[state] for state in file.final} == {str(cell) for cell in periodic}
+        for string in strings(np.random.default_rng(0), graph):
+            cells = sorted(int(file.names[s]) for s in file.reach(string) if s != "0")
+            assert cells == filter.cells(int(filter.run(string).states[-1])).tolist()
+
+
+@given(name=st.text())
+@settings(max_examples=30)
+@example(name="</text>]]>&amp;\r\n\0\ufffe")
+def test_any_name_is_a_note(labs, name):
+    filter = Filter.of(subset_construction(*labs["a", 45]))
+    allowed = re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", name)
+    # XML readers give every line end as a line feed.
+    expected = re.sub("\r\n?", "\n", allowed)
+    for text in (to_jflap(filter, name=name), nondeterministic_to_jflap(*labs["a", 45], name=name)):
+        assert (JflapFile(text).note or "") == expected
+
+
+def test_other_kinds_are_refused(labs):
+    filter = Filter.of(subset_construction(*labs["a", 45]))
+    with pytest.raises(ValueError, match="kind is 'mealy'; expected 'fa' or 'moore'"):
+        to_jflap.__wrapped__(filter, "mealy")

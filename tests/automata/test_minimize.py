@@ -1,0 +1,140 @@
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from automata.fa.dfa import DFA
+from hypothesis import given
+
+from jaxcell.automata import Filter, minimize, subset_construction
+
+
+def filter_of(graph, open_world=False):
+    return Filter.of(subset_construction(*graph), open_world=open_world)
+
+
+def moore_blocks(filter):
+    """Moore's partition: split by the blocks of the successors until nothing splits."""
+    transition = filter.transition.tolist()
+    block = filter.color.tolist()
+    while True:
+        keys = [
+            (block[s], *(block[t] if t >= 0 else None for t in row))
+            for s, row in enumerate(transition)
+        ]
+        number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        refined = [number[key] for key in keys]
+        if len(number) == len(set(block)):
+            return refined
+        block = refined
+
+
+@given(data=st.data(), open_world=st.booleans())
+def test_merges_the_blocks_of_moores_partition(graphs, data, open_world):
+    filter = filter_of(data.draw(graphs), open_world)
+    quotient = minimize(filter)
+    blocks = moore_blocks(filter)
+    assert len(quotient.transition) == len(set(blocks))
+    # Walk both side by side: the states met together are one block and one state.
+    partner, queue = {0: 0}, [(0, 0)]
+    for state, merged in queue:
+        assert quotient.color[merged] == filter.color[state]
+        for after, after_merged in zip(
+            filter.transition[state].tolist(), quotient.transition[merged].tolist(), strict=True
+        ):
+            assert (after < 0) == (after_merged < 0)
+            if after >= 0 and partner.setdefault(after, after_merged) != after_merged:
+                raise AssertionError("one state has two partners")
+            if after >= 0 and (after, after_merged) not in queue:
+                queue.append((after, after_merged))
+    assert len(partner) == len(filter.transition)
+    for merged in range(len(quotient.transition)):
+        states = [state for state in partner if partner[state] == merged]
+        assert len({blocks[state] for state in states}) == 1
+        assert quotient.uncertainty[merged] == filter.uncertainty[states].max()
+        union = sorted({cell for state in states for cell in filter.cells(state).tolist()})
+        assert quotient.cells(merged).tolist() == union
+
+
+@given(data=st.data(), open_world=st.booleans())
+def test_has_as_many_states_as_in_automata_lib(graphs, data, open_world):
+    # The library knows no colours: a letter for each colour, out of the states that have it, stands
+    # for them. With it every state is live, so that missing edges count.
+    filter = filter_of(data.draw(graphs), open_world)
+    transitions = {"end": {}}
+    for state, (row, color) in enumerate(zip(filter.transition, filter.color, strict=True)):
+        transitions[state] = {str(i): int(t) for i, t in enumerate(row) if t >= 0}
+        transitions[state][chr(ord("a") + color)] = "end"
+    dfa = DFA(
+        states=set(transitions),
+        input_symbols={letter for row in transitions.values() for letter in row},
+        transitions=transitions,
+        initial_state=0,
+        final_states={"end"},
+        allow_partial=True,
+    )
+    assert len(minimize(filter).transition) == len(dfa.minify().states) - 1
+
+
+@pytest.mark.parametrize("open_world", [False, True])
+def test_labs(labs, open_world):
+    rng = np.random.default_rng(0)
+    for graph in labs.values():
+        filter = filter_of(graph, open_world)
+        quotient = minimize(filter)
+        assert len(quotient.transition) == len(set(moore_blocks(filter)))
+        assert quotient.open_world == open_world
+        image, observation = graph
+        for cell in rng.integers(0, image.size, 50):
+            string = []
+            for _ in range(60):
+                string.append(int(observation[cell]))
+                cell = image[cell]
+            np.testing.assert_array_equal(quotient.run(string).colors, filter.run(string).colors)
+        if open_world:
+            for string in rng.integers(0, 2, (50, 30)):
+                ours, theirs = quotient.run(string), filter.run(string)
+                np.testing.assert_array_equal(ours.colors, theirs.colors)
+                assert ours.refuted_at == theirs.refuted_at
+
+
+@given(data=st.data(), open_world=st.booleans())
+def test_a_quotient_is_its_own(graphs, data, open_world):
+    once = minimize(filter_of(data.draw(graphs), open_world))
+    twice = minimize(once)
+    for field in ("transition", "uncertainty", "offsets", "members", "color"):
+        np.testing.assert_array_equal(getattr(once, field), getattr(twice, field))
+
+
+def test_opening_and_minimizing_commute(labs):
+    for graph in labs.values():
+        filter = filter_of(graph)
+        np.testing.assert_array_equal(
+            minimize(filter.with_trap()).transition, minimize(filter).with_trap().transition
+        )
+
+
+def test_a_cycle_folds_to_the_period_of_its_word():
+    # Six cells in a circle, where the robot senses 0 1 1 0 1 1.
+    image = np.array([1, 2, 3, 4, 5, 0], np.int32)
+    observation = np.array([False, True, True] * 2)
+    filter = filter_of((image, observation))
+    (cycle,) = filter.cycles
+    assert cycle.states.size == 3
+    circle = filter_of((np.array([1, 2, 0], np.int32), np.array([True, True, True])))
+    assert minimize(circle).transition.tolist() == [[-1, 0]]
+    assert minimize(circle).cells(0).tolist() == [0, 1, 2]
+
+
+def test_metadata_is_kept(labs):
+    filter = Filter.of(subset_construction(*labs["a", 45]), metadata={"map": "a"})
+    assert minimize(filter).metadata == {"map": "a"}
+
+
+def test_a_cycle_that_edges_leave_is_refused():
+    filter = Filter(
+        transition=np.array([[1, -1], [0, 2], [2, -1]], np.int32),
+        uncertainty=np.ones(3, np.int32),
+        offsets=np.arange(4),
+        members=np.zeros(3, np.int32),
+    )
+    with pytest.raises(ValueError, match="2 states are on or before a cycle that edges leave"):
+        minimize(filter)

@@ -1,0 +1,166 @@
+import itertools
+import subprocess
+import sys
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from automata.fa.dfa import DFA
+from automata.fa.nfa import NFA
+from hypothesis import given
+
+from jaxcell.automata import subset, subset_construction
+
+
+def sets_one_by_one(image, observation):
+    """Subset construction over Python's own sets: rows of successors, and the sets, in order."""
+    image, observation = image.tolist(), observation.tolist()
+    start = frozenset(range(len(image)))
+    number, queue, rows = {start: 0}, [start], []
+    for cells in queue:
+        row = [-1, -1]
+        for bit in (0, 1):
+            reached = frozenset(image[c] for c in cells if observation[c] == bit)
+            if reached:
+                if reached not in number:
+                    number[reached] = len(queue)
+                    queue.append(reached)
+                row[bit] = number[reached]
+        rows.append(row)
+    return rows, [sorted(cells) for cells in queue]
+
+
+def lists(automaton):
+    members, offsets = automaton.members.tolist(), automaton.offsets.tolist()
+    sets = [members[a:b] for a, b in itertools.pairwise(offsets)]
+    return automaton.transition.tolist(), sets
+
+
+@pytest.mark.parametrize(
+    ("room", "angle", "states"),
+    [("a", 45, 129), ("a", 135, 124), ("b", 45, 147), ("b", 135, 202)],
+)
+def test_states_of_table_2_1(labs, room, angle, states):
+    assert len(subset_construction(*labs[room, angle]).transition) == states
+
+
+@given(data=st.data())
+def test_equals_sets_one_by_one(graphs, data):
+    graph = data.draw(graphs)
+    assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
+
+
+@pytest.mark.parametrize("narrow", [0, 10**9])
+@given(data=st.data())
+def test_each_kind_of_level_alone_equals_sets_one_by_one(graphs, narrow, data):
+    graph = data.draw(graphs)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subset, "_NARROW", narrow)
+        assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
+
+
+def test_equals_sets_one_by_one_on_larger_maps(labs, bounce):
+    rng = np.random.default_rng(0)
+    graphs = [*labs.values(), bounce(rng.random((12, 20)) < 0.8, 36, 9)]
+    graphs += [(rng.integers(0, n, n), rng.random(n) < 0.5) for n in (100, 1000, 3000)]
+    # Few observations of 1: large sets, and many levels.
+    graphs += [(rng.permutation(n), rng.random(n) < 0.1) for n in (100, 500)]
+    for image, observation in graphs:
+        found = subset_construction(image.astype(np.int32), observation)
+        assert lists(found) == sets_one_by_one(image, observation)
+
+
+@given(data=st.data())
+def test_equals_automata_lib(graphs, data):
+    image, observation = data.draw(graphs)
+    cells = range(image.size)
+    nfa = NFA(
+        states={"start", *cells},
+        input_symbols={"0", "1"},
+        transitions={
+            "start": {"": set(cells)},
+            **{z: {str(int(observation[z])): {int(image[z])}} for z in cells},
+        },
+        initial_state="start",
+        final_states=set(cells),
+    )
+    dfa = DFA.from_nfa(nfa, retain_names=True, minify=False)
+    transition, sets = lists(subset_construction(image, observation))
+    # The library's start holds its own extra state; its empty set, where it keeps one, is no state.
+    theirs = {
+        (frozenset(s) - {"start"}, bit): frozenset(t) - {"start"}
+        for s, row in dfa.transitions.items()
+        for bit, t in row.items()
+        if t
+    }
+    ours = {
+        (frozenset(sets[s]), str(bit)): frozenset(sets[t])
+        for s, row in enumerate(transition)
+        for bit, t in enumerate(row)
+        if t >= 0
+    }
+    assert ours == theirs
+
+
+@given(data=st.data(), bits=st.integers(0, 2))
+def test_equal_hashes_of_different_sets_do_not_matter(graphs, data, bits):
+    graph = data.draw(graphs)
+    random_words, seeds = subset._random_words, []
+
+    def weak_words(cells, seed):
+        seeds.append(seed)
+        words = random_words(cells, seed)
+        return words if seed == 3 else words & np.uint64(2**bits - 1)
+
+    for narrow in (0, 48):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(subset, "_random_words", weak_words)
+            patch.setattr(subset, "_NARROW", narrow)
+            assert lists(subset_construction(*graph)) == sets_one_by_one(*graph)
+    # Words of zero bits cannot tell any two sets apart.
+    if bits == 0 and len(sets_one_by_one(*graph)[1]) > 1:
+        assert seeds == [0, 1, 2, 3] * 2
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint32, np.int64])
+def test_any_integers(labs, dtype):
+    image, observation = labs["a", 45]
+    expected = lists(subset_construction(image, observation))
+    assert lists(subset_construction(image.astype(dtype), observation)) == expected
+
+
+def test_a_single_cell():
+    found = subset_construction(np.array([0]), np.array([True]))
+    assert lists(found) == ([[-1, 0]], [[0]])
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        ([], "no cells"),
+        ([0, 2], r"image\[1\] is 2; expected a cell from 0 to 1"),
+        ([0, -1], r"image\[1\] is -1"),
+    ],
+)
+def test_bad_images_are_refused(image, message):
+    with pytest.raises(ValueError, match=message):
+        subset_construction(np.array(image, np.int32), np.zeros(len(image), bool))
+
+
+@pytest.mark.parametrize("narrow", [0, 10**9])
+def test_the_limit_is_on_the_total_size(labs, narrow, monkeypatch):
+    monkeypatch.setattr(subset, "_NARROW", narrow)
+    image, observation = labs["a", 45]
+    total = subset_construction(image, observation).members.size
+    assert subset_construction(image, observation, limit=total).members.size == total
+    with pytest.raises(ValueError, match=f"more than the limit of {total - 1}"):
+        subset_construction(image, observation, limit=total - 1)
+    with pytest.raises(ValueError, match="152 cells are more than the limit of 100"):
+        subset_construction(image, observation, limit=100)
+
+
+def test_automata_do_not_import_jax():
+    code = (
+        "import sys, jaxcell.automata; sys.exit('jax' in sys.modules or 'shapely' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
