@@ -1,5 +1,4 @@
 import dataclasses
-from typing import Any
 
 from .options import MapOptions, OutputOptions
 from .terminal import count_cells, note, status, table
@@ -23,9 +22,8 @@ class Groups(MapOptions, OutputOptions):
             raise ValueError("--bounce: expected at least one angle in degrees")
         cells = self.cells()
         angles = np.radians(self.bounce)
-        options: Any = {"step": self.step, "collision": self.collision}
         with status(f"mapping {len(angles)} x {cells.size:,} cells"):
-            found = group_summary(cells, angles, **options)
+            found = group_summary(cells, angles, **self.motion)
         spec = {**self.spec(cells), "bounce_deg": list(self.bounce)}
         summary = {**spec, "groups": []}
         for i, angle in enumerate(self.bounce):
@@ -73,7 +71,7 @@ class Groups(MapOptions, OutputOptions):
             from .. import record
 
             with status(f"writing {self.out}"):
-                groups = bounce_groups(cells, angles, **options)
+                groups = bounce_groups(cells, angles, **self.motion)
                 self.out.mkdir(parents=True, exist_ok=True)
                 dataset = record.groups_dataset(cells, groups, bounce=angles, spec=spec)
                 record.save_dataset(dataset, self.out / "groups.nc")

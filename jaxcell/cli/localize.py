@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .options import MapOptions, OutputOptions
+from .options import MapOptions, OutputOptions, cell_at
 from .terminal import configuration, count_cells, note, status, table
 
 
@@ -39,13 +39,15 @@ class Localize(MapOptions, OutputOptions):
 
         configure_jax()
         cells = self.cells()
-        start = start_cell(cells, self.start, self.seed)
+        if self.start is None:
+            start = int(np.random.default_rng(self.seed).integers(cells.size))
+        else:
+            start = cell_at(cells, self.start, "--start")
         bounce = math.radians(self.bounce)
         spec = {**self.spec(cells), "bounce_deg": self.bounce}
         with status(f"mapping {cells.size:,} cells"):
-            options: Any = {"step": self.step, "collision": self.collision}
-            simple_map = bounce_map(cells, bounce, **options)
-            groups = bounce_groups(cells, bounce, **options)
+            simple_map = bounce_map(cells, bounce, **self.motion)
+            groups = bounce_groups(cells, bounce, **self.motion)
         began = time.perf_counter()
         with status(f"building the filter of {cells.size:,} cells"):
             filter = localization_filter(simple_map, open_world=self.open_world, metadata=spec)
@@ -67,30 +69,6 @@ class Localize(MapOptions, OutputOptions):
                 f"Results are in {self.out}; to look at them: rerun {self.out / 'localization.rrd'}"
             )
         return 0
-
-
-def start_cell(cells: "CellSpace", start: str | None, seed: int) -> int:
-    """The cell that `--start` names, or a random one.
-
-    **Raises:** `ValueError` if it names none.
-    """
-    if start is None:
-        return int(np.random.default_rng(seed).integers(cells.size))
-    try:
-        numbers = [float(part) for part in start.split(",")]
-        if len(numbers) == 1:
-            cells.centre(int(start))
-            return int(start)
-        x, y, heading = numbers
-        return int(cells.index(x, y, math.radians(heading)))
-    except ValueError as error:
-        plain = (
-            "could not convert" in str(error)
-            or "unpack" in str(error)
-            or "invalid literal" in str(error)
-        )
-        expected = 'expected "x,y,heading" in metres and degrees, or a cell number'
-        raise ValueError(f"--start {start!r}: {expected if plain else error}") from None
 
 
 def describe(

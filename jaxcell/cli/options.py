@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -44,6 +45,11 @@ class MapOptions:
         directions = (workspace.directions or 8) if self.directions is None else self.directions
         return CellSpace.of(workspace, cell, directions)
 
+    @property
+    def motion(self) -> dict[str, Any]:
+        """How the robot moves, for the functions of `jaxcell.bounce`."""
+        return {"step": self.step, "collision": self.collision}
+
     def spec(self, cells: "CellSpace") -> dict[str, Any]:
         """What determines the cells and their images, for the provenance of results."""
         assert cells.workspace is not None
@@ -76,6 +82,30 @@ class OutputOptions:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
             print(json.dumps(summary))
+
+
+def cell_at(cells: "CellSpace", text: str, option: str) -> int:
+    """The cell that an option names: `x,y,heading` in metres and degrees, or a cell number.
+
+    **Raises:** `ValueError` that names the option, if there is no such cell or pose.
+    """
+    pose: list[float] | int
+    try:
+        pose = [float(part) for part in text.split(",")] if "," in text else int(text)
+        if isinstance(pose, list) and len(pose) != 3:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f'{option} {text!r}: expected "x,y,heading" in metres and degrees, or a cell number'
+        ) from None
+    try:
+        if isinstance(pose, list):
+            x, y, heading = pose
+            return int(cells.index(x, y, math.radians(heading)))
+        cells.centre(pose)
+        return pose
+    except ValueError as error:
+        raise ValueError(f"{option} {text!r}: {error}") from None
 
 
 def write_text(path: Path, text: str) -> None:
