@@ -171,4 +171,6 @@ def write(
         record.localization_dataset(cells, filter, run, spec=spec), out / "localization.nc"
     )
     filter.save(out / "filter.jxf")
-    record.log_localization(out / "localization.rrd", cells, groups, filter, run, spec=spec)
+    record.log_localization(
+        out / "localization.rrd", cells, groups, filter, run, bounce=bounce, spec=spec
+    )
