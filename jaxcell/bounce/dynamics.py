@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, Stencil, free_steps, stencil
+from ..space import CellSpace, free_steps, stencil
 
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
@@ -32,8 +32,9 @@ class Moves:
     "Which positions are free: all, unless the positions are the squares of a grid with obstacles."
 
 
+@functools.lru_cache(maxsize=4)
 def moves(cells: CellSpace, *, step: float | None = None, collision: Collision = "swept") -> Moves:
-    """Where one step leads from the centre of every cell.
+    """Where one step leads from the centre of every cell. The last few answers are kept.
 
     **Arguments:**
 
@@ -51,15 +52,15 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
     if collision not in ("swept", "endpoint"):
         raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
-    if cells.gridded:
-        shape = stencil(cells.directions, length, collision)
-        target = _grid_targets(jnp.asarray(cells.free), shape)
-        position = jnp.asarray(cells.position_of_square.ravel())
-        target, way = position[target[:, cells.square]], shape.way
-    else:
-        targets, way = _unique_rows(free_steps(cells, length, collision))
-        target = jnp.asarray(targets)
-    return Moves(target, jnp.asarray(way), jnp.ones(cells.positions, bool))
+    # Under `jit` too this is a constant.
+    with jax.ensure_compile_time_eval():
+        if cells.gridded:
+            shape = stencil(cells.directions, length, collision)
+            target = _positions(cells.free, cells.square, cells.position_of_square, *shape.looks)
+            way = shape.way
+        else:
+            target, way = _unique_rows(free_steps(cells, length, collision))
+        return Moves(jnp.asarray(target), jnp.asarray(way), jnp.ones(cells.positions, bool))
 
 
 def grid_moves(
@@ -86,15 +87,21 @@ def grid_moves(
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision)
-    return Moves(_grid_targets(free, shape), jnp.asarray(shape.way), free.ravel())
-
-
-def _grid_targets(free: Bool[Array, "rows columns"], shape: Stencil) -> Int[Array, "ways squares"]:
-    return _look_around(free, shape.offset, shape.crossed, shape.beside)
+    return Moves(_squares(free, *shape.looks), jnp.asarray(shape.way), free.ravel())
 
 
 @jax.jit
-def _look_around(
+def _positions(
+    free: Bool[Array, "rows columns"],
+    square: Int[Array, "positions"],
+    position_of_square: Int[Array, "rows columns"],
+    *looks: Int[Array, "ways *_"],
+) -> Int[Array, "ways positions"]:
+    return position_of_square.ravel()[_squares(free, *looks)[:, square]]
+
+
+@jax.jit
+def _squares(
     free: Bool[Array, "rows columns"],
     offset: Int[Array, "ways 2"],
     crossed: Int[Array, "ways crossings 2"],
@@ -177,7 +184,7 @@ def bounce_map(
     function = functools.partial(bounce_image, possible)
     for _ in range(shift.ndim):
         function = jax.vmap(function)
-    return function(jnp.asarray(shift))
+    return function(shift)
 
 
 @jax.jit

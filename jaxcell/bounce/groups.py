@@ -121,14 +121,12 @@ def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGr
     def expand(direction):  # type: ignore[no-untyped-def]
         way = moves.way[direction]
         slot = runs.first[direction] + runs.rank[way]
-        group = groups.group[slot]
+        group = jnp.where(moves.free, groups.group[slot], -1)
         step = jnp.maximum(0, runs.length[way] + groups.lead[slot])
-        period = groups.period[group]
-        return tuple(jnp.where(moves.free, x, -1) for x in (group, step, period))
+        return group, jnp.where(moves.free, step, -1)
 
-    directions = jnp.arange(moves.way.shape[0], dtype=jnp.int32)
-    group, step, period = jax.lax.map(expand, directions)
-    return PeriodicGroups(group.ravel(), step.ravel(), period.ravel(), groups.count)
+    group, step = jax.lax.map(expand, jnp.arange(moves.way.shape[0], dtype=jnp.int32))
+    return PeriodicGroups(group.ravel(), step.ravel(), groups.period, groups.count)
 
 
 @jax.jit
@@ -156,6 +154,16 @@ def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
     )
 
 
+@functools.lru_cache(maxsize=4)
+def _straight(
+    cells: CellSpace, step: float | None, collision: Collision
+) -> tuple[Moves, Runs, int]:
+    with jax.ensure_compile_time_eval():
+        possible = moves_of(cells, step=step, collision=collision)
+        straight = runs(possible)
+        return possible, straight, int(straight.slots)
+
+
 def _section_groups(
     cells: CellSpace,
     bounce: Float[np.ndarray, "*batch"] | Array | float | int,
@@ -163,12 +171,11 @@ def _section_groups(
     collision: Collision,
 ) -> tuple[Moves, Runs, SectionGroups]:
     shift = bounce_shift(bounce, cells.directions)
-    possible = moves_of(cells, step=step, collision=collision)
-    straight = runs(possible)
-    section = functools.partial(bump_section, slots=bucket(int(straight.slots)))
+    possible, straight, slots = _straight(cells, step, collision)
+    section = functools.partial(bump_section, slots=bucket(slots))
     for _ in range(shift.ndim):
         section = jax.vmap(section, in_axes=(None, None, 0))
-    return possible, straight, section_groups(section(possible, straight, jnp.asarray(shift)))
+    return possible, straight, section_groups(section(possible, straight, shift))
 
 
 def bounce_groups(

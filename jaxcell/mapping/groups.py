@@ -14,10 +14,16 @@ class PeriodicGroups:
     "The periodic group that the cell reaches, numbered from 0 by their smallest cells."
     step: Int[Array, "*batch cells"]
     "Mappings until the cell is on its periodic group, 0 on it."
-    period: Int[Array, "*batch cells"]
-    "Period of the group that the cell reaches."
+    group_period: Int[Array, "*batch groups"]
+    "Period of each group; zeros past `count`."
     count: Int[Array, "*batch"]
     "Number of periodic groups."
+
+    @property
+    def period(self) -> Int[Array, "*batch cells"]:
+        """Period of the group that the cell reaches."""
+        period = jnp.take_along_axis(self.group_period, jnp.maximum(self.group, 0), axis=-1)
+        return jnp.where(self.group < 0, -1, period)
 
     @property
     def periodic(self) -> Bool[Array, "*batch cells"]:
@@ -65,11 +71,12 @@ def periodic_groups(
     leader, step = follow(image, periodic, jnp.ones_like(image))
     leads = counts & periodic & (leader == me)
     number = jnp.cumsum(leads, dtype=image.dtype) - 1
-    period = jnp.zeros_like(image).at[leader].add(periodic.astype(image.dtype))
+    group = jnp.where(counts, number[leader], -1)
+    on_cycle = counts & periodic
     return PeriodicGroups(
-        group=jnp.where(counts, number[leader], -1),
+        group=group,
         step=jnp.where(counts, step, -1),
-        period=jnp.where(counts, period[leader], -1),
+        group_period=jnp.zeros_like(image).at[group].add(on_cycle.astype(image.dtype)),
         count=jnp.sum(leads, dtype=image.dtype),
     )
 

@@ -27,6 +27,11 @@ class Stencil:
     way: Int[np.ndarray, "directions"]
     "The way of each direction."
 
+    @property
+    def looks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which squares to look at for each way."""
+        return self.offset, self.crossed, self.beside
+
 
 @functools.lru_cache(maxsize=64)
 def stencil(directions: int, step: float, collision: str) -> Stencil:

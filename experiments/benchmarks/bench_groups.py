@@ -1,0 +1,405 @@
+"""Image, periodic groups and transient steps of a bouncing robot, side by side with a Numba pass.
+
+    python experiments/benchmarks/bench_groups.py
+
+prints Markdown tables; README.md in this folder says what is timed, and the rules.
+"""
+
+import argparse
+import concurrent.futures
+import math
+import multiprocessing
+import os
+import resource
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numba
+import numpy as np
+import psutil
+import scipy.sparse
+
+from jaxcell import bounce
+from jaxcell.mapping import GroupSummary, periodic_groups, section_groups
+from jaxcell.space import CellSpace, Workspace, stencil
+
+
+jax.config.update("jax_enable_x64", True)
+
+DIRECTIONS = 360
+BOUNCE = math.pi / 2
+MAP = Path(__file__).parents[2] / "data" / "maps" / "room_200x125.json"
+SIZES = [1e5, 3e5, 1e6, 3e6, 1e7, 3e7]
+
+
+def room(scale: float = 1.0, directions: int = DIRECTIONS) -> CellSpace:
+    """The bundled room of 200 x 125 m in squares of `1 / scale` metres."""
+    return CellSpace.of_grid(CellSpace.of(Workspace.load(MAP), 1 / scale, 1).free, directions)
+
+
+class Groups(NamedTuple):
+    image: np.ndarray | jax.Array
+    group: np.ndarray | jax.Array
+    step: np.ndarray | jax.Array
+    count: int | jax.Array
+
+
+# The peer: Alg. 2.1, every cell mapped once and visited twice.
+
+
+@numba.njit(cache=False, inline="always")
+def finish_walk(path, length, z, group, step, count):
+    """Labels the cells of a walk that came to `z`, of the same walk (-2) or of an earlier one."""
+    if group[z] == -2:
+        while True:
+            length -= 1
+            group[path[length]] = count
+            step[path[length]] = 0
+            if path[length] == z:
+                break
+        count += 1
+    label, steps = group[z], step[z]
+    for i in range(length - 1, -1, -1):
+        steps += 1
+        group[path[i]] = label
+        step[path[i]] = steps
+    return count
+
+
+@numba.njit(cache=False, inline="always")
+def destination(position, square, way, offset, crossed, beside):
+    """The position that a step leads to, -1 if the robot bumps."""
+    to = position[square + offset[way]]
+    for j in range(crossed.shape[1]):
+        if position[square + crossed[way, j]] < 0:
+            to = -1
+    for j in range(beside.shape[1]):
+        left, right = beside[way, j]
+        if (position[square + left] < 0) & (position[square + right] < 0):
+            to = -1
+    return to
+
+
+@numba.njit(cache=False)
+def walk_on_grid(position, square, offset, crossed, beside, shift, image, group, step, path):
+    directions, positions = offset.size, square.size
+    count = 0
+    group[:] = -1
+    for direction in range(directions):
+        for start in range(positions):
+            z, length = direction * positions + start, 0
+            k, here = direction, square[start]
+            while group[z] == -1:
+                group[z] = -2
+                path[length] = z
+                length += 1
+                to = destination(position, here, k, offset, crossed, beside)
+                if to < 0:
+                    to = position[here]
+                    k = (k + shift) % directions
+                else:
+                    here += offset[k]
+                to += k * positions
+                image[z] = to
+                z = to
+            if length:
+                count = finish_walk(path, length, z, group, step, count)
+    return count
+
+
+@numba.njit(cache=False)
+def tabulate(position, square, offset, crossed, beside):
+    target = np.empty((offset.size, square.size), np.int32)
+    for way in range(offset.size):
+        for p in range(square.size):
+            to = destination(position, square[p], way, offset, crossed, beside)
+            target[way, p] = p if to < 0 else to
+    return target
+
+
+@numba.njit(cache=False)
+def walk_on_table(target, ways, shift, image, group, step, path):
+    directions, positions = ways.size, target.shape[1]
+    count = 0
+    group[:] = -1
+    for direction in range(directions):
+        for start in range(positions):
+            z, length = direction * positions + start, 0
+            k, here, way = direction, start, ways[direction]
+            while group[z] == -1:
+                group[z] = -2
+                path[length] = z
+                length += 1
+                there = target[way, here]
+                if there == here:
+                    k = (k + shift) % directions
+                    way = ways[k]
+                here = there
+                to = k * positions + here
+                image[z] = to
+                z = to
+            if length:
+                count = finish_walk(path, length, z, group, step, count)
+    return count
+
+
+@numba.njit(cache=False)
+def summary_of_arrays(group, step, count):
+    """Count, periods, basins and longest transients, in the order of the groups' first cells."""
+    number = np.full(count, -1, np.int32)
+    period, basin, transient = np.zeros((3, count), np.int32)
+    known = 0
+    for z in range(group.size):
+        g = group[z]
+        basin[g] += 1
+        transient[g] = max(transient[g], step[z])
+        if step[z] == 0:
+            period[g] += 1
+            if number[g] == -1:
+                number[g] = known
+                known += 1
+    order = np.argsort(number)
+    return count, period[order], basin[order], transient[order]
+
+
+def peer_groups(cells: CellSpace, collision: str, tabulated: bool) -> Groups:
+    # A margin of blocked squares makes every look-up of a neighbour safe.
+    position = np.pad(cells.position_of_square, 1, constant_values=-1)
+    square = np.flatnonzero(position.ravel() >= 0)
+    shape = stencil(cells.directions, 1.0, collision)
+    weights = np.array([position.shape[1], 1])
+    offset, crossed, beside = (x @ weights for x in (shape.offset, shape.crossed, shape.beside))
+    if collision == "endpoint":
+        crossed, beside = crossed[:, :0], beside[:, :0]
+    shift = bounce.bounce_shift(BOUNCE, cells.directions)
+    # NumPy asks the system for huge pages for these, which Numba does not.
+    arrays = [np.empty(cells.size, np.int32) for _ in range(4)]
+    if tabulated:
+        target = tabulate(position.ravel(), square, offset, crossed, beside)
+        count = walk_on_table(target, shape.way, int(shift), *arrays)
+    else:
+        steps = (x[shape.way] for x in (offset, crossed, beside))
+        count = walk_on_grid(position.ravel(), square, *steps, int(shift), *arrays)
+    return Groups(*arrays[:3], count)
+
+
+def peer_summary(cells: CellSpace, collision: str, tabulated: bool) -> GroupSummary:
+    groups = peer_groups(cells, collision, tabulated)
+    return GroupSummary(*summary_of_arrays(groups.group, groups.step, groups.count))
+
+
+# Ours.
+
+
+def two_calls(cells: CellSpace, collision: str) -> Groups:
+    image = bounce.bounce_map(cells, BOUNCE, collision=collision).image
+    groups = bounce.bounce_groups(cells, BOUNCE, collision=collision)
+    return jax.block_until_ready(Groups(image, groups.group, groups.step, groups.count))
+
+
+def shared_moves(cells: CellSpace, collision: str) -> Groups:
+    shift = int(bounce.bounce_shift(BOUNCE, cells.directions))
+    moves = bounce.moves(cells, collision=collision)
+    image = bounce.bounce_image(moves, shift).image
+    runs = bounce.runs(moves)
+    section = bounce.bump_section(moves, runs, shift, slots=int(runs.slots))
+    groups = bounce.expand_groups(moves, runs, section_groups(section))
+    return jax.block_until_ready(Groups(image, groups.group, groups.step, groups.count))
+
+
+def summary_only(cells: CellSpace, collision: str) -> GroupSummary:
+    return jax.block_until_ready(bounce.group_summary(cells, BOUNCE, collision=collision))
+
+
+# The rules: warm up, check, then take turns.
+
+
+def check(results: dict[str, Groups | GroupSummary]) -> None:
+    """Refuses results that differ in any cell.
+
+    Alg. 2.1 numbers groups as it meets their basins, and is spared the sorting: ours are in the
+    order of their smallest periodic cells.
+    """
+
+    def ordered(result: Groups | GroupSummary) -> list[np.ndarray]:
+        if isinstance(result, GroupSummary):
+            return [
+                np.asarray(x) for x in (result.count, result.period, result.basin, result.transient)
+            ]
+        image, group, step, count = map(np.asarray, result)
+        periodic = group[step == 0]
+        _, first = np.unique(periodic, return_index=True)
+        number = np.empty(count, np.int32)
+        number[periodic[np.sort(first)]] = np.arange(count)
+        return [image, number[group], step, count]
+
+    names = list(results)
+    expected = ordered(results[names[0]])
+    for name in names[1:]:
+        for found, wanted in zip(ordered(results[name]), expected, strict=True):
+            if not np.array_equal(found, wanted):
+                sys.exit(f"{name} and {names[0]} disagree")
+
+
+class Timing(NamedTuple):
+    first: float
+    least: float
+    median: float
+
+
+def take_turns(
+    programs: dict[str, Callable[[], object]], repeats: int, together: list[list[str]]
+) -> dict[str, Timing]:
+    """Wall-clock seconds of each program; those named together must give the same."""
+
+    def timed(program: Callable[[], object]) -> tuple[float, object]:
+        began = time.perf_counter()
+        result = program()
+        return time.perf_counter() - began, result
+
+    firsts = {name: timed(program) for name, program in programs.items()}
+    for names in together:
+        check({name: firsts[name][1] for name in names})
+    first = {name: seconds for name, (seconds, _) in firsts.items()}
+    del firsts
+    taken: dict[str, list[float]] = {name: [] for name in programs}
+    for _ in range(repeats):
+        for name, program in programs.items():
+            taken[name].append(timed(program)[0])
+    return {n: Timing(first[n], min(t), statistics.median(t)) for n, t in taken.items()}
+
+
+EXPANDED = ["jaxcell, two calls", "jaxcell, shared moves", "Alg. 2.1", "Alg. 2.1 on a table"]
+SUMMARY = ["jaxcell, summary", "Alg. 2.1, summary", "Alg. 2.1 on a table, summary"]
+
+
+def programs(cells: CellSpace, collision: str) -> dict[str, Callable[[], object]]:
+    calls = [
+        lambda: two_calls(cells, collision),
+        lambda: shared_moves(cells, collision),
+        lambda: peer_groups(cells, collision, False),
+        lambda: peer_groups(cells, collision, True),
+        lambda: summary_only(cells, collision),
+        lambda: peer_summary(cells, collision, False),
+        lambda: peer_summary(cells, collision, True),
+    ]
+    return dict(zip(EXPANDED + SUMMARY, calls, strict=True))
+
+
+def compile_peer() -> None:
+    for collision in ("endpoint", "swept"):
+        for tabulated in (False, True):
+            peer_summary(room(0.1), collision, tabulated)
+
+
+def side_by_side(repeats: int) -> None:
+    cells = room()
+    for collision in ("endpoint", "swept"):
+        timings = take_turns(programs(cells, collision), repeats, [EXPANDED, SUMMARY])
+        print(f"\n### 200 x 125 x {DIRECTIONS}, {cells.size:,} cells, collision {collision!r}\n")
+        print("| | first call, s | min, ms | median, ms | Alg. 2.1 takes | on a table |")
+        print("|---|--:|--:|--:|--:|--:|")
+        for names in (EXPANDED, SUMMARY):
+            for name in names:
+                ratios = (timings[peer].median / timings[name].median for peer in names[-2:])
+                first, least, median = timings[name]
+                row = f"| {name} | {first:.2f} | {least * 1e3:.1f} | {median * 1e3:.1f} |"
+                print(row + "".join(f" {ratio:.2f} x |" for ratio in ratios))
+
+
+def any_map(repeats: int) -> None:
+    """Programs that know nothing of rooms: the image is given."""
+    cells = room()
+    image = bounce.bounce_map(cells, BOUNCE).image
+    graph = scipy.sparse.csr_array(
+        (
+            np.ones(cells.size, np.int8),
+            np.asarray(image),
+            np.arange(cells.size + 1, dtype=np.int32),
+        ),
+        shape=(cells.size, cells.size),
+    )
+    components = scipy.sparse.csgraph.connected_components
+    calls: dict[str, Callable[[], object]] = {
+        "periodic_groups(image)": lambda: jax.block_until_ready(periodic_groups(image)),
+        "scipy connected_components, strong": lambda: components(graph, connection="strong"),
+        "scipy connected_components, weak": lambda: components(graph, connection="weak"),
+    }
+    groups, (_, strong), (basins, weak) = (call() for call in calls.values())
+
+    def pairs(one: np.ndarray, other: np.ndarray) -> int:
+        return np.unique(one.astype(np.int64) * cells.size + other).size
+
+    group, periodic = np.asarray(groups.group), np.asarray(groups.periodic)
+    counts = {pairs(group, weak), pairs(group[periodic], strong[periodic]), basins}
+    if counts != {int(groups.count)}:
+        sys.exit("scipy and periodic_groups disagree")
+    timings = take_turns(calls, repeats, [])
+    print(f"\n### Any map, {cells.size:,} cells, image given\n")
+    print("| | gives | min, ms | median, ms |\n|---|---|--:|--:|")
+    gives = ["groups, steps, periods", "groups of periodic cells", "basins"]
+    for (name, timing), what in zip(timings.items(), gives, strict=True):
+        print(f"| {name} | {what} | {timing.least * 1e3:.0f} | {timing.median * 1e3:.0f} |")
+
+
+def series(title: str, spaces: Iterable[CellSpace], repeats: int) -> None:
+    """The median time of all programs in rooms of several sizes, and the exponent of its growth."""
+    names = EXPANDED + SUMMARY
+    print(f"\n### {title}, collision 'swept', median ms\n")
+    print(f"| cells | {' | '.join(names)} |\n|--:|{'--:|' * len(names)}")
+    counted, measured = [], []
+    for cells in spaces:
+        # Small cases are repeated more, the largest less.
+        turns = 3 if cells.size > 2e7 else max(repeats, min(50, round(repeats * 3e6 / cells.size)))
+        timings = take_turns(programs(cells, "swept"), turns, [EXPANDED, SUMMARY])
+        counted.append(cells.size)
+        measured.append([timings[name].median for name in names])
+        print(f"| {cells.size:,} | {' | '.join(f'{1e3 * s:.2f}' for s in measured[-1])} |")
+    slopes = np.polyfit(np.log(counted), np.log(measured), 1)[0]
+    print(f"| exponent | {' | '.join(f'{slope:.2f}' for slope in slopes)} |")
+
+
+def peak_bytes(scale: float, name: str) -> float:
+    """Peak memory of one call in bytes a cell, above a small case; for a process of its own."""
+    programs(room(0.1), "swept")[name]()
+    cells = room(scale)
+    before = psutil.Process().memory_info().rss
+    programs(cells, "swept")[name]()
+    unit = 1 if sys.platform == "darwin" else 1024
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit - before) / cells.size
+
+
+def memory() -> None:
+    scale = math.sqrt(SIZES[-1] / room().size)
+    print(f"\n### Peak memory, {room(scale).size:,} cells\n\n| | bytes a cell |\n|---|--:|")
+    for name in (EXPANDED[0], EXPANDED[2], SUMMARY[0], SUMMARY[1]):
+        spawn = multiprocessing.get_context("spawn")
+        with concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn) as process:
+            print(f"| {name} | {process.submit(peak_bytes, scale, name).result():.1f} |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=9, help="timed turns of each program")
+    repeats = parser.parse_args().repeats
+    versions = f"jax {jax.__version__}, numba {numba.__version__}, numpy {np.__version__}"
+    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    # First of all: a child's record of its peak begins at the size of its parent.
+    memory()
+    compile_peer()
+    side_by_side(repeats)
+    any_map(repeats=min(repeats, 5))
+    full = room().size
+    rooms = (room(math.sqrt(size / full)) for size in SIZES)
+    series(f"Rooms of all sizes, {DIRECTIONS} directions", rooms, repeats)
+    fewer = (room(directions=directions) for directions in (4, 12, 36, 120))
+    series("The same room, fewer directions", fewer, repeats)
+
+
+if __name__ == "__main__":
+    main()
