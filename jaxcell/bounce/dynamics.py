@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, free_steps, stencil
+from ..space import CellSpace, free_steps, line_order, stencil
 
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
@@ -30,6 +30,10 @@ class Moves:
     "The way of each direction."
     free: Bool[Array, "positions"]
     "Which positions are free: all, unless the positions are the squares of a grid with obstacles."
+    order: Int[Array, "lines positions"]
+    "The positions in an order in which those of a straight run follow each other."
+    line: Int[Array, "ways"]
+    "Which of these orders is that of each way."
 
 
 @functools.lru_cache(maxsize=4)
@@ -56,11 +60,17 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     with jax.ensure_compile_time_eval():
         if cells.gridded:
             shape = stencil(cells.directions, length, collision)
-            target = _positions(cells.free, cells.square, cells.position_of_square, *shape.looks)
-            way = shape.way
+            looks = (shape.square, shape.crossed, shape.beside, shape.offset)
+            target = _positions(cells.free, cells.square, cells.position_of_square, *looks)
+            offset, way = shape.offset, shape.way
         else:
-            target, way = _unique_rows(free_steps(cells, length, collision))
-        return Moves(jnp.asarray(target), jnp.asarray(way), jnp.ones(cells.positions, bool))
+            target, first, way = _unique_rows(free_steps(cells, length, collision))
+            shape = stencil(cells.directions, length, "endpoint")
+            offset = shape.offset[shape.way[first]]
+        order, line = _line_orders(cells.free.shape, offset)
+        order = _order_of_positions(cells.free, cells.position_of_square, order, cells.square)
+        free = jnp.ones(cells.positions, bool)
+        return Moves(jnp.asarray(target), jnp.asarray(way), free, order, jnp.asarray(line))
 
 
 def grid_moves(
@@ -87,7 +97,34 @@ def grid_moves(
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision)
-    return Moves(_squares(free, *shape.looks), jnp.asarray(shape.way), free.ravel())
+    order, line = _line_orders(free.shape, shape.offset)
+    return Moves(
+        _targets(free, shape.square, shape.crossed, shape.beside, shape.offset),
+        jnp.asarray(shape.way),
+        free.ravel(),
+        jnp.asarray(order),
+        jnp.asarray(line),
+    )
+
+
+@jax.jit
+def _targets(
+    free: Bool[Array, "rows columns"],
+    relative: Int[Array, "looks 2"],
+    crossed: Int[Array, "ways crossings"],
+    beside: Int[Array, "ways corners 2"],
+    offset: Int[Array, "ways 2"],
+) -> Int[Array, "ways squares"]:
+    """The square that a step in each way leads to from each square."""
+    rows, columns = free.shape
+    square = jnp.arange(rows * columns, dtype=jnp.int32)
+    row = square[None] // columns + relative[:, :1]
+    column = square[None] % columns + relative[:, 1:]
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    is_free = inside & free.ravel()[row * columns + column]
+    passes = is_free[crossed].all(axis=1) & is_free[beside].any(axis=2).all(axis=1)
+    hop = offset[:, :1] * columns + offset[:, 1:]
+    return square[None] + jnp.where(passes & free.ravel()[None], hop, 0)
 
 
 @jax.jit
@@ -95,38 +132,47 @@ def _positions(
     free: Bool[Array, "rows columns"],
     square: Int[Array, "positions"],
     position_of_square: Int[Array, "rows columns"],
-    *looks: Int[Array, "ways *_"],
+    *looks: Int[Array, "..."],
 ) -> Int[Array, "ways positions"]:
-    return position_of_square.ravel()[_squares(free, *looks)[:, square]]
+    return position_of_square.ravel()[_targets(free, *looks)[:, square]]
+
+
+def _line_orders(
+    shape: tuple[int, ...], offset: Int[np.ndarray, "ways 2"]
+) -> tuple[Int[np.ndarray, "lines squares"], Int[np.ndarray, "ways"]]:
+    offsets, line = np.unique(offset, axis=0, return_inverse=True)
+    rows, columns = shape
+    order = [line_order(rows, columns, (up, across)) for up, across in offsets.tolist()]
+    return np.stack(order), line.reshape(-1).astype(np.int32)
 
 
 @jax.jit
-def _squares(
+def _order_of_positions(
     free: Bool[Array, "rows columns"],
-    offset: Int[Array, "ways 2"],
-    crossed: Int[Array, "ways crossings 2"],
-    beside: Int[Array, "ways corners 2 2"],
-) -> Int[Array, "ways squares"]:
-    rows, columns = free.shape
-    square = jnp.arange(rows * columns, dtype=jnp.int32)
-
-    def is_free(relative: Int[Array, "*shape 2"]) -> Bool[Array, "*shape squares"]:
-        here = square.reshape((1,) * (relative.ndim - 1) + (-1,))
-        row, column = here // columns + relative[..., :1], here % columns + relative[..., 1:]
-        return free.at[row, column].get(mode="fill", fill_value=False, wrap_negative_indices=False)
-
-    passes = is_free(crossed).all(axis=1) & is_free(beside).any(axis=2).all(axis=1)
-    step = offset[:, :1] * columns + offset[:, 1:]
-    return square[None] + jnp.where(passes & free.ravel()[None], step, 0)
+    position_of_square: Int[Array, "rows columns"],
+    order: Int[Array, "lines squares"],
+    square: Int[Array, "positions"],
+) -> Int[Array, "lines positions"]:
+    """The order of squares without those that are not free."""
+    keep = free.ravel()[order]
+    place = jnp.where(keep, jnp.cumsum(keep, axis=1, dtype=jnp.int32) - 1, square.size)
+    lines = jnp.arange(order.shape[0], dtype=jnp.int32)[:, None]
+    none = jnp.zeros((order.shape[0], square.size), jnp.int32)
+    return none.at[lines, place].set(position_of_square.ravel()[order], mode="drop")
 
 
 def _unique_rows(
     rows: Int[np.ndarray, "directions positions"],
-) -> tuple[Int[np.ndarray, "ways positions"], Int[np.ndarray, "directions"]]:
+) -> tuple[
+    Int[np.ndarray, "ways positions"],
+    Int[np.ndarray, "ways"],
+    Int[np.ndarray, "directions"],
+]:
+    """The rows that differ, where each comes first, and which of them each row is."""
     seen: dict[bytes, int] = {}
-    way = [seen.setdefault(row.tobytes(), len(seen)) for row in rows]
-    ways = np.frombuffer(b"".join(seen), rows.dtype).reshape(len(seen), -1)
-    return ways, np.array(way, np.int32)
+    way = np.array([seen.setdefault(row.tobytes(), len(seen)) for row in rows], np.int32)
+    _, first = np.unique(way, return_index=True)
+    return rows[first], first, way
 
 
 def bounce_shift(

@@ -42,24 +42,28 @@ def runs(moves: Moves) -> Runs:
     ways, positions = moves.target.shape
     position = jnp.arange(positions, dtype=jnp.int32)
     still = moves.target == position[None]
-    row = (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
+    order = moves.order[moves.line]
 
-    def double(state):  # type: ignore[no-untyped-def]
-        end, length, _ = state
-        ahead = end + row
-        further = length.ravel()[ahead]
-        return end.ravel()[ahead], length + further, jnp.any(further != 0)
+    # Backwards along the lines: the wall ahead is here, or where it was for the position before.
+    def look_ahead(stop, here):  # type: ignore[no-untyped-def]
+        index, ends = here
+        stop = jnp.where(ends, index, stop)
+        return stop, stop
 
-    length = (~still).astype(jnp.int32)
-    end, length, _ = jax.lax.while_loop(
-        lambda state: state[-1], double, (moves.target, length, jnp.array(True))
-    )
+    ends = jnp.take_along_axis(still, order, axis=1).T
+    nowhere = jnp.zeros(ways, jnp.int32)
+    _, stop = jax.lax.scan(look_ahead, nowhere, (position, ends), reverse=True)
+    lines = jnp.arange(moves.order.shape[0], dtype=jnp.int32)[:, None]
+    rank = jnp.zeros_like(moves.order).at[lines, moves.order].set(position)
+    start = rank[moves.line]
+    stop = jnp.take_along_axis(stop.T, start, axis=1)
+    end = jnp.take_along_axis(order, stop, axis=1)
     wall = still & moves.free[None]
     before = jnp.cumsum(wall, axis=1, dtype=jnp.int32) - wall.astype(jnp.int32)
     walls = jnp.sum(wall, axis=1, dtype=jnp.int32)[moves.way]
     return Runs(
         end=end,
-        length=length,
+        length=stop - start,
         wall=wall,
         rank=jnp.take_along_axis(before, end, axis=1),
         first=jnp.cumsum(walls, dtype=jnp.int32) - walls,

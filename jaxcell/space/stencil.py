@@ -20,17 +20,14 @@ class Stencil:
 
     offset: Int[np.ndarray, "ways 2"]
     "Square that holds the end point."
-    crossed: Int[np.ndarray, "ways crossings 2"]
-    "Squares whose interior the step passes, all of which must be free; repeated to fill up."
-    beside: Int[np.ndarray, "ways corners 2 2"]
-    "The squares beside each corner that it passes, of which one must be free; repeated likewise."
+    square: Int[np.ndarray, "squares 2"]
+    "Squares that a step may depend on."
+    crossed: Int[np.ndarray, "ways crossings"]
+    "Those whose interior the step passes, all of which must be free; repeated to fill up."
+    beside: Int[np.ndarray, "ways corners 2"]
+    "Those beside each corner that it passes, of which one must be free; repeated likewise."
     way: Int[np.ndarray, "directions"]
     "The way of each direction."
-
-    @property
-    def looks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which squares to look at for each way."""
-        return self.offset, self.crossed, self.beside
 
 
 @functools.lru_cache(maxsize=64)
@@ -46,12 +43,38 @@ def stencil(directions: int, step: float, collision: str) -> Stencil:
     # What fills up is the end square, which has to be free anyway.
     crossings = max(len(crossed) for _, crossed, _ in ways)
     corners = max(1, *(len(beside) for _, _, beside in ways))
+    crossed = np.array([c + (o,) * (crossings - len(c)) for o, c, _ in ways])
+    beside = np.array([b + ((o, o),) * (corners - len(b)) for o, _, b in ways])
+    seen = np.concatenate([crossed.reshape(-1, 2), beside.reshape(-1, 2)])
+    square, index = np.unique(seen, axis=0, return_inverse=True)
+    index = index.reshape(-1).astype(np.int32)
     return Stencil(
-        np.array([o for o, _, _ in ways], np.int32),
-        np.array([c + (o,) * (crossings - len(c)) for o, c, _ in ways], np.int32),
-        np.array([b + ((o, o),) * (corners - len(b)) for o, _, b in ways], np.int32),
-        np.array(way, np.int32),
+        offset=np.array([o for o, _, _ in ways], np.int32),
+        square=square.astype(np.int32),
+        crossed=index[: crossed.size // 2].reshape(crossed.shape[:-1]),
+        beside=index[crossed.size // 2 :].reshape(beside.shape[:-1]),
+        way=np.array(way, np.int32),
     )
+
+
+@functools.lru_cache(maxsize=256)
+def line_order(rows: int, columns: int, offset: tuple[int, int]) -> Int[np.ndarray, "squares"]:
+    """The squares of a grid line by line, each in the order in which steps of `offset` follow it.
+
+    **Arguments:**
+
+    - `rows`, `columns`: size of the grid.
+    - `offset`: the square that a step leads to, relative to where it starts, as `(row, column)`.
+    """
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    up, across = offset
+    # How many steps lead here from the first square of the line.
+    before = np.full(row.shape, rows + columns)
+    for step, place, size in ((up, row, rows), (across, column, columns)):
+        if step:
+            before = np.minimum(before, (place if step > 0 else size - 1 - place) // abs(step))
+    first = (row - before * up) * columns + column - before * across
+    return np.lexsort((before, first)).astype(np.int32)
 
 
 def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:

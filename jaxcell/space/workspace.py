@@ -113,9 +113,11 @@ class Workspace:
         """
         union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
         rounding = _rounding(self.boundary, self.obstacles)
-        return shapely.normalize(
-            shapely.difference(shapely.Polygon(self.boundary), union, grid_size=rounding)
-        )
+        # GEOS meets denormal numbers in slivers, of which NumPy would warn.
+        with np.errstate(all="ignore"):
+            return shapely.normalize(
+                shapely.difference(shapely.Polygon(self.boundary), union, grid_size=rounding)
+            )
 
     @functools.cached_property
     def free_space(self) -> shapely.Polygon | shapely.MultiPolygon:
