@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, free_steps, line_order, stencil
+from ..space import CellSpace, free_steps, line_orders, stencil
 
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
@@ -61,16 +61,20 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         if cells.gridded:
             shape = stencil(cells.directions, length, collision)
             looks = (shape.square, shape.crossed, shape.beside, shape.offset)
-            target = _positions(cells.free, cells.square, cells.position_of_square, *looks)
-            offset, way = shape.offset, shape.way
+            target, way, line = _targets(cells.free, *looks), shape.way, shape.line
+            target = _positions(target, cells.square, cells.position_of_square)
         else:
             target, first, way = _unique_rows(free_steps(cells, length, collision))
             shape = stencil(cells.directions, length, "endpoint")
-            offset = shape.offset[shape.way[first]]
-        order, line = _line_orders(cells.free.shape, offset)
-        order = _order_of_positions(cells.free, cells.position_of_square, order, cells.square)
-        free = jnp.ones(cells.positions, bool)
-        return Moves(jnp.asarray(target), jnp.asarray(way), free, order, jnp.asarray(line))
+            line = shape.line[shape.way[first]]
+        order = line_orders(*cells.free.shape, shape.lines)
+        return Moves(
+            jnp.asarray(target),
+            jnp.asarray(way),
+            jnp.ones(cells.positions, bool),
+            _order_of_positions(order, cells.square, cells.position_of_square),
+            jnp.asarray(line),
+        )
 
 
 def grid_moves(
@@ -97,13 +101,12 @@ def grid_moves(
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision)
-    order, line = _line_orders(free.shape, shape.offset)
     return Moves(
         _targets(free, shape.square, shape.crossed, shape.beside, shape.offset),
         jnp.asarray(shape.way),
         free.ravel(),
-        jnp.asarray(order),
-        jnp.asarray(line),
+        jnp.asarray(line_orders(*free.shape, shape.lines)),
+        jnp.asarray(shape.line),
     )
 
 
@@ -129,36 +132,26 @@ def _targets(
 
 @jax.jit
 def _positions(
-    free: Bool[Array, "rows columns"],
+    targets: Int[Array, "ways squares"],
     square: Int[Array, "positions"],
     position_of_square: Int[Array, "rows columns"],
-    *looks: Int[Array, "..."],
 ) -> Int[Array, "ways positions"]:
-    return position_of_square.ravel()[_targets(free, *looks)[:, square]]
-
-
-def _line_orders(
-    shape: tuple[int, ...], offset: Int[np.ndarray, "ways 2"]
-) -> tuple[Int[np.ndarray, "lines squares"], Int[np.ndarray, "ways"]]:
-    offsets, line = np.unique(offset, axis=0, return_inverse=True)
-    rows, columns = shape
-    order = [line_order(rows, columns, (up, across)) for up, across in offsets.tolist()]
-    return np.stack(order), line.reshape(-1).astype(np.int32)
+    return position_of_square.ravel()[targets[:, square]]
 
 
 @jax.jit
 def _order_of_positions(
-    free: Bool[Array, "rows columns"],
-    position_of_square: Int[Array, "rows columns"],
     order: Int[Array, "lines squares"],
     square: Int[Array, "positions"],
+    position_of_square: Int[Array, "rows columns"],
 ) -> Int[Array, "lines positions"]:
     """The order of squares without those that are not free."""
-    keep = free.ravel()[order]
-    place = jnp.where(keep, jnp.cumsum(keep, axis=1, dtype=jnp.int32) - 1, square.size)
+    position = position_of_square.ravel()[order]
+    place = jnp.cumsum(position >= 0, axis=1, dtype=jnp.int32) - 1
+    place = jnp.where(position >= 0, place, square.size)
     lines = jnp.arange(order.shape[0], dtype=jnp.int32)[:, None]
     none = jnp.zeros((order.shape[0], square.size), jnp.int32)
-    return none.at[lines, place].set(position_of_square.ravel()[order], mode="drop")
+    return none.at[lines, place].set(position, mode="drop")
 
 
 def _unique_rows(

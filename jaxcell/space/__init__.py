@@ -11,5 +11,5 @@ part of this package imports JAX.
 
 from .cells import CellSpace as CellSpace
 from .segments import free_steps as free_steps
-from .stencil import Stencil as Stencil, line_order as line_order, stencil as stencil
+from .stencil import Stencil as Stencil, line_orders as line_orders, stencil as stencil
 from .workspace import Workspace as Workspace

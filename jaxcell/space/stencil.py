@@ -28,6 +28,10 @@ class Stencil:
     "Those beside each corner that it passes, of which one must be free; repeated likewise."
     way: Int[np.ndarray, "directions"]
     "The way of each direction."
+    lines: tuple[tuple[int, int], ...]
+    "The offsets that differ: ways of one offset run along the same lines."
+    line: Int[np.ndarray, "ways"]
+    "Which of them is that of each way."
 
 
 @functools.lru_cache(maxsize=64)
@@ -48,33 +52,40 @@ def stencil(directions: int, step: float, collision: str) -> Stencil:
     seen = np.concatenate([crossed.reshape(-1, 2), beside.reshape(-1, 2)])
     square, index = np.unique(seen, axis=0, return_inverse=True)
     index = index.reshape(-1).astype(np.int32)
+    lines = sorted({o for o, _, _ in ways})
     return Stencil(
         offset=np.array([o for o, _, _ in ways], np.int32),
         square=square.astype(np.int32),
         crossed=index[: crossed.size // 2].reshape(crossed.shape[:-1]),
         beside=index[crossed.size // 2 :].reshape(beside.shape[:-1]),
         way=np.array(way, np.int32),
+        lines=tuple(lines),
+        line=np.array([lines.index(o) for o, _, _ in ways], np.int32),
     )
 
 
-@functools.lru_cache(maxsize=256)
-def line_order(rows: int, columns: int, offset: tuple[int, int]) -> Int[np.ndarray, "squares"]:
-    """The squares of a grid line by line, each in the order in which steps of `offset` follow it.
+@functools.lru_cache(maxsize=16)
+def line_orders(
+    rows: int, columns: int, lines: tuple[tuple[int, int], ...]
+) -> Int[np.ndarray, "lines squares"]:
+    """The squares of a grid line by line, each in the order in which steps follow it.
 
     **Arguments:**
 
     - `rows`, `columns`: size of the grid.
-    - `offset`: the square that a step leads to, relative to where it starts, as `(row, column)`.
+    - `lines`: offsets of steps, `(row, column)`; each makes one order.
     """
     row, column = np.divmod(np.arange(rows * columns), columns)
-    up, across = offset
-    # How many steps lead here from the first square of the line.
-    before = np.full(row.shape, rows + columns)
-    for step, place, size in ((up, row, rows), (across, column, columns)):
-        if step:
-            before = np.minimum(before, (place if step > 0 else size - 1 - place) // abs(step))
-    first = (row - before * up) * columns + column - before * across
-    return np.lexsort((before, first)).astype(np.int32)
+    orders = np.empty((len(lines), rows * columns), np.int32)
+    for order, (up, across) in zip(orders, lines, strict=True):
+        # How many steps lead here from the first square of the line.
+        before = np.full(row.shape, rows + columns)
+        for step, place, size in ((up, row, rows), (across, column, columns)):
+            if step:
+                before = np.minimum(before, (place if step > 0 else size - 1 - place) // abs(step))
+        first = (row - before * up) * columns + column - before * across
+        order[:] = np.lexsort((before, first))
+    return orders
 
 
 def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:
