@@ -113,6 +113,22 @@ def arena() -> Workspace:
     )
 
 
+def complex_room() -> Workspace:
+    return Workspace(
+        box(0, 0, 16, 13),
+        [
+            box(8, 6, 12, 8),
+            box(3, 4, 5, 6),
+            box(0, 3, 1, 6),
+            box(1, 0, 6, 1),
+            box(15, 2, 16, 7),
+        ],
+        name="Complex room, a stand-in for Alam 2018, Figure 3.9",
+        cell=1,
+        directions=8,
+    )
+
+
 MAZE = """\
 ;; A row of text is a row of squares; the first is the top one.
 ; name Maze
@@ -177,6 +193,7 @@ free_thresh: 0.196
 def main(folder: Path) -> None:
     for make in (lab_a, lab_b, cafe, room_200x125, arena):
         make().save(folder / f"{make.__name__}.json")
+    complex_room().save(folder / "complex.json")
     (folder / "maze.txt").write_bytes(MAZE.encode())
     pixels = office_pixels()
     rows, columns = pixels.shape

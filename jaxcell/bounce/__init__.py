@@ -13,7 +13,15 @@ automaton that tells a robot where it is from its bumps (section 2.4). The other
 of these, for use under `jit` and `vmap`.
 """
 
+from .coverage import (
+    CoveragePolicy as CoveragePolicy,
+    coverage_policy as coverage_policy,
+    coverage_target as coverage_target,
+    noisy_bounce_map as noisy_bounce_map,
+    noisy_turns as noisy_turns,
+)
 from .dynamics import (
+    Collision as Collision,
     Moves as Moves,
     bounce_image as bounce_image,
     bounce_map as bounce_map,
@@ -29,8 +37,20 @@ from .groups import (
     runs as runs,
     summarize as summarize,
 )
+from .joint import (
+    JointImage as JointImage,
+    joint_image as joint_image,
+    joint_orbits as joint_orbits,
+    squares_of as squares_of,
+)
 from .localize import (
     Localization as Localization,
     localization_filter as localization_filter,
     localize as localize,
+)
+from .team import (
+    TeamOutcome as TeamOutcome,
+    TeamTrajectory as TeamTrajectory,
+    team_trajectories as team_trajectories,
+    team_trajectory as team_trajectory,
 )

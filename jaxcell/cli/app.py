@@ -6,13 +6,22 @@ from typing import Annotated, Any
 
 import tyro
 
+from .cover import Cover
 from .demo import Demo
 from .export import Export
 from .groups import Groups
 from .localize import Localize
+from .team import Team
 
 
-_COMMANDS = {"demo": Demo, "export": Export, "groups": Groups, "localize": Localize}
+_COMMANDS = {
+    "cover": Cover,
+    "demo": Demo,
+    "export": Export,
+    "groups": Groups,
+    "localize": Localize,
+    "team": Team,
+}
 
 _DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping.
 

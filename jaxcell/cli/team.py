@@ -50,7 +50,7 @@ class Team(MapOptions, OutputOptions):
             "max_parts": self.max_parts,
             "part_steps": self.part_steps,
         }
-        doing = f"covering {cells.positions:,} positions with {len(starts)} robots"
+        doing = f"covering {cells.positions:,} positions with {_count(len(starts))}"
         with Console(stderr=True).status(f"{doing} ...") as shown:
             run = team_trajectory(
                 cells,
@@ -66,6 +66,8 @@ class Team(MapOptions, OutputOptions):
         summary = {**spec, **describe(cells, run)}
         if not self.json:
             show(cells, summary)
+            if 2 * spec["robot_radius_m"] > cells.cell:
+                note("Robots wider than a cell count as meeting only where their centres do.")
         if self.out is not None:
             from .. import record
 
@@ -148,7 +150,7 @@ def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
         places += [f"and {more:,} more"] if more else []
         rows.append((f"{summary['uncovered']:,} stay uncovered", "\n".join(places)))
     table(
-        f"{summary['name'] or summary['map']}: {summary['robots']} robots, bounce {bounces}, "
+        f"{summary['name'] or summary['map']}: {_count(summary['robots'])}, bounce {bounces}, "
         f"{summary['collision']} collision",
         ("quantity", "value"),
         rows,
@@ -159,3 +161,7 @@ def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
         ("robot", "starts at", "ends at"),
         [(i, configuration(cells, a), configuration(cells, b)) for i, (a, b) in enumerate(robots)],
     )
+
+
+def _count(robots: int) -> str:
+    return f"{robots} robot{'s' if robots > 1 else ''}"

@@ -11,6 +11,11 @@ of cells, a *section*, `section_groups` finds the same from the first-return map
 Nothing here knows of robots.
 """
 
+from .classes import (
+    PersistentGroups as PersistentGroups,
+    persistent_groups as persistent_groups,
+)
+from .generalized import Chain as Chain
 from .groups import (
     GroupSummary as GroupSummary,
     PeriodicGroups as PeriodicGroups,

@@ -1,0 +1,131 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from ..space import CellSpace
+from .dynamics import Moves
+
+
+# Robots more squares apart than any step is long do not meet, and the squares of larger offsets
+# would not fit 32 bits.
+_FAR = 2**14
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class JointImage:
+    """What one step of several robots does."""
+
+    image: Int[Array, "*batch robots"]
+    "The cell that each robot is in after it."
+    bumped: Bool[Array, "*batch robots"]
+    "Which robots stayed and turned."
+    collided: Bool[Array, "*batch robots"]
+    "Which robots ran into another, or had another run into them."
+    collisions: Int[Array, "*batch"]
+    "Number of pairs of robots that collided."
+
+
+def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
+    """Column and row of each position, which tell where robots meet."""
+    row, column = np.divmod(cells.square, cells.free.shape[1])
+    return np.stack([column, row])
+
+
+@jax.jit
+def joint_image(
+    moves: Moves,
+    squares: Int[Array, "2 positions"],
+    shift: Int[Array, "robots"],
+    state: Int[Array, "robots"],
+) -> JointImage:
+    """The joint bounce map: one step of several robots at once (Alam 2018, Eq. 3.9).
+
+    All robots set out together, straight and at the same pace, from the centre of their cell to the
+    centre of the next. A robot bumps if
+
+    - a wall is in its way, as in [`jaxcell.bounce.bounce_map`][];
+    - on its way it would meet a robot that sets out too: at the same end, changing places, or
+        crossing on diagonals (and, with steps of several cells, anywhere between);
+    - a robot that bumps stands on its way, and so on along a queue.
+
+    No other robot bumps. A robot that bumps stays, and turns by its bouncing angle once, however
+    many robots and walls it meets. So robots in different positions never come to share one, and
+    the order of the robots makes no difference. Two robots *collide* if they would meet, or if one
+    bumps and stands on the way of the other. To each other robots are points: discs wider than a
+    cell are not kept apart.
+
+    Works under `jit`, and under `vmap` over any of the arguments.
+
+    **Arguments:**
+
+    - `moves`: where a step leads.
+    - `squares`: column and row of each position, of [`squares_of`][].
+    - `shift`: directions that each robot turns by at a bump.
+    - `state`: the cell of each robot, no two in one position.
+    """
+    directions, positions = moves.way.shape[0], moves.free.shape[0]
+    direction, position = state // positions, state % positions
+    target = moves.target[moves.way[direction], position]
+
+    here = squares[:, position]
+    motion = squares[:, target] - here
+    offset = jnp.clip(here[:, None] - here[:, :, None], -_FAR, _FAR)
+    # Seen from one robot, another comes along the straight line of their relative motion.
+    meet = _vanishes(offset, motion[:, None] - motion[:, :, None])
+    on_way = _vanishes(offset, -motion[:, :, None])
+
+    def queue(_, bumped):  # type: ignore[no-untyped-def]
+        return bumped | (on_way & bumped[None]).any(axis=1)
+
+    bumped = (target == position) | meet.any(axis=1)
+    bumped = jax.lax.fori_loop(0, state.shape[0] - 1, queue, bumped)
+    into_bumped = on_way & bumped[None]
+    collide = meet | into_bumped | into_bumped.T
+    turned = (direction + shift) % directions
+    return JointImage(
+        image=jnp.where(bumped, turned * positions + position, direction * positions + target),
+        bumped=bumped,
+        collided=collide.any(axis=1),
+        collisions=jnp.sum(collide, dtype=jnp.int32) // 2,
+    )
+
+
+def _vanishes(
+    offset: Int[Array, "2 robots robots"], change: Int[Array, "2 robots #robots"]
+) -> Bool[Array, "robots robots"]:
+    """Whether `offset + t * change` is zero for some `t` in (0, 1], and not for `t = 0`."""
+    (x, y), (dx, dy) = offset, change
+    square, along, across = x * x + y * y, x * dx + y * dy, x * dy - y * dx
+    return (square > 0) & (across == 0) & (square + along <= 0)
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def joint_orbits(
+    moves: Moves,
+    squares: Int[Array, "2 positions"],
+    shift: Int[Array, "robots"],
+    states: Int[Array, "lanes robots"],
+    *,
+    steps: int,
+) -> JointImage:
+    """What the next `steps` steps do, from many joint states side by side.
+
+    **Arguments:** as for [`joint_image`][], and
+
+    - `states`: the cells of the robots at the beginning of each lane.
+    - `steps`: how many steps.
+
+    **Returns:** [`JointImage`][] with batch axes (steps, lanes).
+    """
+    images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
+
+    def step(states, _):  # type: ignore[no-untyped-def]
+        joint = images(states)
+        return joint.image, joint
+
+    return jax.lax.scan(step, states, length=steps)[1]

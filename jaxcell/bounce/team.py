@@ -1,0 +1,328 @@
+import dataclasses
+import enum
+import functools
+import operator
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..space import CellSpace
+from .dynamics import Collision, bounce_shift, moves as moves_of
+from .joint import JointImage, joint_orbits, squares_of
+
+
+# Steps that are simulated at a time: parts are tens to thousands of steps long.
+_CHUNK = 256
+# By default no part is longer, since all joint states that were there are kept.
+_LONGEST_PART = 100_000
+
+
+class TeamOutcome(enum.Enum):
+    """How the search for a joint trajectory ended, in a sentence."""
+
+    COVERED = "every position was visited"
+    OUT_OF_REACH = (
+        "every position was visited that steps in any direction lead to from the starts; "
+        "the others are out of reach"
+    )
+    STUCK = "every turn of one robot by one direction leads to a joint state that was there before"
+    OUT_OF_PARTS = "the trajectory has as many parts as are allowed"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TeamTrajectory:
+    """A joint trajectory of several robots that covers a map, or as much of it as it could."""
+
+    bumped: Bool[np.ndarray, "steps robots"]
+    "Which robots stayed and turned by their bouncing angle, in each step."
+    collided: Bool[np.ndarray, "steps robots"]
+    "Which robots ran into another, or had another run into them."
+    collisions: Int[np.ndarray, "steps"]
+    "Number of pairs of robots that collided."
+    path: Int[np.ndarray, "steps+1 robots"]
+    "The cell of each robot, before the first step and after each."
+    covered: Int[np.ndarray, "steps+1"]
+    "Number of positions visited so far."
+    parts: Int[np.ndarray, "parts"]
+    "Where in `path` each part begins, but for the first with one robot turned by one direction."
+    uncovered: Int[np.ndarray, "uncovered"]
+    "The positions that were never visited, in ascending order."
+    outcome: TeamOutcome
+    "Why it ends."
+
+
+def team_trajectory(
+    cells: CellSpace,
+    starts: Int[np.ndarray, "robots"] | Sequence[int],
+    bounces: Float[np.ndarray, "*angles"] | Sequence[float] | float | int,
+    *,
+    step: float | None = None,
+    collision: Collision = "swept",
+    max_parts: int = 1000,
+    part_steps: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> TeamTrajectory:
+    """A joint trajectory of several bouncing robots that is to cover a map (Alam 2018, Alg. 3.4).
+
+    The robots move by the joint bounce map, [`jaxcell.bounce.joint_image`][], until they come to a
+    joint state in which they have been before, from which on they would only repeat themselves.
+    There one part of the trajectory ends, and the next begins with one robot turned in place by one
+    direction, either way. Of the joint states that such a turn leads to, those that were not there
+    before are tried, and that is taken whose part visits the most new positions, among equals with
+    the fewest collisions, then the first (robot 0 counter-clockwise, robot 0 clockwise, robot 1,
+    ...). The trajectory ends with the step that visits the last of the positions that steps in any
+    direction lead to from the starts. Only positions where a step ends count as visited.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `starts`: the cell of each robot, no two in one position.
+    - `bounces`: bouncing angles in radians, one for all robots or one for each.
+    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+    - `max_parts`: how many parts the trajectory may have.
+    - `part_steps`: after how many steps a part ends in any case, since several robots may take
+        millions until they repeat themselves; by default the number of cells, which no robot alone
+        exceeds, but at most 100,000.
+    - `progress`: called after each part with the number of parts and of positions visited so far.
+
+    **Returns:** [`TeamTrajectory`][].
+
+    **Raises:** `ValueError` if there are no robots or no angles, if a start does not exist or two
+    are in one position, if there are neither one angle nor as many as robots, for an angle that is
+    not a whole number of directions, or for a number of parts or steps below 1; else as
+    [`jaxcell.bounce.moves`][].
+    """
+    return team_trajectories(
+        cells,
+        np.array([operator.index(cell) for cell in starts], np.int64)[None],
+        bounces,
+        step=step,
+        collision=collision,
+        max_parts=max_parts,
+        part_steps=part_steps,
+        progress=progress,
+    )[0]
+
+
+def team_trajectories(
+    cells: CellSpace,
+    starts: Int[np.ndarray, "runs robots"],
+    bounces: Float[np.ndarray, "*angles"] | Sequence[float] | float | int,
+    *,
+    step: float | None = None,
+    collision: Collision = "swept",
+    max_parts: int = 1000,
+    part_steps: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> list[TeamTrajectory]:
+    """The joint trajectories of [`team_trajectory`][] from many starts of the same robots.
+
+    All runs are simulated side by side, each with all the turns that it tries.
+
+    **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
+    is called after each part of all runs with the most parts and the fewest positions of a run.
+    """
+    _check_starts(cells, starts)
+    shift = _shifts(bounces, starts.shape[1], cells.directions)
+    limit = min(cells.size, _LONGEST_PART) if part_steps is None else part_steps
+    for name, value in (("max_parts", max_parts), ("part_steps", limit)):
+        if value < 1:
+            raise ValueError(f"{name}: expected at least 1, got {value}")
+    moves = moves_of(cells, step=step, collision=collision)
+    orbits = functools.partial(
+        joint_orbits, moves, jnp.asarray(squares_of(cells)), jnp.asarray(shift), steps=_CHUNK
+    )
+
+    target = np.asarray(moves.target)
+    runs = [
+        _Run(cells, start, _reach(target, start % cells.positions), max_parts)
+        for start in starts.astype(np.int32)
+    ]
+    searching = runs
+    while searching:
+        tries = [[_Part(run, begin, limit) for begin in run.begins()] for run in searching]
+        _simulate(orbits, [part for parts in tries for part in parts])
+        for run, parts in zip(searching, tries, strict=True):
+            run.append(max(parts, key=lambda part: (part.gain, -part.collisions)))
+        if progress is not None:
+            fewest = min(int(run.covered.sum()) for run in runs)
+            progress(max(len(run.parts) for run in runs), fewest)
+        searching = [run for run in searching if run.outcome is None]
+    return [run.trajectory() for run in runs]
+
+
+def _check_starts(cells: CellSpace, starts: Int[np.ndarray, "runs robots"]) -> None:
+    if starts.shape[1] == 0:
+        raise ValueError("starts: there are no robots; at least one is needed")
+    for run, row in enumerate(starts.tolist()):
+        where = f" of run {run}" if len(starts) > 1 else ""
+        first: dict[int, int] = {}
+        for robot, cell in enumerate(row):
+            if not 0 <= cell < cells.size:
+                raise ValueError(
+                    f"starts{where}: robot {robot} is in cell {cell}, which does not exist; "
+                    f"cells are 0 to {cells.size - 1}"
+                )
+            other = first.setdefault(cell % cells.positions, robot)
+            if other != robot:
+                raise ValueError(
+                    f"starts{where}: robots {other} and {robot} are both at position "
+                    f"{cell % cells.positions}, in cells {row[other]} and {cell}; one can be there"
+                )
+
+
+def _shifts(
+    bounces: Float[np.ndarray, "*angles"] | Sequence[float] | float | int,
+    robots: int,
+    directions: int,
+) -> Int[np.ndarray, "robots"]:
+    angles = np.asarray(bounces, float)
+    if angles.size == 0:
+        raise ValueError(
+            "bounces: there are no angles; expected one for all robots or one for each"
+        )
+    if angles.shape not in ((), (1,), (robots,)):
+        raise ValueError(
+            f"bounces: got {angles.size} angles for {robots} robots; "
+            "expected one for all or one for each"
+        )
+    return np.broadcast_to(bounce_shift(angles, directions), robots)
+
+
+def _reach(target: Int[np.ndarray, "ways positions"], position: Int[np.ndarray, "robots"]) -> int:
+    """How many positions steps in any direction lead to, with those they start from."""
+    reached = np.zeros(target.shape[1], bool)
+    new = position
+    while new.size:
+        reached[new] = True
+        new = np.unique(target[:, new])
+        new = new[~reached[new]]
+    return int(reached.sum())
+
+
+class _Steps(NamedTuple):
+    """Some steps of a joint trajectory: where each leads, and what happened."""
+
+    state: Int[np.ndarray, "steps robots"]
+    bumped: Bool[np.ndarray, "steps robots"]
+    collided: Bool[np.ndarray, "steps robots"]
+    collisions: Int[np.ndarray, "steps"]
+
+
+class _Run:
+    """A joint trajectory in the making."""
+
+    def __init__(
+        self, cells: CellSpace, start: Int[np.ndarray, "robots"], reach: int, max_parts: int
+    ) -> None:
+        self.cells, self.start, self.reach, self.max_parts = cells, start, reach, max_parts
+        self.outcome: TeamOutcome | None = None
+        self.visited: set[bytes] = set()
+        self.covered = np.zeros(cells.positions, bool)
+        self.parts: list[_Part] = []
+
+    def begins(self) -> list[Int[np.ndarray, "robots"]]:
+        """The joint states that the next part can begin with."""
+        if not self.parts:
+            return [self.start]
+        last = self.parts[-1].state
+        turns = np.kron(np.eye(len(last), dtype=np.int32), np.array([[1], [-1]], np.int32))
+        states = (last + turns * self.cells.positions) % self.cells.size
+        return [state for state in states if state.tobytes() not in self.visited]
+
+    def append(self, part: "_Part") -> None:
+        self.parts.append(part)
+        self.visited |= part.visited
+        self.covered = part.covered
+        if self.covered.sum() == self.reach:
+            everywhere = self.reach == self.cells.positions
+            self.outcome = TeamOutcome.COVERED if everywhere else TeamOutcome.OUT_OF_REACH
+        elif len(self.parts) == self.max_parts:
+            self.outcome = TeamOutcome.OUT_OF_PARTS
+        elif not self.begins():
+            self.outcome = TeamOutcome.STUCK
+
+    def trajectory(self) -> TeamTrajectory:
+        assert self.outcome is not None
+        steps = (steps for part in self.parts for steps in part.steps)
+        path, bumped, collided, collisions = map(np.concatenate, zip(*steps, strict=True))
+        position, first = np.unique(path % self.cells.positions, return_index=True)
+        new = np.bincount(first // path.shape[1], minlength=len(path))
+        return TeamTrajectory(
+            # What leads to the start is no step.
+            bumped=bumped[1:],
+            collided=collided[1:],
+            collisions=collisions[1:],
+            path=path,
+            covered=np.cumsum(new),
+            parts=np.cumsum([0, *(part.length + 1 for part in self.parts[:-1])]),
+            uncovered=np.setdiff1d(np.arange(self.cells.positions, dtype=np.int32), position),
+            outcome=self.outcome,
+        )
+
+
+class _Part:
+    """A part of a joint trajectory in the making, which may follow those that a run has."""
+
+    def __init__(self, run: _Run, begin: Int[np.ndarray, "robots"], limit: int) -> None:
+        self.run, self.limit = run, limit
+        # In the step that leads here nobody bumps: it turns one robot.
+        nobody = np.zeros((1, len(begin)), bool)
+        self.steps = [_Steps(begin[None], nobody, nobody, np.zeros(1, np.int32))]
+        self.length = self.collisions = 0
+        self.visited = {begin.tobytes()}
+        self.covered = run.covered.copy()
+        self.covered[begin % run.cells.positions] = True
+        self.growing = bool(self.covered.sum() < run.reach)
+
+    @property
+    def state(self) -> Int[np.ndarray, "robots"]:
+        """The last joint state."""
+        return self.steps[-1].state[-1]
+
+    @property
+    def gain(self) -> int:
+        """Number of positions that no part before visits."""
+        return int(self.covered.sum() - self.run.covered.sum())
+
+    def extend(self, steps: _Steps) -> None:
+        """Adds those of some steps that still belong to the part."""
+        states = steps.state[: self.limit - self.length]
+        stop = len(states)
+        self.growing = self.length + stop < self.limit
+        for i, state in enumerate(_hashable(states)):
+            if state in self.visited or state in self.run.visited:
+                stop, self.growing = i + 1, False
+                break
+            self.visited.add(state)
+        position, first = np.unique(states[:stop] % self.run.cells.positions, return_index=True)
+        first = first[~self.covered[position]]
+        self.covered[position] = True
+        if self.covered.sum() == self.run.reach:
+            stop, self.growing = int(first.max()) // states.shape[1] + 1, False
+        self.steps.append(_Steps(*(field[:stop] for field in steps)))
+        self.length += stop
+        self.collisions += int(steps.collisions[:stop].sum())
+
+
+def _hashable(states: Int[np.ndarray, "steps robots"]) -> list[bytes]:
+    states = np.ascontiguousarray(states)
+    return states.view(f"V{states.itemsize * states.shape[1]}").ravel().tolist()
+
+
+def _simulate(
+    orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
+) -> None:
+    """Completes parts side by side; one that has ended leaves its lane to others."""
+    while growing := [part for part in parts if part.growing]:
+        states = np.stack([part.state for part in growing])
+        # Each number of lanes is compiled once, so there are few: the powers of two.
+        states = np.resize(states, (1 << (len(growing) - 1).bit_length(), states.shape[1]))
+        joint = orbits(jnp.asarray(states))
+        fields = jax.device_get((joint.image, joint.bumped, joint.collided, joint.collisions))
+        for lane, part in enumerate(growing):
+            part.extend(_Steps(*(field[:, lane] for field in fields)))

@@ -1,0 +1,153 @@
+import dataclasses
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+from jaxtyping import Array, Bool, Int
+from scipy.sparse import csgraph
+
+from .generalized import Chain, leaving_rows
+
+
+# Bytes that the domiciles of all groups may take.
+_LARGEST_TABLE = 2**32
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PersistentGroups:
+    """The persistent groups of a chain and what can reach them (Alam 2018, Definition 3.3.3)."""
+
+    group: Int[Array, "cells"]
+    "The persistent group of each cell, from 0 in the order of smallest cells; -1 if transient."
+    count: int
+    "Number of persistent groups."
+    size: Int[Array, "groups"]
+    "Number of cells of each group."
+    _matrix: scipy.sparse.csr_array = dataclasses.field(repr=False)
+
+    @property
+    def persistent(self) -> Bool[Array, "cells"]:
+        """Whether the cell belongs to a persistent group."""
+        return self.group >= 0
+
+    @functools.cached_property
+    def domicile(self) -> Bool[Array, "groups cells"]:
+        """Whether each cell can reach each group, its own cells included.
+
+        **Raises:** `ValueError` if the table would take more than 4 GiB; ask
+        [`PersistentGroups.reaching`][] for one group at a time then.
+        """
+        cells = self.group.shape[0]
+        if self.count * cells > _LARGEST_TABLE:
+            raise ValueError(
+                f"domicile: {self.count} groups x {cells} cells make more than 4 GiB; "
+                "use reaching(group) for one group at a time"
+            )
+        table = np.zeros((self.count, cells), bool)
+        for group in range(self.count):
+            table[group] = self._reaching(group)
+        return jnp.asarray(table)
+
+    def reaching(self, group: int) -> Bool[Array, "cells"]:
+        """Whether each cell can reach a group: one row of `domicile`.
+
+        **Raises:** `ValueError` if there is no such group.
+        """
+        if not 0 <= group < self.count:
+            raise ValueError(f"group {group} does not exist; there are {self.count}")
+        return jnp.asarray(self._reaching(group))
+
+    @functools.cached_property
+    def period(self) -> Int[Array, "groups"]:
+        """The greatest common divisor of the lengths of the circuits of each group."""
+        return self._circuits[0]
+
+    @functools.cached_property
+    def phase(self) -> Int[Array, "cells"]:
+        """The cyclic class of each cell in its group; -1 if transient.
+
+        That of the smallest cell of the group is 0, and one step leads from a class to the next,
+        modulo the period.
+        """
+        return self._circuits[1]
+
+    @functools.cached_property
+    def _circuits(self) -> tuple[Int[Array, "groups"], Int[Array, "cells"]]:
+        group = np.asarray(self.group)
+        inside = np.flatnonzero(group >= 0)
+        group = group[inside]
+        edges = self._matrix[inside][:, inside].tocoo()
+        # The breadth-first level of a cell and those of its images differ by 1, modulo the period,
+        # and circuits are where they do not.
+        _, roots = np.unique(group, return_index=True)
+        level = np.zeros(inside.size, np.int64)
+        if inside.size:
+            distance = csgraph.dijkstra(
+                edges.tocsr(), indices=roots, unweighted=True, min_only=True
+            )
+            level = distance.astype(np.int64)
+        period = np.zeros(self.count, np.int64)
+        np.gcd.at(period, group[edges.row], level[edges.row] + 1 - level[edges.col])
+        phase = np.full(self.group.shape[0], -1, np.int32)
+        phase[inside] = level % period[group]
+        return jnp.asarray(period, jnp.int32), jnp.asarray(phase)
+
+    def _reaching(self, group: int) -> Bool[np.ndarray, "cells"]:
+        return reaching(self._matrix, np.asarray(self.group) == group)
+
+
+def reaching(
+    matrix: scipy.sparse.csr_array, target: Bool[np.ndarray, "cells"]
+) -> Bool[np.ndarray, "cells"]:
+    """Whether each cell of a chain can come to a set of cells; those of the set can.
+
+    **Arguments:**
+
+    - `matrix`: the transition matrix, without zeros among its entries.
+    - `target`: the set.
+    """
+    cells = target.size
+    goals = np.flatnonzero(target)
+    source = np.repeat(np.arange(cells), np.diff(matrix.indptr))
+    # Backwards along the edges, from one more node that leads to all the set.
+    tail = np.concatenate([matrix.indices, np.full(goals.size, cells)])
+    head = np.concatenate([source, goals])
+    backwards = scipy.sparse.csr_array(
+        (np.ones(tail.size), (tail, head)), shape=(cells + 1, cells + 1)
+    )
+    found = np.zeros(cells + 1, bool)
+    found[csgraph.breadth_first_order(backwards, cells, return_predecessors=False)] = True
+    return found[:-1]
+
+
+def persistent_groups(chain: Chain) -> PersistentGroups:
+    """Finds the persistent groups of a chain: its closed communicating classes.
+
+    They are the strongly connected components that nothing leaves, neither for another cell nor for
+    the sink; all other cells are transient. On the host, in time proportional to the number of
+    edges.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+
+    **Returns:** [`PersistentGroups`][]. `domicile`, `period` and `phase` are computed when they are
+    asked for.
+    """
+    matrix = chain.to_scipy()
+    components, label = csgraph.connected_components(matrix, connection="strong")
+    source = np.repeat(label, np.diff(matrix.indptr))
+    open_ = np.zeros(components, bool)
+    open_[source[source != label[matrix.indices]]] = True
+    open_[label[leaving_rows(matrix) > 0]] = True
+    closed = np.flatnonzero(~open_)
+    smallest = np.zeros(components, np.int64)
+    # Assigned from the last cell to the first, so that the first stays.
+    smallest[label[::-1]] = np.arange(label.size)[::-1]
+    closed = closed[np.argsort(smallest[closed])]
+    number = np.full(components, -1, np.int32)
+    number[closed] = np.arange(closed.size)
+    group = number[label]
+    size = np.bincount(group[group >= 0], minlength=closed.size)
+    return PersistentGroups(jnp.asarray(group), closed.size, jnp.asarray(size, jnp.int32), matrix)

@@ -1,0 +1,172 @@
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+from jaxtyping import Array, Float, Int
+
+from ..precision import require_x64
+
+
+# Rows whose sums differ from 1 by no more are taken to sum to 1.
+_ROUNDING = 1e-12
+
+
+@jax.tree_util.register_pytree_with_keys_class
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Chain:
+    """A generalized cell mapping: every cell has several images, each with a probability.
+
+    That is a finite Markov chain (Hsu 1980; Alam 2018, Eq. 3.5). Row `b` of the arrays holds the
+    `b`-th image of every cell, and cells with fewer images are filled up with themselves at
+    probability 0, which is no edge of the chain. The probabilities of a cell may sum to less than
+    1: what is missing leaves the space and goes to a *sink*, from which nothing comes back. It is
+    never normalised away.
+    """
+
+    image: Int[Array, "branches cells"]
+    probability: Float[Array, "branches cells"]
+
+    def __init__(self, image: Any, probability: Any) -> None:
+        """**Arguments:**
+
+        - `image`: integer array `[branches, cells]`, the cells that each cell may be mapped to.
+        - `probability`: float64 array of the same shape.
+
+        **Raises:** `ValueError` that names the cell for an image that does not exist, and a
+        probability that is negative, not a number, or with the others of its cell sums to more
+        than 1; `ValueError` for arrays of other shapes or types. Values are checked only outside
+        `jit`. `RuntimeError` where JAX is set to 32 bits.
+        """
+        require_x64("a chain")
+        _check_arrays(image, probability)
+        object.__setattr__(self, "image", jnp.asarray(image, jnp.int32))
+        object.__setattr__(self, "probability", jnp.asarray(probability))
+
+    @classmethod
+    def from_scipy(cls, matrix: Any) -> "Chain":
+        """The chain of a transition matrix.
+
+        **Arguments:**
+
+        - `matrix`: square array, sparse or dense; row `i` holds the probabilities of leaving cell
+            `i`, and what they lack of 1 goes to the sink.
+
+        **Raises:** `ValueError` if it is not square; else as the constructor.
+        """
+        rows = scipy.sparse.csr_array(matrix, copy=True)
+        if rows.shape[0] != rows.shape[1]:
+            raise ValueError(f"matrix: expected as many rows as columns, got {rows.shape}")
+        rows.sum_duplicates()
+        rows.eliminate_zeros()
+        cells = rows.shape[0]
+        edges = np.diff(rows.indptr)
+        branches = max(1, int(edges.max(initial=0)))
+        cell = np.repeat(np.arange(cells), edges)
+        slot = np.arange(rows.nnz) - np.repeat(rows.indptr[:-1], edges)
+        image = np.tile(np.arange(cells, dtype=np.int32), (branches, 1))
+        image[slot, cell] = rows.indices
+        probability = np.zeros((branches, cells), np.result_type(rows.dtype, np.float32))
+        probability[slot, cell] = rows.data
+        return cls(image, probability)
+
+    def to_scipy(self) -> scipy.sparse.csr_array:
+        """The transition matrix without the sink; all its entries are positive."""
+        image, probability = np.asarray(self.image), np.asarray(self.probability)
+        cells = image.shape[1]
+        # Slots of probability 0 are dropped before anything is sorted: most are, in a sparse chain.
+        used = probability.T > 0
+        end = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
+        matrix = scipy.sparse.csr_array(
+            (probability.T[used], image.T[used], end), shape=(cells, cells)
+        )
+        matrix.sum_duplicates()
+        return matrix
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return self.image.shape[-1]
+
+    @property
+    def leaving(self) -> Float[Array, "cells"]:
+        """The probability that the next step from each cell goes to the sink."""
+        missing = 1 - jnp.sum(self.probability, axis=0)
+        return jnp.where(missing > _ROUNDING, missing, 0.0)
+
+    @jax.jit
+    def push(self, distribution: Float[Array, "cells"]) -> Float[Array, "cells"]:
+        """The distribution one step later, `p P`; what it lacks has gone to the sink."""
+
+        def add(later, branch):  # type: ignore[no-untyped-def]
+            image, probability = branch
+            return later.at[image].add(probability * distribution), None
+
+        later, _ = jax.lax.scan(add, jnp.zeros_like(distribution), (self.image, self.probability))
+        return later
+
+    @jax.jit
+    def pull(self, value: Float[Array, "cells"]) -> Float[Array, "cells"]:
+        """The expected value one step later, `P v`; the sink counts as 0."""
+
+        def add(expected, branch):  # type: ignore[no-untyped-def]
+            image, probability = branch
+            return expected + probability * value[image], None
+
+        expected, _ = jax.lax.scan(add, jnp.zeros_like(value), (self.image, self.probability))
+        return expected
+
+    def tree_flatten_with_keys(self):  # type: ignore[no-untyped-def]
+        fields = ("image", "probability")
+        return [(jax.tree_util.GetAttrKey(f), getattr(self, f)) for f in fields], None
+
+    @classmethod
+    def tree_unflatten(cls, _, fields):  # type: ignore[no-untyped-def]
+        # Past the constructor: JAX puts other things than arrays here, and what came out of a
+        # transformation was checked when it went in.
+        chain = object.__new__(cls)
+        object.__setattr__(chain, "image", fields[0])
+        object.__setattr__(chain, "probability", fields[1])
+        return chain
+
+
+def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
+    """[`Chain.leaving`][], from the transition matrix."""
+    missing = 1 - np.asarray(matrix.sum(axis=1)).ravel()
+    return np.where(missing > _ROUNDING, missing, 0.0)
+
+
+def _check_arrays(image: Any, probability: Any) -> None:
+    shape, dtype = np.shape(image), jnp.result_type(probability)
+    if len(shape) != 2 or 0 in shape or np.shape(probability) != shape:
+        raise ValueError(
+            "image, probability: expected two arrays of one shape [branches, cells], got "
+            f"{list(shape)} and {list(np.shape(probability))}"
+        )
+    if not jnp.issubdtype(jnp.result_type(image), jnp.integer):
+        raise ValueError(f"image: expected whole numbers, got {jnp.result_type(image)}")
+    if dtype != jnp.float64:
+        raise ValueError(f"probability: expected float64, got {dtype}")
+    if isinstance(image, jax.core.Tracer) or isinstance(probability, jax.core.Tracer):
+        return
+    image, probability = np.asarray(image), np.asarray(probability)
+    cells = shape[1]
+    if image.min() < 0 or image.max() >= cells:
+        branch, cell = np.argwhere((image < 0) | (image >= cells))[0]
+        raise ValueError(
+            f"image[{branch}, {cell}] is {image[branch, cell]}; cells are 0 to {cells - 1}"
+        )
+    # A sum is finite and a minimum is not negative only if all the probabilities are so.
+    total = probability.sum(axis=0)
+    if not (probability.min() >= 0):
+        branch, cell = np.argwhere(~(probability >= 0))[0]
+        raise ValueError(
+            f"probability[{branch}, {cell}] is {probability[branch, cell]}; expected 0 to 1"
+        )
+    if not (total.max() <= 1 + _ROUNDING):
+        cell = int(np.argmax(total))
+        raise ValueError(
+            f"probability: those of cell {cell} sum to {total[cell]!r}; expected at most 1"
+        )

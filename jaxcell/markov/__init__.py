@@ -1,0 +1,28 @@
+"""What one asks of a finite Markov chain on cells.
+
+Let `P` be the transition matrix of a [`jaxcell.mapping.Chain`][], whose rows may sum to less than
+1: the rest of the mass leaves the space for a sink. Every cell is *transient* or belongs to a
+*persistent group*, a closed communicating class (Alam 2018, Definitions 3.3.1 to 3.3.3), and with
+probability 1 the chain ends in one of the groups or in the sink.
+
+- The *limiting distribution* is the time average of the chain, `lim (p + p P + ... + p P^(n-1)) /
+    n`. On each group it is the one distribution with `x P = x`, weighed by the probability of
+    ending there.
+- With `Q` the part of `P` among the transient cells and `R` that into the groups, *absorption
+    probabilities* are `B = R + Q B`, and *absorption times* `t = 1 + Q t`.
+- *Hitting times* are the same for any set of cells, and `inf` where the chain may never arrive.
+
+Every answer comes with a [`jaxcell.certificate.Certificate`][]: a residual that is computed from
+the answer and the full matrix, and says how good the answer is. All solves need 64-bit numbers.
+"""
+
+from .hitting import (
+    Absorption as Absorption,
+    absorption_probabilities as absorption_probabilities,
+    absorption_times as absorption_times,
+    hitting_times as hitting_times,
+)
+from .limiting import (
+    LimitingDistribution as LimitingDistribution,
+    limiting_distribution as limiting_distribution,
+)

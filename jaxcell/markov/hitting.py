@@ -1,0 +1,170 @@
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Bool, Float, Int
+
+from ..certificate import Certificate, Solution
+from ..mapping.classes import PersistentGroups, reaching
+from ..mapping.generalized import Chain, leaving_rows
+from ..precision import require_x64
+from .transient import Transient
+
+
+# A relative error of a time, and an absolute one of a probability.
+_TIME_TOLERANCE = 1e-6
+_PROBABILITY_TOLERANCE = 1e-10
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Absorption:
+    """Where a chain ends up from each cell. The probabilities of a cell, with leaving, sum to 1."""
+
+    value: Float[Array, "groups cells"]
+    "The probability of ending in each persistent group."
+    leaving: Float[Array, "cells"]
+    "The probability of leaving the space for the sink."
+    certificate: Certificate
+
+
+def absorption_probabilities(
+    chain: Chain, groups: PersistentGroups, *, throw: bool = True
+) -> Absorption:
+    """The probability that a chain ends in each persistent group: its stochastic basins.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `groups`: its persistent groups.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`Absorption`][]. The residual of its certificate is the largest amount, over cells
+    and groups, by which the probability of a cell differs from the mean of those of its images.
+
+    **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
+    """
+    group = group_of(chain, groups)
+    matrix = chain.to_scipy()
+    part = Transient.of(matrix, group < 0)
+    rows = matrix[part.cells]
+    count = groups.count
+    # One column a group and one for the sink.
+    gain = np.zeros((part.cells.size, count + 1))
+    cell = np.repeat(np.arange(part.cells.size), np.diff(rows.indptr))
+    into = group[rows.indices]
+    np.add.at(gain, (cell[into >= 0], into[into >= 0]), rows.data[into >= 0])
+    gain[:, -1] = leaving_rows(matrix)[part.cells]
+    found, products = part.expect(gain)
+    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
+    certificate = Certificate(products, float(residual), _PROBABILITY_TOLERANCE)
+    certificate.check("absorption_probabilities", throw)
+    value = np.zeros((count + 1, chain.cells))
+    value[group[group >= 0], np.flatnonzero(group >= 0)] = 1
+    value[:, part.cells] = found.T
+    return Absorption(jnp.asarray(value[:-1]), jnp.asarray(value[-1]), certificate)
+
+
+def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = True) -> Solution:
+    """The expected number of steps until a chain is in a persistent group or has left the space.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `groups`: its persistent groups.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`jaxcell.certificate.Solution`][]; 0 on the groups. The residual of its
+    certificate bounds the relative error of every time.
+
+    **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
+    """
+    transient = group_of(chain, groups) < 0
+    time = np.zeros(chain.cells)
+    return _times(Transient.of(chain.to_scipy(), transient), time, "absorption_times", throw)
+
+
+def hitting_times(
+    chain: Chain,
+    target: npt.ArrayLike | int,
+    *,
+    throw: bool = True,
+) -> Solution:
+    """The expected number of steps until a chain is first in a set of cells.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `target`: a cell, several, or a mask over the cells.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`jaxcell.certificate.Solution`][]; 0 on the target, and `inf` where the chain may
+    never arrive, because it can be caught elsewhere or leave the space first. The residual of its
+    certificate bounds the relative error of every finite time.
+
+    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a target that is empty or not
+    on the map.
+    """
+    require_x64("hitting_times")
+    there = target_mask(chain.cells, target)
+    matrix = chain.to_scipy()
+    arrives = reaching(matrix, there)
+    fails = ~there & (~arrives | (leaving_rows(matrix) > 0))
+    # What lies beyond the target does not count.
+    before = matrix.copy()
+    before.data[np.repeat(there, np.diff(before.indptr))] = 0
+    before.eliminate_zeros()
+    may_fail = reaching(before, fails)
+    time = np.where(may_fail, np.inf, 0.0)
+    return _times(Transient.of(matrix, ~may_fail & ~there), time, "hitting_times", throw)
+
+
+def _times(part: Transient, time: Float[np.ndarray, "cells"], what: str, throw: bool) -> Solution:
+    """Fills in the expected numbers of steps until a part of a chain is left."""
+    gain = np.ones((part.cells.size, 1))
+    found, products = part.expect(gain)
+    # With t = 1 + Q t + r and 0 <= t, the error is at most max |r| times the true time.
+    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
+    certificate = Certificate(products, float(residual), _TIME_TOLERANCE)
+    certificate.check(what, throw)
+    time[part.cells] = found[:, 0]
+    return Solution(jnp.asarray(time), certificate)
+
+
+def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:
+    """The persistent group of each cell, for the host.
+
+    **Raises:** `ValueError` if the groups cannot be those of the chain; `RuntimeError` where JAX is
+    set to 32 bits.
+    """
+    require_x64("a solve on a chain")
+    if groups.group.shape[0] != chain.cells:
+        raise ValueError(
+            f"groups: expected those of this chain of {chain.cells} cells, got those of one of "
+            f"{groups.group.shape[0]}"
+        )
+    return np.asarray(groups.group)
+
+
+def target_mask(cells: int, target: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
+    """A set of cells as a mask.
+
+    **Raises:** `ValueError` for a set that is empty or holds a cell that does not exist.
+    """
+    given = np.asarray(target)
+    if given.dtype == bool:
+        if given.shape != (cells,):
+            raise ValueError(f"target: expected a mask of {cells} cells, got {given.shape}")
+        mask = given
+    else:
+        listed = np.atleast_1d(given)
+        if listed.size and not np.issubdtype(listed.dtype, np.integer):
+            raise ValueError(f"target: expected whole numbers of cells, got {listed.dtype}")
+        wrong = listed[(listed < 0) | (listed >= cells)]
+        if wrong.size:
+            raise ValueError(f"target: cell {wrong[0]} does not exist; cells are 0 to {cells - 1}")
+        mask = np.zeros(cells, bool)
+        mask[listed.astype(np.int64)] = True
+    if not mask.any():
+        raise ValueError("target: expected at least one cell, got none")
+    return mask

@@ -1,0 +1,116 @@
+import dataclasses
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from jaxtyping import Array, Float, Int
+
+from ..certificate import Certificate
+from ..mapping.classes import PersistentGroups
+from ..mapping.generalized import Chain, leaving_rows
+from .hitting import group_of
+from .solve import solve_stationary
+from .transient import Transient
+
+
+_TOLERANCE = 1e-10
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LimitingDistribution:
+    """The share of its time that a chain spends in each cell in the long run."""
+
+    value: Float[Array, "cells"]
+    "The shares; with `leaving` they sum to 1."
+    weights: Float[Array, "groups"]
+    "The share of each persistent group: the probability of ending there."
+    leaving: float
+    "The probability of leaving the space for the sink."
+    certificate: Certificate
+
+
+def limiting_distribution(
+    chain: Chain,
+    groups: PersistentGroups,
+    weights: Literal["basin", "size"] | npt.ArrayLike | None = None,
+    *,
+    throw: bool = True,
+) -> LimitingDistribution:
+    """The time average of a chain: the limit of `(p + p P + ... + p P^(n-1)) / n`.
+
+    It exists whether or not the chain is periodic. Within a persistent group it does not depend on
+    the start; what the groups weigh does.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `groups`: its persistent groups.
+    - `weights`: what the groups weigh: `"basin"` (the default), the probabilities that a chain that
+        starts in any cell with equal probability ends in each; `"size"`, their shares of the
+        persistent cells; or an array of numbers that sum to 1.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`LimitingDistribution`][]. The residual of its certificate is the 1-norm of
+    `value P - value`, or what the weights and leaving together lack of 1 if that is more.
+
+    **Raises:** `RuntimeError` if the solve stalls; `ValueError` for weights that are not
+    understood, negative, or do not sum to 1, or if the groups are of another chain.
+    """
+    group = group_of(chain, groups)
+    matrix = chain.to_scipy()
+    share, leaving, weighed = _weights(matrix, groups, group, weights)
+    inside = np.flatnonzero(group >= 0)
+    within, products = solve_stationary(matrix[inside][:, inside], group[inside])
+    value = np.zeros(chain.cells)
+    value[inside] = within * share[group[inside]]
+    residual = max(np.abs(matrix.T @ value - value).sum(), abs(share.sum() + leaving - 1))
+    certificate = Certificate(weighed + products, float(residual), _TOLERANCE)
+    certificate.check("limiting_distribution", throw)
+    return LimitingDistribution(jnp.asarray(value), jnp.asarray(share), leaving, certificate)
+
+
+def _weights(
+    matrix: scipy.sparse.csr_array,
+    groups: PersistentGroups,
+    group: Int[np.ndarray, "cells"],
+    weights: npt.ArrayLike | None,
+) -> tuple[Float[np.ndarray, "groups"], float, int]:
+    """What the groups weigh, what the sink does, and the products that it took to find out."""
+    if weights is None or (isinstance(weights, str) and weights == "basin"):
+        return _basins(matrix, groups.count, group)
+    if groups.count == 0:
+        raise ValueError(
+            "weights: the chain has no persistent groups; it leaves the space for sure"
+        )
+    if isinstance(weights, str):
+        if weights != "size":
+            raise ValueError(f"weights: expected 'basin', 'size' or an array, got {weights!r}")
+        size = np.asarray(groups.size)
+        return size / size.sum(), 0.0, 0
+    share = np.asarray(weights, float)
+    if share.shape != (groups.count,):
+        raise ValueError(f"weights: expected {groups.count}, one a group, got shape {share.shape}")
+    if not (share.min() >= 0 and abs(share.sum() - 1) <= _TOLERANCE):
+        raise ValueError(f"weights: expected numbers from 0 that sum to 1, got {share.tolist()}")
+    return share, 0.0, 0
+
+
+def _basins(
+    matrix: scipy.sparse.csr_array,
+    count: int,
+    group: Int[np.ndarray, "cells"],
+) -> tuple[Float[np.ndarray, "groups"], float, int]:
+    leaving = leaving_rows(matrix)
+    if count == 1 and not leaving.any():
+        return np.ones(1), 0.0, 0
+    start = np.full(group.size, 1 / group.size)
+    part = Transient.of(matrix, group < 0)
+    visits, products = part.visits(start[part.cells])
+    branching = part.cells[part.branching]
+    entering = matrix[branching].T @ visits
+    inside = group >= 0
+    share = np.zeros(count)
+    np.add.at(share, group[inside], (start + entering)[inside])
+    return share, float(leaving[branching] @ visits), products

@@ -1,0 +1,93 @@
+import dataclasses
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Bool, Float, Int
+
+from .solve import solve_transient
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Transient:
+    """A part of a chain that the chain leaves for good, ready to be solved.
+
+    Between branchings a chain goes one certain way, as a robot does between two bumps. Such *runs*
+    are taken out first: what is asked of a cell on a run follows from the *branching* cell that the
+    run ends in, the first whose image in the part is not certain. Of a bouncing robot's cells one
+    in six is such. Arrays are over the cells of the part, which are told by their places in it.
+    """
+
+    cells: Int[np.ndarray, "part"]
+    "The cells, in ascending order."
+    step: scipy.sparse.csr_array
+    "The probabilities of steps within the part."
+    branching: Int[np.ndarray, "section"]
+    "The branching cells."
+    end: Int[np.ndarray, "part"]
+    "Which of those the run from each cell ends in."
+    jump: scipy.sparse.csr_array
+    "The probabilities of going from branching cell to branching cell."
+    hops: tuple[Int[np.ndarray, "part"], ...]
+    "The cell 1, 2, 4, ... steps down the run; the number of cells where that is past its end."
+
+    @classmethod
+    def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
+        """Takes a part out of a chain.
+
+        **Arguments:**
+
+        - `matrix`: the transition matrix, without zeros among its entries.
+        - `inside`: the cells of the part, each of which can leave it.
+        """
+        cells = np.flatnonzero(inside)
+        step = matrix[cells][:, cells]
+        count = cells.size
+        start = step.indptr[:-1]
+        on_run = np.diff(step.indptr) == 1
+        on_run[on_run] = step.data[start[on_run]] == 1
+        hop = np.full(count + 1, count)
+        hop[:-1][on_run] = step.indices[start[on_run]]
+        end = np.where(on_run, hop[:-1], np.arange(count))
+        hops = []
+        while (hop < count).any():
+            hops.append(hop[:-1])
+            hop, end = hop[hop], end[end]
+        branching = np.flatnonzero(~on_run)
+        end = (np.cumsum(~on_run) - 1)[end]
+        rows = step[branching]
+        jump = scipy.sparse.csr_array(
+            (rows.data, end[rows.indices], rows.indptr), shape=(branching.size, branching.size)
+        )
+        jump.sum_duplicates()
+        return cls(cells, step, branching, end, jump, tuple(hops))
+
+    def expect(
+        self, gain: Float[np.ndarray, "part columns"]
+    ) -> tuple[Float[np.ndarray, "part columns"], int]:
+        """What is gained in all from each cell until the part is left: solves `x = gain + Q x`.
+
+        **Returns:** the solution and the number of products that it took.
+        """
+        run = np.zeros((self.cells.size + 1, gain.shape[1]))
+        run[:-1] = gain
+        run[self.branching] = 0
+        for hop in self.hops:
+            run[:-1] += run[hop]
+        run = run[:-1]
+        # A branching cell gains its own share and, before the next, that of a run.
+        right = gain[self.branching] + self.step[self.branching] @ run
+        at_branching, products = solve_transient(self.jump, right)
+        return run + at_branching[self.end], products
+
+    def visits(self, start: Float[np.ndarray, "part"]) -> tuple[Float[np.ndarray, "section"], int]:
+        """How often the branching cells are visited from a distribution over the part.
+
+        The adjoint of `expect`: one solve for one start and any number of gains. A cell on a run
+        stays in the part, so all ways out are from branching cells.
+
+        **Returns:** the numbers of visits and the number of products that they took.
+        """
+        arriving = np.zeros(self.branching.size)
+        np.add.at(arriving, self.end, start)
+        visits, products = solve_transient(self.jump, arriving[:, None], adjoint=True)
+        return visits[:, 0], products

@@ -1,0 +1,38 @@
+"""Results to keep and to look at.
+
+The `..._dataset` functions turn results into `xarray.Dataset`s with named dimensions, units and
+provenance; `save_dataset` writes them as NetCDF. The `log_...` functions write Rerun recordings,
+which open in the viewer with a layout of their own: `rerun FILE.rrd`. Rerun is imported when one of
+these is first used.
+
+Files appear whole or not at all.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from .coverage_dataset import coverage_dataset as coverage_dataset
+from .dataset import (
+    filter_dataset as filter_dataset,
+    groups_dataset as groups_dataset,
+    localization_dataset as localization_dataset,
+    save_dataset as save_dataset,
+)
+from .team_dataset import team_dataset as team_dataset
+
+
+if TYPE_CHECKING:
+    from .coverage import log_coverage as log_coverage
+    from .groups import log_groups as log_groups
+    from .localization import log_localization as log_localization
+    from .team import log_team as log_team
+
+
+_LOGGED = ("coverage", "groups", "localization", "team")
+
+
+def __getattr__(name: str) -> Any:
+    family = name.removeprefix("log_")
+    if name.startswith("log_") and family in _LOGGED:
+        return getattr(importlib.import_module(f"{__name__}.{family}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,169 @@
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float, Int, Integer
+
+from ..automata import Filter
+
+
+# A graph with more states than this is not drawn as a whole.
+_MOST_STATES = 300
+# What is drawn of a larger one: the last states of a run, and cycles, until there are so many.
+_LAST_VISITED = 120
+_MOST_ON_CYCLES = 300
+_SPACING = 30.0
+_GAP = 1.5
+# Cycles with more states than this are folded.
+_LARGEST_RING = 40
+_PATH_COLUMNS = 24
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Drawing:
+    """States of a filter in the plane, with y down."""
+
+    state: Int[np.ndarray, "drawn"]
+    "The states that are drawn."
+    position: Float[np.ndarray, "drawn 2"]
+    "Where."
+    edge: Int[np.ndarray, "edges 2"]
+    "The transitions between them, as pairs of states, each pair once."
+    whole: bool
+    "Whether all states are drawn, but for a trap that was not entered."
+    cycles_left_out: int
+    "The number of knowledge cycles that are not drawn."
+
+
+def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
+    """Gives the states of a filter fixed places.
+
+    The states outside the knowledge cycles stand in columns by their distance from the start; the
+    cycles are loops beside them. Of a filter with more than 300 states, only the last states of a
+    run and some cycles are drawn.
+
+    **Arguments:**
+
+    - `filter`: the filter.
+    - `visited`: the states that a run goes through, in order.
+    """
+    visited = visited[np.sort(np.unique(visited, return_index=True)[1])]
+    on_cycle = np.zeros(len(filter.transition), bool)
+    for cycle in filter.cycles:
+        on_cycle[cycle.states] = True
+    whole = len(filter.transition) <= _MOST_STATES
+    if whole:
+        entered = filter.trap is None or filter.trap in visited
+        free = np.flatnonzero(~on_cycle)
+        free = free if entered else free[free != filter.trap]
+        place = _columns(filter.transition, free)
+        cycles = [cycle.states for cycle in filter.cycles]
+    else:
+        free = visited[~on_cycle[visited]][-_LAST_VISITED:]
+        place = _rows(free.size)
+        cycles = _some_cycles(filter, visited)
+
+    loops = [_loop(len(states)) for states in cycles]
+    if whole:
+        right, bottom = place.max(axis=0, initial=0) + _GAP
+        loops = _pack(loops, wide=_area(loops) / bottom)
+        places = [place, *(loop + np.array([right, 0]) for loop in loops)]
+    else:
+        places = _pack([place, *loops], wide=math.sqrt(1.6 * _area([place, *loops])))
+    position = np.concatenate(places) * _SPACING
+    state = np.concatenate([free, *cycles]).astype(np.int32)
+    edge = np.stack([np.repeat(np.arange(len(filter.transition)), 2), filter.transition.ravel()], 1)
+    edge = np.unique(edge[np.isin(edge, state).all(axis=1)], axis=0)
+    return Drawing(state, position, edge, whole, len(filter.cycles) - len(cycles))
+
+
+def _columns(
+    transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
+) -> Float[np.ndarray, "drawn 2"]:
+    """Columns by distance from the start, in an order that keeps edges short."""
+    # States are numbered in breadth-first order: the first edge into a state is a shortest way.
+    depth = np.full(len(transition), -1)
+    depth[0] = 0
+    for state, targets in enumerate(transition):
+        fresh = targets[(targets >= 0) & (depth[targets] < 0)]
+        depth[fresh] = depth[state] + 1
+
+    drawn = np.zeros(len(transition), bool)
+    drawn[states] = True
+    source, target = np.repeat(np.arange(len(transition)), 2), transition.ravel()
+    linked = (target >= 0) & drawn[source] & drawn[target]
+    source, target = source[linked], target[linked]
+    columns = [states[depth[states] == d] for d in np.unique(depth[states])]
+    height = np.zeros(len(transition))
+    for sweep in range(8):
+        here, there = (target, source) if sweep % 2 == 0 else (source, target)
+        for column in columns if sweep % 2 == 0 else columns[::-1]:
+            # Each state wants to be level with the mean of its neighbours on one side.
+            wanted = [height[there[here == state]] for state in column]
+            mean = [w.mean() if w.size else height[s] for w, s in zip(wanted, column, strict=True)]
+            order = column[np.argsort(mean, kind="stable")]
+            height[order] = np.arange(order.size) - (order.size - 1) / 2
+    height -= height[states].min(initial=0)
+    return np.stack([depth[states], height[states]], axis=1).astype(float)
+
+
+def _rows(count: int) -> Float[np.ndarray, "count 2"]:
+    """A path in rows that turn back at their ends."""
+    row, column = np.divmod(np.arange(count), _PATH_COLUMNS)
+    column = np.where(row % 2 == 0, column, _PATH_COLUMNS - 1 - column)
+    return np.stack([column, row], axis=1).astype(float)
+
+
+def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[np.ndarray, "_"]]:
+    """The cycle that a run ends in, whatever its length, and the first of the others."""
+    reached = [c.states for c in filter.cycles if visited[-1] in c.states]
+    others = [c.states for c in filter.cycles if visited[-1] not in c.states]
+    drawn, total = reached, sum(map(len, reached))
+    for states in others:
+        total += len(states)
+        if total > _MOST_ON_CYCLES:
+            break
+        drawn.append(states)
+    return drawn
+
+
+def _loop(count: int) -> Float[np.ndarray, "count 2"]:
+    """A closed path through so many points: a ring, or where it would be large, a comb."""
+    if count <= _LARGEST_RING:
+        radius = max(count / (2 * np.pi), 0.4)
+        angle = 2 * np.pi * np.arange(count) / count
+        return radius * np.stack([1 + np.sin(angle), 1 - np.cos(angle)], axis=1)
+    # Pairs of columns, down and up, and the way back along the top.
+    pairs = math.ceil(math.sqrt(count) * 0.6)
+    spare = count - 2 * pairs
+    points = []
+    for pair in range(pairs):
+        share = spare * (pair + 1) // pairs - spare * pair // pairs
+        down, up = (share + 1) // 2, share // 2
+        points += [(2 * pair, 1 + row) for row in range(down)]
+        points += [(2 * pair + 1, 1 + row) for row in reversed(range(up))]
+    points += [(column, 0) for column in reversed(range(2 * pairs))]
+    return np.array(points, float)
+
+
+def _pack(shapes: list[Float[np.ndarray, "_ 2"]], wide: float) -> list[Float[np.ndarray, "_ 2"]]:
+    """Puts shapes side by side in rows that are so wide, or as wide as a shape."""
+    placed = []
+    left = top = height = 0.0
+    for shape in shapes:
+        width, high = _size(shape)
+        if left > 0 and left + width > wide:
+            left, top, height = 0.0, top + height, 0.0
+        placed.append(shape + np.array([left, top]))
+        left, height = left + width, max(height, high)
+    return placed
+
+
+def _area(shapes: list[Float[np.ndarray, "_ 2"]]) -> float:
+    return sum(math.prod(_size(shape)) for shape in shapes)
+
+
+def _size(shape: Float[np.ndarray, "_ 2"]) -> tuple[float, float]:
+    """Width and height of a shape at the origin, with a gap after it."""
+    width, height = shape.max(axis=0, initial=0) + _GAP
+    return float(width), float(height)

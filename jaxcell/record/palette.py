@@ -1,0 +1,134 @@
+"""The colours of all recordings, told apart by colour-blind people too.
+
+What stands for one thing is the same everywhere: obstacles are dark, free space is light, the
+robot is vermilion, where it may be is blue, and what is known in the end is green.
+"""
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+
+Color: TypeAlias = tuple[int, int, int] | tuple[int, int, int, int]
+
+OBSTACLE: Color = (52, 54, 58)
+CLEAR: Color = (0, 0, 0, 0)
+FREE: Color = (236, 236, 232)
+MARGIN: Color = (96, 100, 106)
+WALL: Color = (205, 208, 212)
+TEXT: Color = (255, 255, 255)
+ROBOT: Color = (213, 94, 0)
+TRAIL: Color = (90, 90, 90)
+BELIEF: Color = (0, 114, 178)
+KNOWN: Color = (0, 158, 115)
+PLAIN: Color = (140, 144, 150)
+CURRENT: Color = (255, 255, 255)
+ON_GROUP: Color = (255, 255, 255)
+
+# Okabe and Ito's, without black.
+CATEGORIES: dict[str, Color] = {
+    "orange": (230, 159, 0),
+    "sky blue": (86, 180, 233),
+    "green": (0, 158, 115),
+    "yellow": (240, 228, 66),
+    "blue": (0, 114, 178),
+    "vermilion": (213, 94, 0),
+    "pink": (204, 121, 167),
+}
+
+# Samples of viridis, without its darkest part, which obstacles would be taken for.
+_RAMP = np.array(
+    [
+        (62, 73, 137),
+        (49, 104, 142),
+        (38, 130, 142),
+        (31, 158, 137),
+        (53, 183, 121),
+        (110, 206, 88),
+        (181, 222, 43),
+        (253, 231, 37),
+    ],
+    float,
+)
+
+
+def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
+    """Colours for numbers from 0 (dark blue) to 1 (yellow)."""
+    at = np.clip(value, 0, 1) * (len(_RAMP) - 1)
+    channels = [np.interp(at, np.arange(len(_RAMP)), channel) for channel in _RAMP.T]
+    return np.stack(channels, axis=-1).round().astype(np.uint8)
+
+
+def mix(color: Color, other: Color, share: float) -> Color:
+    """A colour with a share of another."""
+    red, green, blue = (round(a + share * (b - a)) for a, b in zip(color, other, strict=True))
+    return red, green, blue
+
+
+class PictureClass(NamedTuple):
+    """What squares of one class in a picture have in common."""
+
+    label: str
+    color: Color
+
+
+class LegendEntry(NamedTuple):
+    """A swatch, and what it means."""
+
+    row: int
+    label: str
+    color: Color
+
+
+def cycle_color(color: int) -> tuple[str, Color]:
+    """What stands for a knowledge cycle, by the colour that its filter gives it (2, 3, ...)."""
+    named = list(CATEGORIES.items())
+    return named[(color - 2) % len(named)]
+
+
+def _group_classes() -> list[PictureClass]:
+    classes = [PictureClass("not free", CLEAR)]
+    for shade, rest in (0.0, ""), (0.6, "a smaller group"):
+        for place, color in enumerate(CATEGORIES.values()):
+            label = rest or ("the largest group", f"the group of rank {place + 1}")[place > 0]
+            color = mix(color, (255, 255, 255), shade)
+            classes.append(PictureClass(f"leads to {label}", color))
+            classes.append(PictureClass(f"on {label}", mix(color, (0, 0, 0), 0.35)))
+    return classes
+
+
+GROUP_CLASSES = _group_classes()
+"""The classes in pictures of groups: what is not free, then for each rank the cells that lead to
+the group and the cells on it, which are darker. The groups past the colours are pale."""
+
+
+def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
+    """The class of the cells that lead to groups, from the ranks of their basins; the next class is
+    that of the cells on them.
+    """
+    count = len(CATEGORIES)
+    place = np.where(rank < count, rank, count + rank % count)
+    return (1 + 2 * place).astype(np.uint8)
+
+
+def step_classes(longest: int) -> tuple[int, list[PictureClass]]:
+    """The classes in pictures of the mappings that cells are away from their groups.
+
+    **Arguments:**
+
+    - `longest`: the largest number of mappings.
+
+    **Returns:** how many numbers share a class, and the classes: 0 for what is not free, 1 for
+    the cells on a group, and step `s > 0` has class `2 + (s - 1) // share`.
+    """
+    longest = max(longest, 1)
+    share = -(-longest // 250)
+    starts = np.arange(1, longest + 1, share)
+    colors = ramp((starts - 1) / max(longest - 1, 1)).tolist()
+    classes = [PictureClass("not free", CLEAR), PictureClass("on a group", ON_GROUP)]
+    for start, (red, green, blue) in zip(starts.tolist(), colors, strict=True):
+        last = min(start + share - 1, longest)
+        steps = f"{start}" if start == last else f"{start} to {last}"
+        classes.append(PictureClass(f"{steps} mappings from its group", (red, green, blue)))
+    return share, classes

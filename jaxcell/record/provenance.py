@@ -1,0 +1,80 @@
+"""Coordinates that datasets share, and attributes that say where a result comes from."""
+
+import datetime
+import functools
+import json
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from .. import __version__
+from ..space import CellSpace
+
+
+def angle_attributes(meaning: str) -> dict[str, str]:
+    return {"long_name": meaning, "units": "rad", "sense": "counter-clockwise"}
+
+
+def cell_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
+    direction = np.arange(cells.directions)
+    _, _, theta = cells.centre(direction * cells.positions)
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    heading = angle_attributes("heading, from the x axis (East)")
+    return {
+        "direction": ("direction", direction.astype(np.int32), {"long_name": "index of heading"}),
+        "theta": ("direction", theta, heading),
+        "theta_deg": ("direction", np.rad2deg(theta), {**heading, "units": "degree"}),
+        "x": ("position", x, {"long_name": "centre of the cell", "units": "m"}),
+        "y": ("position", y, {"long_name": "centre of the cell", "units": "m"}),
+    }
+
+
+def provenance(
+    title: str, cells: CellSpace | None, spec: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Attributes that say what a dataset is, and with what it was made."""
+    try:
+        asked = json.dumps(dict(spec or {}), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"spec: expected a JSON object: {error}") from error
+    attributes: dict[str, Any] = {
+        "title": title,
+        "source": "jaxcell; definitions of Alam 2018",
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "jaxcell_version": __version__,
+        "jax_version": jax.__version__,
+        "spec": asked,
+    }
+    if (revision := _git_revision()) is not None:
+        attributes["git_revision"] = revision
+    if cells is not None:
+        attributes["cell_side_m"] = cells.cell
+        attributes["cell_index"] = "direction * positions + position"
+    return attributes
+
+
+@functools.cache
+def _git_revision() -> str | None:
+    """The commit of the checkout that this file is part of, with `-dirty` where it was changed."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "--no-optional-locks", *arguments]
+        return subprocess.run(
+            command,
+            cwd=Path(__file__).parents[1],
+            capture_output=True,
+            check=True,
+            text=True,
+            timeout=10,
+        ).stdout.strip()
+
+    try:
+        # An installed copy may lie inside a checkout of something else, which does not track it.
+        git("ls-files", "--error-unmatch", "__init__.py")
+        return git("describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
+    except (OSError, subprocess.SubprocessError):
+        return None

@@ -1,0 +1,260 @@
+import math
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.bounce import bounce_groups, bounce_map
+from jaxcell.bounce.coverage import coverage_policy, coverage_target, noisy_bounce_map
+from jaxcell.mapping.classes import persistent_groups
+from jaxcell.space import CellSpace, Workspace
+
+
+# Always as many free squares, since each number of cells is compiled once.
+GRIDS = st.permutations([True] * 9 + [False] * 3).map(lambda free: np.array(free).reshape(3, 4))
+DEGREE = math.pi / 180
+MAPS = Path(__file__).parents[2] / "data" / "maps"
+
+
+def room(directions=8):
+    free = np.ones((3, 5), bool)
+    free[1, 2] = free[0, 4] = False
+    return CellSpace.of_grid(free, directions)
+
+
+@given(GRIDS, st.integers(0, 7), st.integers(0, 3), st.sampled_from([0.25, 0.8, 1.0]))
+@settings(deadline=None, max_examples=60)
+def test_a_noisy_map_turns_by_all_angles_near_the_bouncing_angle(free, shift, bins, reliability):
+    cells = CellSpace.of_grid(free, 8)
+    if bins == 0:
+        reliability = 1.0
+    chain = noisy_bounce_map(cells, 45 * shift * DEGREE, 45 * bins * DEGREE, reliability)
+    exact = bounce_map(cells, 45 * shift * DEGREE)
+    expected = np.zeros((cells.size, cells.size))
+    for z, (image, bumped) in enumerate(zip(exact.image, exact.bumped, strict=True)):
+        if not bumped:
+            expected[z, image] = 1
+            continue
+        direction, position = divmod(z, cells.positions)
+        for error in range(-bins, bins + 1):
+            turned = (direction + shift + error) % 8
+            share = reliability if error == 0 else (1 - reliability) / (2 * bins)
+            expected[z, turned * cells.positions + position] += share
+    np.testing.assert_allclose(chain.to_scipy().toarray(), expected, rtol=1e-15, atol=0)
+    assert chain.image.shape[0] == 2 * bins + 1
+    assert not np.asarray(chain.leaving).any()
+
+
+@given(GRIDS, st.integers(1, 7))
+@settings(deadline=None, max_examples=40)
+def test_without_error_persistent_groups_are_the_periodic_groups(free, shift):
+    cells = CellSpace.of_grid(free, 8)
+    chain = noisy_bounce_map(cells, 45 * shift * DEGREE, 0.0, 1.0)
+    found = persistent_groups(chain)
+    exact = bounce_groups(cells, 45 * shift * DEGREE)
+    assert found.count == int(exact.count)
+    periodic = np.asarray(exact.periodic)
+    np.testing.assert_array_equal(found.group, np.where(periodic, exact.group, -1))
+
+
+def test_a_wall_of_any_shape_and_both_collision_rules():
+    round_room = Workspace([(0, 0), (3, 0), (3.5, 1), (3, 2.2), (0, 2)], robot_radius=0.1)
+    cells = CellSpace.of(round_room, 0.5, 12)
+    for collision in ("swept", "endpoint"):
+        chain = noisy_bounce_map(cells, math.pi / 2, math.pi / 6, 0.5, collision=collision)
+        exact = bounce_map(cells, math.pi / 2, collision=collision)
+        np.testing.assert_array_equal(chain.image[0], exact.image)
+        branches = (np.asarray(chain.probability) > 0).sum(axis=0)
+        np.testing.assert_array_equal(branches, np.where(exact.bumped, 3, 1))
+
+
+def time_average(matrix):
+    matrix = (matrix + np.eye(len(matrix))) / 2
+    for _ in range(80):
+        matrix = matrix @ matrix
+        matrix /= matrix.sum(axis=1, keepdims=True)
+    return matrix.mean(axis=0)
+
+
+@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+def test_the_whole_algorithm_against_dense_linear_algebra(collision):
+    cells = room()
+    bounces = np.radians([45, 90, 225])
+    wanted = np.arange(1.0, cells.positions + 1)
+    found = coverage_policy(cells, bounces, math.pi / 4, 0.7, wanted, collision=collision)
+    columns = []
+    for bounce, got in zip(bounces, found.limiting, strict=True):
+        chain = noisy_bounce_map(cells, float(bounce), math.pi / 4, 0.7, collision=collision)
+        average = time_average(chain.to_scipy().toarray())
+        np.testing.assert_allclose(got.value, average, atol=1e-12)
+        columns.append(average.reshape(8, -1).sum(axis=0))
+    A, b = np.stack(columns, axis=1), wanted / wanted.sum()
+    np.testing.assert_allclose(found.coverage, A.T, atol=1e-12)
+    np.testing.assert_allclose(found.target, b, rtol=1e-14)
+    least = scipy.optimize.minimize(
+        lambda x: 1e3 * np.sum((A @ x - b) ** 2),
+        np.full(3, 1 / 3),
+        bounds=[(0, 1)] * 3,
+        constraints={"type": "eq", "fun": lambda x: x.sum() - 1},
+        tol=1e-14,
+    )
+    assert found.distance == pytest.approx(np.linalg.norm(A @ least.x - b), rel=1e-7)
+    np.testing.assert_allclose(found.alpha, least.x, atol=1e-4)
+    np.testing.assert_allclose(found.mixture, A @ np.asarray(found.alpha), rtol=1e-13)
+    assert found.total_variation == pytest.approx(np.abs(A @ np.asarray(found.alpha) - b).sum() / 2)
+
+
+def test_a_mirrored_room_has_mirrored_policies():
+    free = np.ones((4, 5), bool)
+    free[1, 1] = free[3, 4] = False
+    mirrored = free[:, ::-1]
+    here = coverage_policy(CellSpace.of_grid(free, 8), np.radians([45, 90]), math.pi / 4, 0.6)
+    there = coverage_policy(
+        CellSpace.of_grid(mirrored, 8), np.radians([315, 270]), math.pi / 4, 0.6
+    )
+
+    def on_grid(policy, mask):
+        image = np.zeros(mask.shape)
+        image[mask] = policy.mixture
+        return image
+
+    np.testing.assert_allclose(here.alpha, there.alpha, atol=1e-9)
+    np.testing.assert_allclose(on_grid(here, free), on_grid(there, mirrored)[:, ::-1], atol=1e-12)
+
+
+def test_a_target_that_a_policy_meets_gets_that_policy_alone():
+    cells = room()
+    bounces = np.radians([45, 135, 270])
+    alone = coverage_policy(cells, bounces[1:2], math.pi / 4, 0.7)
+    assert alone.alpha.tolist() == [1]
+    found = coverage_policy(cells, bounces, math.pi / 4, 0.7, np.asarray(alone.mixture))
+    np.testing.assert_allclose(found.alpha, [0, 1, 0], atol=1e-9)
+    assert found.distance < 1e-12
+
+
+def test_weights_of_groups_are_passed_on():
+    # Two rooms without a door.
+    free = np.ones((2, 5), bool)
+    free[:, 1] = False
+    cells = CellSpace.of_grid(free, 8)
+    by_basin = coverage_policy(cells, [math.pi / 2], math.pi / 4, 0.5)
+    assert by_basin.groups[0].count > 1
+    left = np.flatnonzero(free[:, :1].ravel())
+    assert left.size == 2
+    x, _, _ = cells.centre(np.arange(cells.positions))
+    assert float(by_basin.mixture[x < 1].sum()) == pytest.approx(2 / 8)
+    by_size = coverage_policy(cells, [math.pi / 2], math.pi / 4, 0.5, weights="size")
+    group = np.asarray(by_size.groups[0].group).reshape(8, -1)
+    share = (group[:, x < 1] >= 0).sum() / (group >= 0).sum()
+    assert float(by_size.mixture[x < 1].sum()) == pytest.approx(share)
+
+
+def test_targets():
+    cells = room()
+    n = cells.positions
+    x, y, _ = cells.centre(np.arange(n))
+    np.testing.assert_allclose(coverage_target(cells), np.full(n, 1 / n), rtol=1e-14)
+    worth = x + 10 * y
+    expected = worth / worth.sum()
+    np.testing.assert_allclose(coverage_target(cells, worth), expected, rtol=1e-14)
+    np.testing.assert_allclose(coverage_target(cells, jnp.asarray(worth)), expected, rtol=1e-14)
+    np.testing.assert_allclose(coverage_target(cells, lambda x, y: x + 10 * y), expected)
+    assert coverage_target(cells, np.full(n, 1e308)).sum() == pytest.approx(1)
+
+
+def test_an_image_has_its_first_row_at_the_top():
+    cells = room()
+    image = np.arange(15.0).reshape(3, 5)[::-1]
+    worth = np.arange(15.0)[cells.free.ravel()]
+    np.testing.assert_allclose(coverage_target(cells, image), worth / worth.sum())
+    fine = np.kron(image, np.ones((4, 3)))
+    np.testing.assert_allclose(coverage_target(cells, fine), worth / worth.sum())
+    coarse = np.array([[1.0, 0.0]])
+    x, _, _ = cells.centre(np.arange(cells.positions))
+    np.testing.assert_array_equal(coverage_target(cells, coarse) > 0, x < 2.5)
+
+
+def bad(n, index, value):
+    worth = np.ones(n)
+    worth[index] = value
+    return worth
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (np.ones(4), r"expected 13 numbers, one a position, or an image, got shape \(4,\)"),
+        (np.ones((2, 2, 3)), r"got shape \(2, 2, 3\)"),
+        (np.ones((0, 3)), r"got shape \(0, 3\)"),
+        (np.zeros(13), "0 at all positions"),
+        (lambda x, y: 0 * x, "0 at all positions"),
+        (lambda x, y: 1.0, r"got shape \(\)"),
+        (bad(13, 5, np.nan), r"nan at position 5 \(1.5 m, 1.5 m\)"),
+        (bad(13, 0, -1.0), r"-1 at position 0 \(0.5 m, 0.5 m\); expected a finite number from 0"),
+        (bad(13, 2, np.inf), "inf at position 2"),
+    ],
+)
+def test_bad_targets_are_refused(target, message):
+    with pytest.raises(ValueError, match=f"^target: .*{message}"):
+        coverage_target(room(), target)
+    with pytest.raises(ValueError, match=message):
+        coverage_policy(room(), [math.pi / 2], math.pi / 4, 0.5, target)
+
+
+@pytest.mark.parametrize(
+    ("bounce", "error", "reliability", "message"),
+    [
+        (30, 45, 0.8, "bounce: 30 deg is not a whole number"),
+        (45, 30, 0.8, "error: 30 deg is not a whole number of the 8 directions, .* 45 deg apart"),
+        (45, -45, 0.8, "error: -45 deg is not"),
+        (45, np.nan, 0.8, "error: nan deg is not"),
+        (45, 180, 0.8, r"error: \+-180 deg are 9 turns, more than the 8 .* at most 135 deg"),
+        (45, 45, 0.0, "reliability: expected more than 0 and at most 1, got 0"),
+        (45, 45, -0.5, "reliability: .* got -0.5"),
+        (45, 45, 1.01, "reliability: .* got 1.01"),
+        (45, 45, np.nan, "reliability: .* got nan"),
+        (45, 0, 0.8, "reliability: 0.8 leaves a chance of an error, but the error is 0 deg"),
+    ],
+)
+def test_bad_noise_is_refused(bounce, error, reliability, message):
+    with pytest.raises(ValueError, match=message):
+        noisy_bounce_map(room(), bounce * DEGREE, float(error * DEGREE), reliability)
+    with pytest.raises(ValueError, match=message):
+        coverage_policy(room(), [bounce * DEGREE], float(error * DEGREE), reliability)
+
+
+def test_bad_angles_are_refused():
+    with pytest.raises(ValueError, match="bounces: expected at least one angle, got none"):
+        coverage_policy(room(), [], math.pi / 4, 0.5)
+    with pytest.raises(ValueError, match="bounces: 405 deg comes twice, as angles 2 and 0"):
+        coverage_policy(room(), np.radians([45, 90, 405]), math.pi / 4, 0.5)
+
+
+def test_the_stand_in_for_the_complex_room_is_as_its_readme_says():
+    room = Workspace.load(MAPS / "complex.json")
+    assert CellSpace.of(room, room.cell, room.directions).size == 1464
+    cells = CellSpace.of(room, 1.0, 360)
+    assert (cells.positions, cells.size) == (183, 65880)
+    found = coverage_policy(cells, np.radians([30, 75, 315]), 5 * DEGREE, 0.8)
+    assert [groups.count for groups in found.groups] == [1, 1, 1]
+    assert float(found.alpha.min()) > 0.1
+    for one in found.limiting:
+        assert one.certificate.residual < 1e-10
+        assert float(one.value.sum()) == pytest.approx(1, abs=1e-12)
+
+
+def test_progress_is_told():
+    done = []
+    angles = np.radians([45, 90, 135])
+    coverage_policy(room(), angles, math.pi / 4, 0.5, progress=done.append)
+    assert done == [1, 2, 3]
+
+
+def test_the_largest_error_turns_everywhere():
+    cells = CellSpace.of_grid(np.ones((2, 2), bool), 9)
+    chain = noisy_bounce_map(cells, 0.0, 4 * 2 * math.pi / 9, 0.5)
+    branches = (chain.to_scipy().toarray() > 0).sum(axis=1)
+    assert set(branches.tolist()) <= {1, 9}

@@ -1,0 +1,396 @@
+import functools
+import itertools
+import math
+import types
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.bounce import (
+    TeamOutcome,
+    bounce_map,
+    joint_image,
+    joint_orbits,
+    moves,
+    squares_of,
+    team_trajectories,
+    team_trajectory,
+)
+from jaxcell.space import CellSpace
+
+
+@st.composite
+def spaces(draw):
+    """Grids of 4 x 5 squares of which 14 are free: few shapes, so few programs to compile."""
+    blocked = draw(st.permutations(range(20)))[:6]
+    free = np.ones(20, bool)
+    free[blocked] = False
+    return CellSpace.of_grid(free.reshape(4, 5), 8)
+
+
+def states_of(cells, robots, seed, count):
+    rng = np.random.default_rng(seed)
+    places = [rng.choice(cells.positions, robots, replace=False) for _ in range(count)]
+    return np.array(places) + cells.positions * rng.integers(cells.directions, size=(count, robots))
+
+
+def orbits(cells, shift, states, *, step, steps):
+    """The orbits of joint states, on the host."""
+    joint = joint_orbits(
+        moves(cells, step=step),
+        jnp.asarray(squares_of(cells)),
+        jnp.asarray(shift, jnp.int32),
+        jnp.asarray(states, jnp.int32),
+        steps=steps,
+    )
+    return types.SimpleNamespace(**jax.device_get(vars(joint)))
+
+
+def one_step(cells, shift, state, step=None):
+    """The joint image of a single joint state."""
+    squares = jnp.asarray(squares_of(cells))
+    shift, state = jnp.asarray(shift, jnp.int32), jnp.asarray(state, jnp.int32)
+    return joint_image(moves(cells, step=step), squares, shift, state)
+
+
+class Oracle:
+    """The joint map and Alg. 3.4, one robot and one pair at a time."""
+
+    def __init__(self, cells, shifts, step):
+        self.cells, self.shifts = cells, shifts
+        alone = bounce_map(cells, 0.0, step=step * cells.cell)
+        self.image, self.walled = np.asarray(alone.image).tolist(), np.asarray(alone.bumped)
+        # Two robots that meet do so at a whole multiple of the inverse of their relative speed.
+        speeds = range(1, 2 * math.ceil(step) + 1)
+        self.times = sorted({Fraction(n, d) for d in speeds for n in range(1, d + 1)})
+        self.meet = functools.cache(self.meet)
+
+    def square(self, z):
+        return divmod(int(self.cells.square[z % self.cells.positions]), self.cells.free.shape[1])
+
+    def meet(self, z, to_z, w, to_w):
+        ends = [self.square(cell) for cell in (z, to_z, w, to_w)]
+        for t in self.times:
+            a, b, c, d = ends
+            first = tuple(x + t * (y - x) for x, y in zip(a, b, strict=True))
+            second = tuple(x + t * (y - x) for x, y in zip(c, d, strict=True))
+            if first == second:
+                return True
+        return False
+
+    def step(self, state):
+        robots = range(len(state))
+        wish = [self.image[z] for z in state]
+        bumped = {i for i in robots if self.walled[state[i]]}
+        # A round for each robot that can come to bump, and one that finds nothing new.
+        for _ in range(len(state) + 1):
+            collisions = set()
+            for i, j in itertools.combinations(robots, 2):
+                i_moves, j_moves = ((wish[k] != state[k]) for k in (i, j))
+                both = i_moves and j_moves and self.meet(state[i], wish[i], state[j], wish[j])
+                into_j = j in bumped and self.meet(state[i], wish[i], state[j], state[j])
+                into_i = i in bumped and self.meet(state[i], state[i], state[j], wish[j])
+                if both or into_j or into_i:
+                    collisions.add((i, j))
+                    bumped |= {
+                        k for k, found in ((i, both or into_j), (j, both or into_i)) if found
+                    }
+        size, positions = self.cells.size, self.cells.positions
+        image = [
+            (z + self.shifts[i] * positions) % size if i in bumped else wish[i]
+            for i, z in enumerate(state)
+        ]
+        involved = {i for pair in collisions for i in pair}
+        return (
+            image,
+            [i in bumped for i in robots],
+            [i in involved for i in robots],
+            len(collisions),
+        )
+
+    def reach(self, start):
+        target = {
+            (z % self.cells.positions, self.image[z] % self.cells.positions)
+            for z in range(self.cells.size)
+        }
+        reached = {z % self.cells.positions for z in start}
+        for _ in range(self.cells.positions):
+            reached |= {q for p, q in target if p in reached}
+        return reached
+
+    def part(self, begin, visited, covered, reach, limit):
+        states, events, covered = [begin], [], covered | {z % self.cells.positions for z in begin}
+        known = visited | {tuple(begin)}
+        while covered != reach and len(events) < limit:
+            image, *event = self.step(states[-1])
+            states.append(image)
+            events.append(event)
+            covered = covered | {z % self.cells.positions for z in image}
+            if tuple(image) in known:
+                break
+            known.add(tuple(image))
+        return states, events, covered, known
+
+    def trajectory(self, start, max_parts, limit):
+        reach = self.reach(start)
+        states, events, covered, visited = self.part(start, set(), set(), reach, limit)
+        parts = [0]
+        outcome = None
+        while outcome is None:
+            if covered == reach:
+                everywhere = len(reach) == self.cells.positions
+                outcome = TeamOutcome.COVERED if everywhere else TeamOutcome.OUT_OF_REACH
+                break
+            if len(parts) == max_parts:
+                outcome = TeamOutcome.OUT_OF_PARTS
+                break
+            best, best_rank = None, None
+            for i in range(len(start)):
+                for turn in 1, -1:
+                    begin = list(states[-1])
+                    begin[i] = (begin[i] + turn * self.cells.positions) % self.cells.size
+                    if tuple(begin) in visited:
+                        continue
+                    part = self.part(begin, visited, covered, reach, limit)
+                    rank = len(part[2]), -sum(event[2] for event in part[1])
+                    if best is None or rank > best_rank:
+                        best, best_rank = part, rank
+            if best is None:
+                outcome = TeamOutcome.STUCK
+                break
+            parts.append(len(states))
+            nobody = [False] * len(start)
+            events = [*events, [nobody, nobody, 0], *best[1]]
+            states, covered, visited = states + best[0], best[2], best[3]
+        return states, events, parts, covered, outcome
+
+
+@given(spaces(), st.integers(2, 5), st.sampled_from([1.0, 2.5]), st.integers(0, 2**32))
+@settings(deadline=None, max_examples=25)
+def test_joint_map_follows_its_rules(cells, robots, step, seed):
+    states = states_of(cells, robots, seed, 64)
+    shift = np.random.default_rng(seed).integers(8, size=robots)
+    oracle = Oracle(cells, shift.tolist(), step)
+    found = orbits(cells, shift, states, step=step, steps=1)
+    for i, state in enumerate(states.tolist()):
+        image, bumped, collided, collisions = oracle.step(state)
+        assert found.image[0, i].tolist() == image
+        assert found.bumped[0, i].tolist() == bumped
+        assert found.collided[0, i].tolist() == collided
+        assert found.collisions[0, i] == collisions
+
+
+@given(spaces(), st.integers(2, 6), st.sampled_from([1.0, 2.5]), st.integers(0, 2**32))
+@settings(deadline=None, max_examples=20)
+def test_robots_never_share_a_position_and_their_order_makes_no_difference(
+    cells, robots, step, seed
+):
+    rng = np.random.default_rng(seed)
+    states = states_of(cells, robots, seed, 32)
+    shift = rng.integers(8, size=robots)
+    order = rng.permutation(robots)
+    plain = orbits(cells, shift, states, step=step, steps=40)
+    mixed = orbits(cells, shift[order], states[:, order], step=step, steps=40)
+    positions = np.sort(plain.image % cells.positions, axis=-1)
+    assert (np.diff(positions, axis=-1) > 0).all()
+    for name in ("image", "bumped", "collided"):
+        np.testing.assert_array_equal(getattr(plain, name)[..., order], getattr(mixed, name))
+    np.testing.assert_array_equal(plain.collisions, mixed.collisions)
+
+
+# Directions 0 to 7: E, NE, N, NW, W, SW, S, SE. Robots are (column, row, direction).
+EAST, NORTH_EAST, NORTH, NORTH_WEST, WEST, SOUTH = 0, 1, 2, 3, 4, 6
+
+
+@pytest.mark.parametrize(
+    ("robots", "bumped", "collided", "collisions"),
+    [
+        pytest.param([(1, 1, EAST), (3, 1, WEST)], [1, 1], [1, 1], 1, id="same cell"),
+        pytest.param([(1, 1, EAST), (2, 1, WEST)], [1, 1], [1, 1], 1, id="change places"),
+        pytest.param(
+            [(1, 1, NORTH_EAST), (2, 1, NORTH_WEST)], [1, 1], [1, 1], 1, id="cross on diagonals"
+        ),
+        pytest.param([(1, 1, EAST), (2, 1, EAST)], [0, 0], [0, 0], 0, id="one follows another"),
+        pytest.param(
+            [(1, 1, EAST), (2, 1, NORTH), (2, 2, WEST), (1, 2, SOUTH)],
+            [0, 0, 0, 0],
+            [0, 0, 0, 0],
+            0,
+            id="round dance",
+        ),
+        pytest.param(
+            [(4, 0, EAST), (3, 0, EAST), (2, 0, EAST), (0, 0, EAST)],
+            [1, 1, 1, 0],
+            [1, 1, 1, 0],
+            2,
+            id="queue at a wall, and one that is not in it yet",
+        ),
+        pytest.param(
+            [(0, 1, EAST), (1, 1, EAST), (2, 1, WEST)],
+            [1, 1, 1],
+            [1, 1, 1],
+            3,
+            id="one behind two that change places: it would meet both",
+        ),
+        pytest.param(
+            [(1, 1, EAST), (3, 1, WEST), (2, 0, NORTH)],
+            [1, 1, 1],
+            [1, 1, 1],
+            3,
+            id="three in one cell",
+        ),
+        pytest.param(
+            [(1, 1, EAST), (2, 1, NORTH_EAST)], [0, 0], [0, 0], 0, id="into a cell that is left"
+        ),
+    ],
+)
+def test_collisions(robots, bumped, collided, collisions):
+    cells = CellSpace.of_grid(np.ones((4, 5), bool), 8)
+    state = [cells.index(x + 0.5, y + 0.5, k * math.pi / 4) for x, y, k in robots]
+    joint = one_step(cells, np.full(len(robots), 3), np.array(state))
+    assert joint.bumped.tolist() == [bool(x) for x in bumped]
+    assert joint.collided.tolist() == [bool(x) for x in collided]
+    assert joint.collisions == collisions
+    for (x, y, k), stays, z in zip(robots, bumped, joint.image.tolist(), strict=True):
+        if stays:
+            assert z == cells.index(x + 0.5, y + 0.5, (k + 3) * math.pi / 4)
+
+
+def test_a_long_step_does_not_jump_over_a_robot():
+    cells = CellSpace.of_grid(np.ones((1, 7), bool), 8)
+    waits, comes = cells.index(4.5, 0.5, math.pi / 2), cells.index(2.5, 0.5)
+    joint = one_step(cells, np.full(2, 4), np.array([waits, comes]), step=4.0)
+    assert joint.bumped.tolist() == [True, True]
+    assert joint.collisions == 1
+
+
+@given(
+    spaces(),
+    st.integers(1, 3),
+    st.sampled_from([1.0, 2.0]),
+    st.sampled_from([(20, None), (3, None), (40, 7)]),
+    st.integers(0, 2**32),
+)
+@settings(deadline=None, max_examples=40)
+def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
+    max_parts, part_steps = limits
+    start = states_of(cells, robots, seed, 1)[0].tolist()
+    shift = np.random.default_rng(seed).integers(8, size=robots)
+    result = team_trajectory(
+        cells,
+        start,
+        shift * 2 * math.pi / 8,
+        step=step,
+        max_parts=max_parts,
+        part_steps=part_steps,
+    )
+    limit = cells.size if part_steps is None else part_steps
+    states, events, parts, covered, outcome = Oracle(cells, shift.tolist(), step).trajectory(
+        start, max_parts, limit
+    )
+    assert result.path.tolist() == states
+    assert result.bumped.tolist() == [event[0] for event in events]
+    assert result.collided.tolist() == [event[1] for event in events]
+    assert result.collisions.tolist() == [event[2] for event in events]
+    assert result.parts.tolist() == parts
+    assert result.uncovered.tolist() == sorted(set(range(cells.positions)) - covered)
+    assert result.outcome is outcome
+    visited = set()
+    for joint, count in zip(states, result.covered, strict=True):
+        visited |= {z % cells.positions for z in joint}
+        assert count == len(visited)
+
+
+@given(spaces(), st.integers(1, 3), st.integers(0, 2**32))
+@settings(deadline=None, max_examples=15)
+def test_a_batch_gives_what_single_runs_give(cells, robots, seed):
+    starts = states_of(cells, robots, seed, 5)
+    options = {"max_parts": 30, "part_steps": 60}
+    batch = team_trajectories(cells, starts, 3 * math.pi / 4, **options)
+    assert len(batch) == 5
+    for start, one in zip(starts, batch, strict=True):
+        alone = team_trajectory(cells, start, [3 * math.pi / 4], **options)
+        assert vars(one).keys() == vars(alone).keys()
+        for name, value in vars(one).items():
+            np.testing.assert_array_equal(value, getattr(alone, name), err_msg=name)
+
+
+def room():
+    free = np.ones((10, 10), bool)
+    free[2:4, 2:4] = free[6:8, 5:9] = free[0:2, 7] = False
+    return CellSpace.of_grid(free, 8)
+
+
+def test_a_team_covers_a_room_without_being_twice_in_a_joint_state():
+    cells = room()
+    start = states_of(cells, 4, 0, 1)[0]
+    result = team_trajectory(cells, start, 3 * math.pi / 4)
+    assert result.outcome is TeamOutcome.COVERED
+    assert result.uncovered.size == 0
+    assert result.covered[-1] == cells.positions > result.covered[-2]
+    # Only the last state of a part, but for the end, can have been there before.
+    ends = np.append(result.parts[1:] - 1, len(result.path))
+    kept = np.delete(result.path, ends[:-1], axis=0)
+    assert len(np.unique(kept, axis=0)) == len(kept)
+
+
+def test_other_pieces_of_the_free_space_stay_uncovered():
+    free = np.ones((3, 7), bool)
+    free[:, 3] = False
+    cells = CellSpace.of_grid(free, 8)
+    start = [int(cells.index(0.5, 0.5)), int(cells.index(1.5, 1.5))]
+    result = team_trajectory(cells, start, math.pi / 2)
+    assert result.outcome is TeamOutcome.OUT_OF_REACH
+    column = cells.square[result.uncovered] % 7
+    assert sorted(column) == [4] * 3 + [5] * 3 + [6] * 3
+
+
+def test_robots_that_fill_the_map_have_covered_it_at_once():
+    cells = CellSpace.of_grid(np.ones((1, 2), bool), 4)
+    result = team_trajectory(cells, [0, 1], math.pi / 2)
+    assert result.path.tolist() == [[0, 1]]
+    assert result.bumped.shape == (0, 2)
+    assert result.covered.tolist() == [2]
+    assert result.outcome is TeamOutcome.COVERED
+
+
+def test_a_robot_alone_can_run_out_of_turns():
+    # With two directions and a bounce of half a turn a robot runs to and fro in its row.
+    cells = CellSpace.of_grid(np.ones((2, 3), bool), 2)
+    result = team_trajectory(cells, [0], math.pi)
+    assert result.outcome is TeamOutcome.OUT_OF_REACH
+    assert result.uncovered.tolist() == [3, 4, 5]
+    cells = CellSpace.of_grid(np.ones((3, 3), bool), 4)
+    result = team_trajectory(cells, [0], 0.0)
+    assert result.outcome is TeamOutcome.STUCK
+    assert 0 < result.uncovered.size < 9
+
+
+@pytest.mark.parametrize(
+    ("starts", "bounces", "options", "message"),
+    [
+        ([], 0.0, {}, "starts: there are no robots"),
+        ([0, 800], 0.0, {}, "robot 1 is in cell 800, which does not exist; cells are 0 to 687"),
+        ([-1], 0.0, {}, "robot 0 is in cell -1"),
+        ([5, 7, 5 + 86], 0.0, {}, "robots 0 and 2 are both at position 5, in cells 5 and 91"),
+        ([0, 1], [], {}, "bounces: there are no angles"),
+        ([0, 1], [0.0, 0.0, 0.0], {}, "bounces: got 3 angles for 2 robots"),
+        ([0, 1], 0.1, {}, "bounce: 5.72958 deg is not a whole number of the 8 directions"),
+        ([0, 1], math.nan, {}, "bounce: nan deg"),
+        ([0], 0.0, {"max_parts": 0}, "max_parts: expected at least 1, got 0"),
+        ([0], 0.0, {"part_steps": 0}, "part_steps: expected at least 1, got 0"),
+        ([0], 0.0, {"step": 0.2}, "step: expected at least one cell"),
+    ],
+)
+def test_refuses(starts, bounces, options, message):
+    with pytest.raises(ValueError, match=message):
+        team_trajectory(room(), starts, bounces, **options)
+
+
+def test_refuses_a_run_of_a_batch_by_its_number():
+    with pytest.raises(ValueError, match="starts of run 1: robots 0 and 1 are both at position 3"):
+        team_trajectories(room(), np.array([[0, 1], [3, 3]]), 0.0)

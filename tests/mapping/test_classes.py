@@ -1,0 +1,124 @@
+import math
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.mapping import classes, periodic_groups
+from jaxcell.mapping.classes import persistent_groups
+from jaxcell.mapping.generalized import Chain
+
+
+@st.composite
+def matrices(draw):
+    """Transition matrices with few edges, whose rows may sum to less than 1."""
+    cells = draw(st.sampled_from([1, 2, 4, 8]))
+    matrix = np.zeros((cells, cells))
+    for row in matrix:
+        images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
+        for image in images:
+            # The image past the last cell is the sink.
+            if image < cells:
+                row[image] += 1 / len(images)
+    return matrix
+
+
+def reachable(matrix):
+    """Which cell reaches which, in 0 steps or more."""
+    reach = np.eye(len(matrix), dtype=bool)
+    for _ in matrix:
+        reach |= (reach.astype(int) @ (matrix > 0).astype(int)) > 0
+    return reach
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=200)
+def test_equals_the_definition(matrix):
+    found = persistent_groups(Chain.from_scipy(matrix))
+    graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
+    leaks = matrix.sum(axis=1) < 1 - 1e-9
+    closed = [
+        component
+        for component in nx.strongly_connected_components(graph)
+        if not leaks[list(component)].any()
+        and all(image in component for cell in component for image in graph.successors(cell))
+    ]
+    closed.sort(key=min)
+    expected = np.full(len(matrix), -1)
+    for number, component in enumerate(closed):
+        expected[list(component)] = number
+    np.testing.assert_array_equal(found.group, expected)
+    assert found.count == len(closed)
+    assert found.size.tolist() == [len(component) for component in closed]
+    np.testing.assert_array_equal(found.persistent, expected >= 0)
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=100)
+def test_domicile_is_what_can_reach_a_group(matrix):
+    found = persistent_groups(Chain.from_scipy(matrix))
+    reach = reachable(matrix)
+    assert found.domicile.shape == (found.count, len(matrix))
+    for group in range(found.count):
+        expected = reach[:, np.asarray(found.group) == group].any(axis=1)
+        np.testing.assert_array_equal(found.domicile[group], expected)
+        np.testing.assert_array_equal(found.reaching(group), expected)
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=100)
+def test_period_is_that_of_the_returns(matrix):
+    found = persistent_groups(Chain.from_scipy(matrix))
+    group, phase = np.asarray(found.group), np.asarray(found.phase)
+    for number in range(found.count):
+        cells = np.flatnonzero(group == number)
+        step, power, returns = matrix > 0, np.eye(len(matrix), dtype=bool), 0
+        # A group of n cells has circuits of at most n steps, and their sums show by 2 n^2.
+        for length in range(1, 2 * len(cells) ** 2 + 1):
+            power = (power.astype(int) @ step.astype(int)) > 0
+            if power[cells[0], cells[0]]:
+                returns = math.gcd(returns, length)
+        period = int(found.period[number])
+        assert period == returns
+        assert phase[cells[0]] == 0
+        for cell in cells:
+            after = {(phase[cell] + 1) % period}
+            assert {phase[image] for image in np.flatnonzero(step[cell])} == after
+    np.testing.assert_array_equal(phase == -1, group == -1)
+
+
+@given(st.lists(st.integers(0, 7), min_size=8, max_size=8))
+@settings(deadline=None, max_examples=60)
+def test_a_simple_map_has_its_periodic_groups(image):
+    image = np.array([image], np.int32)
+    found = persistent_groups(Chain(image, np.ones((1, 8))))
+    simple = periodic_groups(image[0])
+    periodic = np.asarray(simple.periodic)
+    np.testing.assert_array_equal(found.group, np.where(periodic, simple.group, -1))
+    np.testing.assert_array_equal(np.asarray(found.period)[np.asarray(simple.group)], simple.period)
+    # A cell has one image, so it can reach one group.
+    np.testing.assert_array_equal(np.argmax(found.domicile, axis=0), simple.group)
+    assert (np.asarray(found.domicile).sum(axis=0) == 1).all()
+
+
+def test_the_sink_opens_a_class():
+    circle = np.array([[0, 1.0], [1, 0]])
+    assert persistent_groups(Chain.from_scipy(circle)).count == 1
+    circle[1, 0] = 0.999
+    leaky = persistent_groups(Chain.from_scipy(circle))
+    assert leaky.count == 0
+    assert leaky.group.tolist() == [-1, -1]
+    assert leaky.domicile.shape == (0, 2)
+    assert leaky.period.tolist() == []
+    assert leaky.phase.tolist() == [-1, -1]
+
+
+def test_a_table_of_domiciles_that_is_too_large_is_refused(monkeypatch):
+    found = persistent_groups(Chain(np.arange(3)[None], np.ones((1, 3))))
+    monkeypatch.setattr(classes, "_LARGEST_TABLE", 8)
+    with pytest.raises(ValueError, match=r"3 groups x 3 cells .* reaching\(group\)"):
+        _ = found.domicile
+    assert found.reaching(1).tolist() == [False, True, False]
+    with pytest.raises(ValueError, match="group 3 does not exist; there are 3"):
+        found.reaching(3)

@@ -1,0 +1,147 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.sparse
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.mapping.generalized import Chain
+
+
+@st.composite
+def matrices(draw, leaky=True):
+    """Transition matrices with many zeros, whose rows may sum to less than 1."""
+    # Few sizes, since each is compiled once.
+    cells = draw(st.sampled_from([1, 2, 5, 9]))
+    share = st.sampled_from([0, 0, 0, 0, 1, 2, 5])
+    rows = draw(
+        st.lists(
+            st.lists(share, min_size=cells + 1, max_size=cells + 1), min_size=cells, max_size=cells
+        )
+    )
+    parts = np.array(rows, float)
+    if not leaky:
+        parts[:, -1] = 0
+    parts[parts.sum(axis=1) == 0, 0] = 1
+    return (parts / parts.sum(axis=1, keepdims=True))[:, :-1]
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=60)
+def test_there_and_back(matrix):
+    chain = Chain.from_scipy(matrix)
+    back = chain.to_scipy()
+    np.testing.assert_array_equal(back.toarray(), matrix)
+    assert (back.data > 0).all()
+    assert chain.cells == len(matrix)
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=60)
+def test_unused_slots_stay_on_the_cell_at_probability_0(matrix):
+    chain = Chain.from_scipy(matrix)
+    image, probability = np.asarray(chain.image), np.asarray(chain.probability)
+    assert len(image) == max(1, (matrix > 0).sum(axis=1).max())
+    unused = probability == 0
+    np.testing.assert_array_equal(image[unused], np.nonzero(unused)[1])
+
+
+@given(matrices(), st.randoms(use_true_random=False))
+@settings(deadline=None, max_examples=60)
+def test_push_and_pull_are_products(matrix, random):
+    chain = Chain.from_scipy(matrix)
+    v = np.array([random.random() for _ in matrix])
+    np.testing.assert_allclose(chain.push(jnp.asarray(v)), v @ matrix, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(chain.pull(jnp.asarray(v)), matrix @ v, rtol=1e-13, atol=1e-15)
+
+
+@given(matrices(), st.randoms(use_true_random=False))
+@settings(deadline=None, max_examples=60)
+def test_no_mass_is_lost_but_to_the_sink(matrix, random):
+    chain = Chain.from_scipy(matrix)
+    p = np.array([random.random() for _ in matrix])
+    kept = float(chain.push(jnp.asarray(p)).sum())
+    gone = float(p @ np.asarray(chain.leaving))
+    assert kept + gone == pytest.approx(p.sum(), rel=1e-12)
+
+
+def test_leaving_tells_a_leak_from_rounding():
+    tenth = np.full(10, 0.1)
+    matrix = np.zeros((10, 10))
+    matrix[0] = tenth
+    matrix[1, :9] = tenth[:9]
+    matrix[2, 0] = 1 - 1e-9
+    matrix[3:, 0] = 1
+    leaving = np.asarray(Chain.from_scipy(matrix).leaving)
+    np.testing.assert_allclose(leaving, [0, 0.1, 1e-9] + [0] * 7, rtol=1e-6)
+    assert leaving[0] == 0.0
+
+
+def test_several_slots_of_a_cell_may_share_an_image():
+    chain = Chain(np.array([[1, 0], [1, 1]]), np.array([[0.25, 0.5], [0.75, 0.5]]))
+    assert chain.to_scipy().toarray().tolist() == [[0, 1], [0.5, 0.5]]
+
+
+def test_a_slot_of_probability_0_is_no_edge():
+    chain = Chain(np.array([[0, 1], [1, 0]]), np.array([[1.0, 1.0], [0.0, 0.0]]))
+    assert chain.to_scipy().nnz == 2
+
+
+def test_zeros_kept_in_a_sparse_matrix_are_no_edges():
+    matrix = scipy.sparse.csr_array(([1.0, 0.0, 1.0], ([0, 0, 1], [0, 1, 1])), shape=(2, 2))
+    assert matrix.nnz == 3
+    assert Chain.from_scipy(matrix).image.shape == (1, 2)
+    assert matrix.nnz == 3, "the argument is left as it was"
+
+
+def test_under_jit_and_vmap():
+    chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1], [0.2, 0.3, 0.4]]))
+    ps = jnp.eye(3)
+
+    @jax.jit
+    def two_steps(chain, p):
+        chain = Chain(chain.image, chain.probability)
+        return chain.push(chain.push(p))
+
+    matrix = chain.to_scipy().toarray()
+    found = jax.vmap(two_steps, in_axes=(None, 0))(chain, ps)
+    np.testing.assert_allclose(found, matrix @ matrix, rtol=1e-14)
+    scaled = jax.tree.map(lambda x: x, chain)
+    assert isinstance(scaled, Chain)
+    # Two chains of one shape, as one batch.
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), chain)
+    pulled = jax.vmap(lambda c: c.pull(jnp.ones(3)))(batch)
+    np.testing.assert_allclose(pulled, [matrix.sum(axis=1)] * 2, rtol=1e-14)
+
+
+def test_gradient_of_a_step():
+    chain = Chain.from_scipy(np.array([[0.5, 0.5], [0.1, 0.9]]))
+    reward = jnp.array([1.0, 3.0])
+    gradient = jax.grad(lambda p: chain.push(p) @ reward)(jnp.array([0.3, 0.7]))
+    np.testing.assert_allclose(gradient, chain.pull(reward), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("image", "probability", "message"),
+    [
+        ([[0, 1]], [[0.5, -0.25]], r"probability\[0, 1\] is -0.25"),
+        ([[0, 1]], [[0.5, np.nan]], r"probability\[0, 1\] is nan"),
+        ([[0, 1]], [[np.inf, 0.5]], "cell 0 sum to .*inf"),
+        ([[0, 1], [1, 0]], [[0.5, 0.75], [0.5, 0.75]], "cell 1 sum to .*1.5"),
+        ([[0, 2]], [[1.0, 1.0]], r"image\[0, 1\] is 2; cells are 0 to 1"),
+        ([[0, -1]], [[1.0, 1.0]], r"image\[0, 1\] is -1"),
+        ([[0, 1]], [[1.0, 1.0, 1.0]], r"got \[1, 2\] and \[1, 3\]"),
+        ([0, 1], [1.0, 1.0], "branches, cells"),
+        (np.zeros((0, 2), int), np.zeros((0, 2)), "branches, cells"),
+        ([[0.0, 1.0]], [[1.0, 1.0]], "image: expected whole numbers, got float64"),
+        ([[0, 1]], np.ones((1, 2), np.float32), "probability: expected float64, got float32"),
+    ],
+)
+def test_bad_arrays_are_refused(image, probability, message):
+    with pytest.raises(ValueError, match=message):
+        Chain(np.array(image), np.array(probability))
+
+
+def test_a_matrix_that_is_not_square_is_refused():
+    with pytest.raises(ValueError, match=r"as many rows as columns, got \(2, 3\)"):
+        Chain.from_scipy(np.ones((2, 3)) / 3)

@@ -1,0 +1,194 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.certificate import Outcome
+from jaxcell.mapping.classes import persistent_groups
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov import absorption_probabilities, absorption_times, hitting_times, solve
+
+
+@st.composite
+def matrices(draw):
+    """Transition matrices with few edges, whose rows may sum to less than 1."""
+    cells = draw(st.sampled_from([1, 2, 4, 8]))
+    matrix = np.zeros((cells, cells))
+    for row in matrix:
+        images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
+        for image in images:
+            # The image past the last cell is the sink.
+            if image < cells:
+                row[image] += 1 / len(images)
+    return matrix
+
+
+def reachable(matrix):
+    reach = np.eye(len(matrix), dtype=bool)
+    for _ in matrix:
+        reach |= (reach.astype(int) @ (matrix > 0).astype(int)) > 0
+    return reach
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=150)
+def test_absorption_equals_dense_solves(matrix):
+    chain = Chain.from_scipy(matrix)
+    groups = persistent_groups(chain)
+    group = np.asarray(groups.group)
+    transient = group < 0
+    q = matrix[transient][:, transient]
+    into = np.stack(
+        [matrix[transient][:, group == g].sum(axis=1) for g in range(groups.count)]
+        + [1 - matrix[transient].sum(axis=1)],
+        axis=1,
+    )
+    found = absorption_probabilities(chain, groups)
+    times = absorption_times(chain, groups)
+    expected = np.linalg.solve(np.eye(len(q)) - q, into)
+    value = np.concatenate([found.value, found.leaving[None]])
+    np.testing.assert_allclose(value[:, transient], expected.T, rtol=1e-9, atol=1e-12)
+    for g in range(groups.count):
+        np.testing.assert_array_equal(value[:, group == g].argmax(axis=0), g)
+        assert (value[g, group == g] == 1).all()
+    np.testing.assert_allclose(value.sum(axis=0), 1, rtol=1e-12)
+    np.testing.assert_allclose(
+        np.asarray(times.value)[transient],
+        np.linalg.solve(np.eye(len(q)) - q, np.ones(len(q))),
+        rtol=1e-9,
+    )
+    assert (np.asarray(times.value)[~transient] == 0).all()
+    for certificate in (found.certificate, times.certificate):
+        assert certificate.outcome is Outcome.CONVERGED
+
+
+@given(matrices(), st.data())
+@settings(deadline=None, max_examples=150)
+def test_hitting_equals_the_definition(matrix, data):
+    cells = len(matrix)
+    target = sorted(data.draw(st.sets(st.integers(0, cells - 1), min_size=1)))
+    there = np.zeros(cells, bool)
+    there[target] = True
+    found = hitting_times(Chain.from_scipy(matrix), target)
+    assert found.certificate.outcome is Outcome.CONVERGED
+    # The chain that stops on the target arrives for sure from where nothing else absorbs it.
+    stopped = matrix.copy()
+    stopped[there] = np.eye(cells)[there]
+    reach = reachable(stopped)
+    trapped = ~reach[:, there].any(axis=1) | (stopped.sum(axis=1) < 1 - 1e-9)
+    finite = ~reach[:, trapped].any(axis=1)
+    expected = np.where(finite, 0.0, np.inf)
+    inner = finite & ~there
+    q = matrix[inner][:, inner]
+    expected[inner] = np.linalg.solve(np.eye(len(q)) - q, np.ones(len(q)))
+    np.testing.assert_allclose(found.value, expected, rtol=1e-9)
+
+
+def test_gamblers_ruin():
+    n, up = 12, 0.6
+    matrix = np.zeros((n + 1, n + 1))
+    matrix[0, 0] = matrix[n, n] = 1
+    for i in range(1, n):
+        matrix[i, i + 1], matrix[i, i - 1] = up, 1 - up
+    chain = Chain.from_scipy(matrix)
+    groups = persistent_groups(chain)
+    assert groups.group.tolist() == [0] + [-1] * (n - 1) + [1]
+    i, odds = np.arange(n + 1), (1 - up) / up
+    wins = (1 - odds**i) / (1 - odds**n)
+    found = absorption_probabilities(chain, groups)
+    np.testing.assert_allclose(found.value, [1 - wins, wins], rtol=1e-12, atol=1e-14)
+    assert not np.asarray(found.leaving).any()
+    time = (n * wins - i) / (2 * up - 1)
+    np.testing.assert_allclose(absorption_times(chain, groups).value, time, rtol=1e-12)
+    # The other end may catch the gambler first.
+    assert hitting_times(chain, 0).value.tolist() == [0.0] + [np.inf] * n
+
+
+def test_birth_and_death():
+    # Reflected at 0: from i to n takes n^2 - i^2 steps.
+    n = 200
+    matrix = np.zeros((n + 1, n + 1))
+    matrix[0, 1] = matrix[n, n - 1] = 1
+    for i in range(1, n):
+        matrix[i, i + 1] = matrix[i, i - 1] = 0.5
+    found = hitting_times(Chain.from_scipy(matrix), n)
+    np.testing.assert_allclose(found.value, n**2 - np.arange(n + 1) ** 2, rtol=1e-10)
+
+
+def test_a_cycle_is_walked_once_around():
+    n = 500
+    found = hitting_times(Chain((np.arange(n)[None] + 1) % n, np.ones((1, n))), 0)
+    np.testing.assert_array_equal(found.value, (n - np.arange(n)) % n)
+
+
+def test_a_leak_makes_arrival_uncertain_but_not_absorption():
+    chain = Chain.from_scipy(np.array([[0, 0.5, 0.0], [0, 0, 1], [0, 0, 1]]))
+    groups = persistent_groups(chain)
+    assert hitting_times(chain, 2).value.tolist() == [np.inf, 1, 0]
+    assert absorption_times(chain, groups).value.tolist() == [1.5, 1, 0]
+    found = absorption_probabilities(chain, groups)
+    assert found.value.tolist() == [[0.5, 1, 1]]
+    assert found.leaving.tolist() == [0.5, 0, 0]
+
+
+def test_a_leak_behind_the_target_does_not_matter():
+    chain = Chain.from_scipy(np.array([[0, 1.0], [0, 0.5]]))
+    assert hitting_times(chain, 1).value.tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("target", [2, [2], np.int32(2), np.arange(4) == 2, jnp.arange(4) == 2])
+def test_a_target_may_be_given_in_several_ways(target):
+    chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
+    assert hitting_times(chain, target).value.tolist() == [2, 1, 0, 3]
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (4, "cell 4 does not exist; cells are 0 to 3"),
+        ([0, -1], "cell -1 does not exist"),
+        ([], "at least one cell, got none"),
+        (np.zeros(4, bool), "at least one cell, got none"),
+        (np.ones(3, bool), r"a mask of 4 cells, got \(3,\)"),
+        ([0.5], "whole numbers of cells, got float64"),
+    ],
+)
+def test_a_bad_target_is_refused(target, message):
+    chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
+    with pytest.raises(ValueError, match=message):
+        hitting_times(chain, target)
+
+
+def test_groups_of_another_chain_are_refused():
+    chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
+    other = persistent_groups(Chain(np.array([[1, 2, 0]]), np.ones((1, 3))))
+    for function in (absorption_probabilities, absorption_times):
+        with pytest.raises(ValueError, match="chain of 2 cells, got those of one of 3"):
+            function(chain, other)
+
+
+def test_a_solve_that_stalls_says_so(monkeypatch):
+    walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
+    chain = Chain.from_scipy(walk)
+    groups = persistent_groups(chain)
+    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
+    monkeypatch.setattr(solve, "_MOST_PRODUCTS", 50)
+    found = absorption_times(chain, groups, throw=False)
+    assert found.certificate.outcome is Outcome.STALLED
+    assert found.certificate.iterations == 50
+    assert found.certificate.residual > 0.01
+    with pytest.raises(RuntimeError, match=r"absorption_times: the residual stayed .* 50 iter"):
+        absorption_times(chain, groups)
+
+
+def test_the_residual_bounds_the_relative_error(monkeypatch):
+    walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
+    chain = Chain.from_scipy(walk)
+    groups = persistent_groups(chain)
+    truth = np.asarray(absorption_times(chain, groups).value)
+    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
+    for products in (500, 2000, 5000):
+        monkeypatch.setattr(solve, "_MOST_PRODUCTS", products)
+        found = absorption_times(chain, groups, throw=False)
+        error = np.abs(found.value - truth) / truth
+        assert 0 < error.max() <= found.certificate.residual

@@ -1,0 +1,165 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.certificate import Outcome
+from jaxcell.mapping.classes import persistent_groups
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov import limiting_distribution, solve
+
+
+@st.composite
+def matrices(draw):
+    """Transition matrices with few edges, whose rows may sum to less than 1."""
+    cells = draw(st.sampled_from([1, 2, 4, 8]))
+    matrix = np.zeros((cells, cells))
+    for row in matrix:
+        images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
+        for image in images:
+            # The image past the last cell is the sink.
+            if image < cells:
+                row[image] += 1 / len(images)
+    return matrix
+
+
+def time_average(matrix):
+    """The limit of the averages of powers: that of the powers of the chain that rests at times."""
+    cells = len(matrix)
+    full = np.zeros((cells + 1, cells + 1))
+    full[:-1, :-1] = matrix
+    full[:, -1] = 1 - full.sum(axis=1)
+    full = (full + np.eye(cells + 1)) / 2
+    for _ in range(80):
+        full = full @ full
+        full /= full.sum(axis=1, keepdims=True)
+    return full
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=200)
+def test_equals_the_time_average_of_a_uniform_start(matrix):
+    chain = Chain.from_scipy(matrix)
+    groups = persistent_groups(chain)
+    found = limiting_distribution(chain, groups)
+    expected = time_average(matrix)[:-1].mean(axis=0)
+    np.testing.assert_allclose(found.value, expected[:-1], rtol=1e-8, atol=1e-11)
+    assert found.leaving == pytest.approx(expected[-1], rel=1e-8, abs=1e-11)
+    group = np.asarray(groups.group)
+    weights = [expected[:-1][group == g].sum() for g in range(groups.count)]
+    np.testing.assert_allclose(found.weights, weights, rtol=1e-8, atol=1e-11)
+    assert found.certificate.outcome is Outcome.CONVERGED
+    assert found.certificate.residual < 1e-12
+
+
+@pytest.mark.parametrize(("p", "q"), [(0.3, 0.1), (1.0, 1.0), (1e-9, 3e-9)])
+def test_two_states(p, q):
+    chain = Chain.from_scipy(np.array([[1 - p, p], [q, 1 - q]]))
+    found = limiting_distribution(chain, persistent_groups(chain))
+    # The entries of a slow chain are rounded to 1e-16, which is 1e-7 of the rates.
+    np.testing.assert_allclose(found.value, [q / (p + q), p / (p + q)], rtol=1e-6)
+
+
+def test_a_circle_is_uniform_though_it_never_settles():
+    n = 1000
+    chain = Chain((np.arange(n)[None] + 1) % n, np.ones((1, n)))
+    groups = persistent_groups(chain)
+    assert groups.period.tolist() == [n]
+    np.testing.assert_allclose(limiting_distribution(chain, groups).value, 1 / n, rtol=1e-12)
+
+
+def test_birth_and_death():
+    # Ehrenfest's urns: binomial, of period 2.
+    n = 40
+    matrix = np.zeros((n + 1, n + 1))
+    for i in range(n + 1):
+        if i:
+            matrix[i, i - 1] = i / n
+        if i < n:
+            matrix[i, i + 1] = 1 - i / n
+    chain = Chain.from_scipy(matrix)
+    groups = persistent_groups(chain)
+    assert groups.period.tolist() == [2]
+    expected = [math.comb(n, i) / 2**n for i in range(n + 1)]
+    found = limiting_distribution(chain, groups)
+    np.testing.assert_allclose(found.value, expected, rtol=1e-9, atol=1e-14)
+
+
+TWO_ENDS = np.array(
+    [[1, 0, 0, 0, 0], [0.5, 0, 0.5, 0, 0], [0, 0.5, 0, 0.5, 0], [0, 0, 0, 0, 1], [0, 0, 0, 1, 0]]
+)
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        (None, [1 / 5 * (1 + 2 / 3 + 1 / 3), 1 / 5 * (2 + 1 / 3 + 2 / 3)]),
+        ("basin", [2 / 5, 3 / 5]),
+        ("size", [1 / 3, 2 / 3]),
+        (np.array([0.25, 0.75]), [0.25, 0.75]),
+    ],
+)
+def test_weights(weights, expected):
+    chain = Chain.from_scipy(TWO_ENDS)
+    found = limiting_distribution(chain, persistent_groups(chain), weights)
+    np.testing.assert_allclose(found.weights, expected, rtol=1e-14)
+    left, right = expected
+    np.testing.assert_allclose(found.value, [left, 0, 0, right / 2, right / 2], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ("mass", "expected 'basin', 'size' or an array, got 'mass'"),
+        (np.array([0.5, 0.25, 0.25]), r"expected 2, one a group, got shape \(3,\)"),
+        (np.array([0.5, 0.6]), r"sum to 1, got \[0.5, 0.6\]"),
+        (np.array([1.5, -0.5]), r"from 0 that sum to 1, got \[1.5, -0.5\]"),
+        (np.array([np.nan, 1.0]), r"got \[nan, 1.0\]"),
+    ],
+)
+def test_bad_weights_are_refused(weights, message):
+    chain = Chain.from_scipy(TWO_ENDS)
+    with pytest.raises(ValueError, match=message):
+        limiting_distribution(chain, persistent_groups(chain), weights)
+
+
+def test_what_leaves_is_not_shared_out():
+    matrix = TWO_ENDS.copy()
+    matrix[1] = [0.25, 0, 0.25, 0, 0]
+    chain = Chain.from_scipy(matrix)
+    found = limiting_distribution(chain, persistent_groups(chain))
+    average = time_average(matrix)[:-1].mean(axis=0)
+    np.testing.assert_allclose(found.value, average[:-1], rtol=1e-12)
+    assert 0 < found.leaving == pytest.approx(average[-1])
+    assert float(found.value.sum()) == pytest.approx(1 - found.leaving)
+
+
+def test_everything_leaves():
+    chain = Chain.from_scipy(np.array([[0.5, 0.25], [0, 0]]))
+    groups = persistent_groups(chain)
+    found = limiting_distribution(chain, groups)
+    assert found.value.tolist() == [0, 0]
+    assert found.leaving == pytest.approx(1)
+    with pytest.raises(ValueError, match="no persistent groups"):
+        limiting_distribution(chain, groups, "size")
+
+
+def test_a_solve_that_stalls_says_so(monkeypatch):
+    n = 400
+    matrix = np.diag(np.full(n - 1, 0.5), 1) + np.diag(np.full(n - 1, 0.5), -1)
+    matrix[0, 0], matrix[-1, -1] = 0.25, 0.5
+    matrix[0, 1] = 0.75
+    chain = Chain.from_scipy(matrix)
+    groups = persistent_groups(chain)
+    found = limiting_distribution(chain, groups)
+    np.testing.assert_allclose(found.value @ matrix, found.value, atol=1e-15)
+    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
+    monkeypatch.setattr(solve, "_MOST_PRODUCTS", 50)
+    stalled = limiting_distribution(chain, groups, throw=False)
+    assert stalled.certificate.outcome is Outcome.STALLED
+    assert stalled.certificate.residual == pytest.approx(
+        np.abs(stalled.value @ matrix - stalled.value).sum()
+    )
+    with pytest.raises(RuntimeError, match="limiting_distribution: the residual stayed"):
+        limiting_distribution(chain, groups)

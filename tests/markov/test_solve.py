@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+import scipy.sparse
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.markov import solve
+from jaxcell.markov.solve import solve_stationary, solve_transient
+from jaxcell.markov.transient import Transient
+
+
+@pytest.fixture(params=["products", "factor"])
+def way(request, monkeypatch):
+    """Has a solve go one of its two ways to the end."""
+    monkeypatch.setattr(solve, "_TRIAL", {"products": 10**9, "factor": 1}[request.param])
+    monkeypatch.setattr(solve, "_WORTHWHILE", 0)
+    return request.param
+
+
+def random_chain(cells, branches, seed):
+    draw = np.random.default_rng(seed)
+    image = draw.integers(0, cells, (cells, branches))
+    share = draw.dirichlet(np.ones(branches), cells)
+    rows = np.repeat(np.arange(cells), branches)
+    matrix = scipy.sparse.csr_array((share.ravel(), (rows, image.ravel())), shape=(cells, cells))
+    matrix.sum_duplicates()
+    return matrix
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_transient_equals_dense(way, adjoint):
+    step = 0.8 * random_chain(60, 4, 1)
+    right = np.random.default_rng(2).random((60, 3))
+    found, products = solve_transient(step, right, adjoint=adjoint)
+    dense = step.toarray().T if adjoint else step.toarray()
+    np.testing.assert_allclose(found, np.linalg.solve(np.eye(60) - dense, right), rtol=1e-12)
+    assert products == 1 if way == "factor" else products > 100
+
+
+def test_stationary_equals_the_null_space(way):
+    sizes = [1, 2, 40, 7]
+    blocks = [random_chain(size, 3, seed).toarray() for seed, size in enumerate(sizes)]
+    # A ring joins each block into one class.
+    blocks = [(b + np.roll(np.eye(len(b)), 1, axis=1)) / 2 for b in blocks]
+    group = np.repeat(np.arange(4), sizes)
+    # Classes need not lie one after the other.
+    order = np.random.default_rng(5).permutation(50)
+    matrix = scipy.sparse.block_diag(blocks, format="csr")[order][:, order]
+    found, _ = solve_stationary(scipy.sparse.csr_array(matrix), group[order].astype(np.int32))
+    for number, block in enumerate(blocks):
+        values, vectors = np.linalg.eig(block.T)
+        expected = vectors[:, np.argmax(values.real)].real
+        expected /= expected.sum()
+        back = np.empty(50)
+        back[order] = found
+        np.testing.assert_allclose(back[group == number], expected, rtol=1e-9, atol=1e-13)
+
+
+def test_a_slow_chain_is_factored_and_a_fast_one_is_not():
+    fast = random_chain(300, 10, 3)
+    _, products = solve_stationary(fast, np.zeros(300, np.int32))
+    assert products % solve._TRIAL != 0
+    step = np.full(400, 0.5)
+    walk = scipy.sparse.diags_array([step[1:], step[1:]], offsets=[-1, 1], shape=(400, 400))
+    inside = scipy.sparse.csr_array(walk)
+    found, products = solve_transient(inside, np.ones((400, 1)))
+    assert products == solve._TRIAL
+    # From cell i of a walk between two open ends: (i + 1) (n - i) steps.
+    i = np.arange(400)
+    np.testing.assert_allclose(found[:, 0], (i + 1) * (400 - i), rtol=1e-9)
+
+
+def test_a_chain_too_large_to_factor_goes_on_with_products(monkeypatch):
+    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
+    walk = scipy.sparse.diags_array([np.full(19, 0.5)] * 2, offsets=[-1, 1], shape=(20, 20))
+    found, products = solve_transient(scipy.sparse.csr_array(walk), np.ones((20, 1)))
+    i = np.arange(20)
+    np.testing.assert_allclose(found[:, 0], (i + 1) * (20 - i), rtol=1e-9)
+    assert products > solve._WORTHWHILE
+
+
+def test_nothing_to_solve():
+    none = scipy.sparse.csr_array((3, 3))
+    found, products = solve_transient(none, np.zeros((3, 2)))
+    assert (found.tolist(), products) == ([[0, 0]] * 3, 0)
+
+
+@st.composite
+def parts(draw):
+    """A chain of few branchings and a part of it that can be left from every cell."""
+    cells = draw(st.integers(1, 12))
+    matrix = np.zeros((cells, cells))
+    for i, row in enumerate(matrix):
+        # Mostly to a later cell, so that most of the time the part is left in the end.
+        for image in draw(st.lists(st.integers(i + 1, cells + 1), min_size=1, max_size=2)):
+            if image < cells:
+                row[image] += 0.5
+        row *= 1 / max(0.5, row.sum())
+        if draw(st.booleans()) and i:
+            row *= 0.75
+            row[draw(st.integers(0, i - 1))] += 0.25
+    leaks = matrix.sum(axis=1) < 1
+    leaks[-1] = True
+    matrix[-1] *= 0.5
+    return matrix, leaks
+
+
+@given(parts(), st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=200)
+def test_runs_are_taken_out_and_put_back(part, seed):
+    matrix, _ = part
+    draw = np.random.default_rng(seed)
+    inside = draw.random(len(matrix)) < 0.8
+    identity = np.eye(len(matrix))[inside][:, inside]
+    step = matrix[inside][:, inside]
+    # Only parts that can be left from every cell count.
+    if np.linalg.matrix_power(step, 4000).sum() > 1e-9:
+        return
+    taken = Transient.of(scipy.sparse.csr_array(matrix), inside)
+    gain = draw.random((inside.sum(), 2))
+    found, _ = taken.expect(gain)
+    np.testing.assert_allclose(found, np.linalg.solve(identity - step, gain), rtol=1e-10)
+    start = draw.random(inside.sum())
+    visits, _ = taken.visits(start)
+    expected = np.linalg.solve(identity - step.T, start)
+    np.testing.assert_allclose(visits, expected[taken.branching], rtol=1e-10, atol=1e-14)
+    certain = (step == 1).any(axis=1)
+    np.testing.assert_array_equal(taken.branching, np.flatnonzero(~certain))

@@ -1,0 +1,121 @@
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from jaxcell.bounce import bounce_groups, bounce_map, localization_filter, localize
+from jaxcell.space import CellSpace, Workspace
+
+
+class Recording:
+    """What is in a recording, read back from its file."""
+
+    def __init__(self, path):
+        reader = RrdReader(path)
+        self.chunks = reader.stream().to_chunks()
+        self.blueprints = [reader.stream(store=store).to_chunks() for store in reader.blueprints()]
+        self.entities = {chunk.entity_path for chunk in self.chunks}
+        self.timelines = {name for chunk in self.chunks for name in chunk.timeline_names}
+
+    def static(self, entity, column):
+        """The one value of a column that has no time."""
+        ((value,),) = self._columns(entity, column, None)
+        return value
+
+    def over(self, timeline, entity, column):
+        """The values of a column by time."""
+        ((times, values),) = self._columns(entity, column, timeline)
+        return dict(zip(times, values, strict=True))
+
+    def pictures(self, timeline, entity):
+        """The pictures of an entity by time."""
+        buffers = self.over(timeline, entity, "SegmentationImage:buffer")
+        formats = self.over(timeline, entity, "SegmentationImage:format")
+        return {time: _picture(buffers[time], formats[time]) for time in buffers}
+
+    def classes(self, entity):
+        """The labels of the classes of pictures, in order."""
+        (context,) = self.static(entity, "AnnotationContext:context")
+        assert [one["class_id"] for one in context] == list(range(len(context)))
+        return [one["class_description"]["info"]["label"] for one in context]
+
+    def _columns(self, entity, column, timeline):
+        for chunk in self.chunks:
+            batch = chunk.to_record_batch()
+            if chunk.entity_path == entity and column in batch.schema.names:
+                values = batch.column(column).to_pylist()
+                if timeline is None and chunk.is_static:
+                    yield values
+                elif timeline in batch.schema.names:
+                    yield batch.column(timeline).to_pylist(), values
+
+
+def _picture(buffer, layout):
+    (layout,) = layout
+    return np.array(buffer[0], np.uint8).reshape(layout["height"], layout["width"])
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A bounce map with all that is made of it."""
+
+    cells: CellSpace
+    bounce: float
+    collision: str = "swept"
+
+    def __post_init__(self):
+        options = {"collision": self.collision}
+        map = bounce_map(self.cells, self.bounce, **options)
+        values = {
+            "map": map,
+            "groups": bounce_groups(self.cells, self.bounce, **options),
+            "filter": localization_filter(map, metadata={"map": "a test"}),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def localize(self, start, filter=None):
+        return localize(self.map, filter or self.filter, start)
+
+    def host(self):
+        """The groups and the images as NumPy arrays."""
+        groups = self.groups
+        group, step, period = jax.device_get((groups.group, groups.step, groups.period))
+        image = np.asarray(self.map.image)
+        return SimpleNamespace(group=group, step=step, period=period, image=image)
+
+
+LAB = np.array(["........", ".##.###.", ".##.###.", "....###."])
+FREE = np.array([[square == "." for square in row] for row in LAB[::-1]])
+
+
+@pytest.fixture(scope="session")
+def read():
+    return Recording
+
+
+@pytest.fixture(scope="session")
+def lab():
+    """The lab map of Alam 2018, Figure 2.8(a), as a grid that is not at the origin."""
+    cells = CellSpace.of_grid(FREE, 8, cell=0.5, origin=(-1.0, 2.0))
+    return Case(cells, math.radians(45), "endpoint")
+
+
+@pytest.fixture(scope="session")
+def angles(lab):
+    """Three bouncing angles in the lab map, and their groups."""
+    bounce = np.deg2rad([45, 90, 135])
+    return bounce, bounce_groups(lab.cells, bounce, collision=lab.collision)
+
+
+@pytest.fixture(scope="session")
+def hall():
+    """A hall for a disc robot with more cells than are drawn as arrows, and a large filter."""
+    boundary = [[0, 0], [6, 0], [6, 4], [0, 4]]
+    obstacles = [[[1, 1], [2, 1], [2, 2.2]], [[4, 0], [5, 0], [5, 1.5], [4, 1.5]]]
+    workspace = Workspace(boundary, obstacles, robot_radius=0.15, name="hall")
+    return Case(CellSpace.of(workspace, 0.25, 24), math.radians(90))

@@ -1,0 +1,137 @@
+import json
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.bounce.coverage import coverage_policy
+from jaxcell.record.coverage import heat_class, heat_classes, log_coverage
+from jaxcell.record.coverage_dataset import coverage_dataset
+from jaxcell.record.dataset import save_dataset
+from jaxcell.space import CellSpace
+
+
+BOUNCES = np.radians([45, 90, 135])
+
+
+@pytest.fixture(scope="module")
+def cells(lab):
+    return lab.cells
+
+
+@pytest.fixture(scope="module")
+def policy(cells):
+    return coverage_policy(cells, BOUNCES, math.pi / 4, 0.6, collision="endpoint")
+
+
+def test_the_dataset_holds_the_policy(cells, policy, tmp_path):
+    file = tmp_path / "coverage.nc"
+    save_dataset(coverage_dataset(cells, policy, bounces=BOUNCES, spec={"map": "lab"}), file)
+    with xr.open_dataset(file) as found:
+        np.testing.assert_array_equal(found.alpha, policy.alpha)
+        np.testing.assert_array_equal(found.mixture, policy.mixture)
+        np.testing.assert_array_equal(found.target, policy.target)
+        np.testing.assert_allclose(found.limiting.sum("direction"), found.coverage, atol=1e-15)
+        np.testing.assert_allclose(found.coverage.T @ found.alpha, found.mixture, atol=1e-15)
+        np.testing.assert_allclose(found.bounce_deg, [45, 90, 135])
+        for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
+            assert int(found.groups[i]) == groups.count
+            np.testing.assert_array_equal(found.group[i].values.ravel(), groups.group)
+            weights = found.group_weight[i].values
+            np.testing.assert_array_equal(weights[: groups.count], limiting.weights)
+            assert not weights[groups.count :].any()
+            assert int(found.group_size[i].sum()) == int((found.group[i] >= 0).sum())
+            assert float(found.residual[i]) < 1e-10
+        assert found.attrs["total_variation"] == policy.total_variation
+        assert json.loads(found.attrs["spec"]) == {"map": "lab"}
+        picture = found.mixture.set_index(position=("y", "x")).unstack()
+        assert picture.shape == cells.free.shape
+
+
+def test_a_policy_of_other_cells_is_refused(cells, policy, tmp_path):
+    finer = CellSpace.of_grid(cells.free, 16)
+    with pytest.raises(ValueError, match="of 304 cells, got 152"):
+        coverage_dataset(finer, policy, bounces=BOUNCES)
+    with pytest.raises(ValueError, match="2 angles and 19 positions, got 3 and 19"):
+        log_coverage(tmp_path / "one.rrd", cells, policy, bounces=BOUNCES[:2])
+    assert not (tmp_path / "one.rrd").exists()
+
+
+def test_heat_has_two_classes_to_a_doubling():
+    classes = heat_classes(20.0)
+    heat = np.array([0.0, 1e-9, 1 / 16, 0.0885, 1.0, 1.42, 1.99, 2.0, 31.9])
+    labels = [classes[i].label for i in heat_class(heat, len(classes))]
+    assert labels == [
+        "no time at all",
+        "less than 1/16 of an even share",
+        "0.0625 to 0.0884 even shares",
+        "0.0884 to 0.125 even shares",
+        "1 to 1.41 even shares",
+        "1.41 to 2 even shares",
+        "1.41 to 2 even shares",
+        "2 to 2.83 even shares",
+        "22.6 to 32 even shares",
+    ]
+    assert len({one.color for one in classes[1:]}) == len(classes) - 1
+
+
+def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
+    file = tmp_path / "coverage.rrd"
+    log_coverage(file, cells, policy, bounces=BOUNCES, spec={"map": "a map"})
+    found = read(file)
+    assert len(found.blueprints) == 1
+    assert "direction" in found.timelines
+
+    names = [*(f"coverage_{i}" for i in range(3)), "mixture", "target"]
+    shares = [*np.asarray(policy.coverage), np.asarray(policy.mixture), np.asarray(policy.target)]
+    for name, share in zip(names, shares, strict=True):
+        (picture,) = found.pictures("direction", f"/map/grid/{name}").values()
+        count = len(found.classes(f"/map/grid/{name}"))
+        expected = heat_class(share * cells.positions, count)
+        np.testing.assert_array_equal(picture[cells.free], expected)
+        assert (picture[~cells.free] == 0).all()
+
+    for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
+        pictures = found.pictures("direction", f"/map/grid/angle_{i}/groups")
+        labels = found.classes(f"/map/grid/angle_{i}/groups")
+        assert sorted(pictures) == list(range(cells.directions))
+        shown = np.stack([pictures[k][cells.free] for k in range(cells.directions)]).ravel()
+        group = np.asarray(groups.group)
+        np.testing.assert_array_equal(shown == 1, group < 0)
+        likeliest = int(np.argmax(limiting.weights))
+        assert {labels[kind] for kind in shown[group == likeliest]} == {
+            "on the likeliest persistent group"
+        }
+        for number in range(groups.count):
+            assert len(set(shown[group == number].tolist())) == 1
+        pictures = found.pictures("direction", f"/map/grid/angle_{i}/limiting")
+        count = len(found.classes(f"/map/grid/angle_{i}/limiting"))
+        heat = (np.asarray(limiting.value) * cells.size).reshape(cells.directions, -1)
+        for k, picture in pictures.items():
+            np.testing.assert_array_equal(picture[cells.free], heat_class(heat[k], count))
+
+    bars = found.static("/alpha", "BarChart:values")
+    assert bars
+    text = found.static("/text", "TextDocument:text")[0]
+    assert f"| 90° | {float(policy.alpha[1]):.6f} |" in text
+    assert "| map | a map |" in text
+
+
+def test_of_many_angles_those_with_the_largest_shares_have_maps(cells, tmp_path, read):
+    bounces = np.radians(np.arange(0, 360, 45))
+    many = coverage_policy(cells, bounces, math.pi / 4, 0.6)
+    log_coverage(tmp_path / "many.rrd", cells, many, bounces=bounces)
+    found = read(tmp_path / "many.rrd")
+    shown = {i for i in range(8) if f"/map/grid/coverage_{i}" in found.entities}
+    assert len(shown) == 6
+    alpha = np.asarray(many.alpha)
+    assert alpha[sorted(shown)].min() >= np.delete(alpha, sorted(shown)).max()
+    assert "those of the 6 largest shares" in found.static("/text", "TextDocument:text")[0]
+
+
+def test_one_angle(cells, tmp_path, read):
+    one = coverage_policy(cells, BOUNCES[:1], math.pi / 4, 0.6)
+    log_coverage(tmp_path / "one.rrd", cells, one, bounces=BOUNCES[:1])
+    text = read(tmp_path / "one.rrd").static("/text", "TextDocument:text")[0]
+    assert "there is one angle" in text

@@ -1,0 +1,192 @@
+import datetime
+import json
+import math
+import subprocess
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import jaxcell
+from jaxcell.automata import Filter
+from jaxcell.bounce import bounce_map, localization_filter, localize
+from jaxcell.record import (
+    filter_dataset,
+    groups_dataset,
+    localization_dataset,
+    save_dataset,
+)
+from jaxcell.space import CellSpace
+
+
+def reload(dataset, path):
+    save_dataset(dataset, path)
+    with xr.open_dataset(path) as opened:
+        return opened.load()
+
+
+def dtypes(dataset):
+    return {name: variable.dtype for name, variable in dataset.variables.items()}
+
+
+def test_groups_by_direction_and_position(lab):
+    dataset = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce)
+    host = lab.host()
+    for z in range(lab.cells.size):
+        direction, position = divmod(z, lab.cells.positions)
+        cell = dataset.isel(direction=direction, position=position)
+        assert cell.group == host.group[z]
+        assert cell.step == host.step[z]
+        assert cell.period == host.period[z]
+        x, y, theta = lab.cells.centre(z)
+        assert (cell.x, cell.y, cell.theta) == (x, y, theta)
+        assert cell.theta_deg == pytest.approx(45 * direction)
+        # Going on until the cell returns says whether it is periodic.
+        orbit, at = set(), int(host.image[z])
+        while at not in orbit and at != z:
+            orbit.add(at)
+            at = int(host.image[at])
+        assert cell.periodic == (at == z)
+    assert dataset.bounce == lab.bounce
+    assert dataset.bounce_deg == pytest.approx(45)
+
+
+def test_a_direction_is_a_picture(lab):
+    dataset = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce)
+    picture = dataset.step.sel(direction=0).set_index(position=("y", "x")).unstack()
+    assert dict(picture.sizes) == {"y": 4, "x": 8}
+    assert (picture.y.diff("y") > 0).all()
+    np.testing.assert_array_equal(picture.notnull(), lab.cells.free)
+
+
+def test_tables_of_a_batch(lab, angles):
+    bounce, groups = angles
+    dataset = groups_dataset(lab.cells, groups, bounce=bounce)
+    counts = dataset.groups.values
+    assert len(set(counts)) > 1, "this batch needs padding"
+    for i, count in enumerate(counts):
+        group, step, period = (np.asarray(a)[i] for a in (groups.group, groups.step, groups.period))
+        assert set(group) == set(range(count))
+        for one in range(count):
+            inside = group == one
+            assert dataset.group_period[i, one] == np.sum(inside & (step == 0))
+            assert set(period[inside]) == {dataset.group_period[i, one].item()}
+            assert dataset.group_basin[i, one] == np.sum(inside)
+            assert dataset.group_transient[i, one] == max(step[inside])
+        for table in ("group_period", "group_basin", "group_transient"):
+            assert (dataset[table][i, count:] == -1).all()
+
+
+@pytest.mark.parametrize("batch", [False, True])
+def test_groups_round_trip(lab, angles, tmp_path, batch):
+    bounce, groups = angles if batch else (lab.bounce, lab.groups)
+    dataset = groups_dataset(lab.cells, groups, bounce=bounce, spec={"map": "lab", "n": [1, 2]})
+    opened = reload(dataset, tmp_path / "groups.nc")
+    xr.testing.assert_identical(opened, dataset)
+    assert dtypes(opened) == dtypes(dataset)
+    assert {dataset[name].dtype for name in ("group", "step", "period")} == {np.dtype(np.int32)}
+    assert dataset.periodic.dtype == bool
+    assert dataset.group.dims == ("bounce",) * batch + ("direction", "position")
+    assert all("units" in dataset[n].attrs for n in ("x", "y", "theta", "step", "bounce"))
+
+
+def test_provenance(lab):
+    spec = {"map": "lab", "bounce_deg": 45.0, "nothing": None}
+    attributes = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce, spec=spec).attrs
+    assert json.loads(attributes["spec"]) == spec
+    assert attributes["jaxcell_version"] == jaxcell.__version__
+    created = datetime.datetime.fromisoformat(attributes["created"])
+    assert abs(datetime.datetime.now(datetime.UTC) - created) < datetime.timedelta(minutes=5)
+    folder = jaxcell.__path__[0]
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True)
+    if head.returncode == 0:
+        assert attributes["git_revision"].removesuffix("-dirty") == head.stdout.strip()
+
+
+def test_filter_round_trip(lab, tmp_path):
+    for filter in (lab.filter, lab.filter.with_trap()):
+        dataset = reload(filter_dataset(filter), tmp_path / "filter.nc")
+        again = Filter(
+            transition=dataset.transition.values,
+            uncertainty=dataset.uncertainty.values,
+            offsets=dataset.offset.values,
+            members=dataset.member.values,
+            open_world=filter.open_world,
+            metadata=json.loads(dataset.attrs["spec"]),
+        )
+        assert again.metadata == filter.metadata
+        np.testing.assert_array_equal(dataset.color, again.color)
+        cycles = again.cycles
+        assert len(cycles) == dataset.sizes["cycle"] == 3
+        bounds = dataset.cycle_offset.values
+        for i, cycle in enumerate(cycles):
+            states = dataset.cycle_state.values[bounds[i] : bounds[i + 1]]
+            np.testing.assert_array_equal(states, cycle.states)
+            assert dataset.cycle_uncertainty[i] == cycle.uncertainty
+            assert dataset.cycle_color[i] == cycle.color
+
+
+def test_localization_round_trip(lab, tmp_path):
+    run = lab.localize(100)
+    made = localization_dataset(lab.cells, lab.filter, run)
+    dataset = reload(made, tmp_path / "localization.nc")
+    xr.testing.assert_identical(dataset, made)
+    np.testing.assert_array_equal(dataset.cell, run.path)
+    np.testing.assert_array_equal(dataset.sensed, run.observations)
+    np.testing.assert_array_equal(dataset.candidate, run.candidates)
+    sizes = [len(lab.filter.cells(int(state))) for state in dataset.visited]
+    np.testing.assert_array_equal(dataset.belief_size, sizes)
+    np.testing.assert_array_equal(dataset.belief_color, lab.filter.color[run.states])
+    x, y, theta = lab.cells.centre(run.path)
+    np.testing.assert_array_equal([dataset.x, dataset.y, dataset.theta], [x, y, theta])
+
+
+def test_a_run_without_an_observation(tmp_path):
+    box = CellSpace.of_grid(np.ones((1, 1), bool), 4)
+    map = bounce_map(box, math.pi / 2)
+    filter = localization_filter(map, open_world=True)
+    still = localize(map, filter, 0)
+    assert still.observations.size == 0, "the start is a knowledge cycle"
+    dataset = reload(localization_dataset(box, filter, still), tmp_path / "still.nc")
+    assert dataset.sizes["move"] == 0
+    np.testing.assert_array_equal(dataset.candidate, np.arange(4))
+
+
+def test_refuses_what_does_not_fit(lab):
+    other = CellSpace.of_grid(np.ones((2, 2), bool), 8)
+    with pytest.raises(ValueError, match=r"expected those of 32 cells.*got"):
+        groups_dataset(other, lab.groups, bounce=lab.bounce)
+    with pytest.raises(ValueError, match="one for each angle"):
+        groups_dataset(lab.cells, lab.groups, bounce=np.array([1.0, 2.0]))
+    with pytest.raises(ValueError, match="finite angles"):
+        groups_dataset(lab.cells, lab.groups, bounce=math.nan)
+    with pytest.raises(ValueError, match="an angle or a list"):
+        groups_dataset(lab.cells, lab.groups, bounce=np.ones((1, 1)))
+    for bad in ({"a": {1, 2}}, {"a": math.inf}):
+        with pytest.raises(ValueError, match="spec: expected a JSON object"):
+            groups_dataset(lab.cells, lab.groups, bounce=lab.bounce, spec=bad)
+    with pytest.raises(ValueError, match="starts in doubt over 152 cells, but there are 32"):
+        localization_dataset(other, lab.filter, lab.localize(3))
+
+
+def test_an_error_while_writing_leaves_the_old_file(lab, tmp_path, monkeypatch):
+    path = tmp_path / "groups.nc"
+    dataset = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce)
+    save_dataset(dataset, path)
+    old = path.read_bytes()
+
+    def fail(self, target, **options):
+        target.write_bytes(b"half of")
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    with pytest.raises(OSError, match="disk is full"):
+        save_dataset(dataset, path)
+    assert path.read_bytes() == old
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_missing_folder_is_named(lab, tmp_path):
+    dataset = filter_dataset(lab.filter)
+    with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere"):
+        save_dataset(dataset, tmp_path / "nowhere" / "a.nc")

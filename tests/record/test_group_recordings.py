@@ -1,0 +1,225 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rerun as rr
+
+import jaxcell.record.groups
+from jaxcell.record import log_groups
+
+
+@pytest.fixture(scope="module")
+def recorded(lab, read, tmp_path_factory):
+    path = tmp_path_factory.mktemp("groups") / "lab.rrd"
+    log_groups(path, lab.cells, lab.groups, bounce=lab.bounce, spec={"who|what": "a test"})
+    return read(path)
+
+
+def test_pictures_say_what_the_groups_are(lab, recorded):
+    host = lab.host()
+    groups = recorded.pictures("direction", "/map/grid/bounce_45/groups")
+    steps = recorded.pictures("direction", "/map/grid/bounce_45/steps")
+    names = recorded.classes("/map/grid/bounce_45/groups")
+    numbers = recorded.classes("/map/grid/bounce_45/steps")
+    assert list(groups) == list(steps) == list(range(8))
+    for z in range(lab.cells.size):
+        direction, position = divmod(z, lab.cells.positions)
+        row, column = divmod(int(lab.cells.square[position]), lab.cells.free.shape[1])
+        relation = "on" if host.step[z] == 0 else "leads to"
+        assert names[groups[direction][row, column]] == f"{relation} the largest group"
+        label = numbers[steps[direction][row, column]]
+        said = "on a group" if host.step[z] == 0 else f"{host.step[z]} mappings from its group"
+        assert label == said
+    for picture in (*groups.values(), *steps.values()):
+        np.testing.assert_array_equal(picture > 0, lab.cells.free)
+
+
+def test_cycles_run_where_some_direction_is_periodic(lab, recorded):
+    cycles = recorded.pictures("direction", "/map/grid/bounce_45/cycles")
+    names = recorded.classes("/map/grid/bounce_45/cycles")
+    periodic = (lab.host().step == 0).reshape(lab.cells.directions, -1).any(axis=0)
+    expected = np.zeros(lab.cells.free.size, int)
+    on_group, off_group = names.index("on the largest group"), names.index("on no such group")
+    expected[lab.cells.square] = np.where(periodic, on_group, off_group)
+    # One group passes in all directions.
+    for picture in cycles.values():
+        np.testing.assert_array_equal(picture.ravel(), expected)
+
+
+def test_y_points_up(lab, recorded):
+    """Pixels of the lowest row end up lowest on the screen, where y points down."""
+    (flip,) = recorded.static("/map", "Transform3D:scale")
+    (stretch,) = recorded.static("/map/grid", "Transform3D:scale")
+    (shift,) = recorded.static("/map/grid", "Transform3D:translation")
+    assert flip == [1, -1, 1]
+    buffer = recorded.static("/map/grid/free", "SegmentationImage:buffer")
+    free = np.array(buffer[0]).reshape(lab.cells.free.shape)
+    np.testing.assert_array_equal(free, lab.cells.free)
+    row, column = np.divmod(lab.cells.square, lab.cells.free.shape[1])
+    pixel = np.stack([column + 0.5, row + 0.5, 0 * row], axis=1)
+    x, y, _ = (np.array(flip) * (pixel * stretch + shift)).T
+    centre_x, centre_y, _ = lab.cells.centre(np.arange(lab.cells.positions))
+    np.testing.assert_allclose(x, centre_x)
+    np.testing.assert_allclose(-y, centre_y)
+
+
+def test_walls_are_the_edges_of_free_squares(lab, recorded):
+    strips = recorded.static("/map/walls", "LineStrips2D:strips")
+    edges = {tuple(sorted(map(tuple, strip))) for strip in strips}
+    assert len(edges) == len(strips)
+    expected = set()
+    for z in range(lab.cells.positions):
+        x, y, _ = lab.cells.centre(z)
+        corners = [(x + a / 4, y + b / 4) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+            # An edge between two free squares comes twice and goes.
+            expected ^= {tuple(sorted([start, end]))}
+    assert edges == expected
+
+
+def test_walls_of_a_map(hall, read, tmp_path):
+    log_groups(tmp_path / "hall.rrd", hall.cells, hall.groups, bounce=hall.bounce)
+    recorded = read(tmp_path / "hall.rrd")
+    strips = recorded.static("/map/walls", "LineStrips2D:strips")
+    corners = {tuple(np.round(corner, 4)) for strip in strips for corner in strip}
+    assert {(0, 0), (0, 4), (1, 1), (2, 2.2), (4, 1.5)} <= corners
+    # A square is free, in an obstacle, or in the margin that the centre of the robot keeps.
+    squares = recorded.static("/map/grid/free", "SegmentationImage:buffer")
+    squares = np.array(squares[0]).reshape(hall.cells.free.shape)
+    np.testing.assert_array_equal(squares == 1, hall.cells.free)
+    assert squares[0, 0] == 2, "0.125 m from the wall, with a radius of 0.15 m"
+    assert squares[1, 18] == 0, "in the obstacle by the wall"
+
+
+def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_path):
+    """By 90 of 360 degrees, only headings 90 degrees apart share groups."""
+    log_groups(tmp_path / "hall.rrd", hall.cells, hall.groups, bounce=hall.bounce)
+    recorded = read(tmp_path / "hall.rrd")
+    pictures = recorded.pictures("direction", "/map/grid/bounce_90/groups")
+    labels = recorded.over("direction", "/bounce_90/legend/text", "Points2D:labels")
+    rows = recorded.over("direction", "/bounce_90/legend/swatch", "LineStrips2D:strips")
+    host = hall.host()
+    met = host.group.reshape(24, -1)
+    for direction in range(24):
+        # Rank by the cells that reach a group, which the family of four directions holds.
+        family = met[direction % 6 :: 6]
+        numbers, basin = np.unique(family, return_counts=True)
+        ranked = numbers[np.argsort(-basin, kind="stable")]
+        rank = {group: place for place, group in enumerate(ranked)}
+        for position, group in enumerate(met[direction]):
+            place = rank[group] if rank[group] < 7 else 7 + rank[group] % 7
+            on = host.step[direction * hall.cells.positions + position] == 0
+            row, column = divmod(int(hall.cells.square[position]), hall.cells.free.shape[1])
+            assert pictures[direction][row, column] == 1 + 2 * place + on
+        legend = labels[direction]
+        assert len(rows[direction]) == len(legend)
+        for place, group in enumerate(ranked[:7]):
+            assert legend[place].startswith(
+                f"group {group}: period {host.period[host.group == group][0]},"
+            )
+        if len(ranked) > 7:
+            assert legend[7].startswith(f"{len(ranked) - 7} more, pale")
+        shares = [float(t.split()[-4]) for t in legend if t.endswith("% of cells")]
+        assert sum(shares) == pytest.approx(100, abs=1.5)
+        assert f"heading {15 * direction}°" in legend
+
+
+def test_a_tab_for_each_angle(lab, angles, read, tmp_path):
+    bounce, groups = angles
+    log_groups(tmp_path / "lab.rrd", lab.cells, groups, bounce=bounce)
+    recorded = read(tmp_path / "lab.rrd")
+    for i, name in enumerate(("bounce_45", "bounce_90", "bounce_135")):
+        pictures = recorded.pictures("direction", f"/map/grid/{name}/steps")
+        white = sum(int(np.sum(picture == 1)) for picture in pictures.values())
+        assert white == np.sum(np.asarray(groups.step)[i] == 0)
+        (text,) = recorded.static(f"/{name}/text", "TextDocument:text")
+        assert f"**{name.removeprefix('bounce_')}°**" in text
+    names = blueprint_values(recorded, "ContainerBlueprint:display_name")
+    assert {"bounce 45°", "bounce 90°", "bounce 135°"} <= set(names)
+
+
+def blueprint_values(recorded, column):
+    (chunks,) = recorded.blueprints
+    batches = [chunk.to_record_batch() for chunk in chunks]
+    return [
+        value
+        for batch in batches
+        if column in batch.schema.names
+        for values in batch.column(column).to_pylist()
+        for value in values or []
+    ]
+
+
+def test_the_recording_has_its_own_layout(recorded):
+    assert blueprint_values(recorded, "ViewportBlueprint:auto_views") == [False]
+    assert blueprint_values(recorded, "TimePanelBlueprint:timeline") == ["direction"]
+    assert recorded.timelines == {"direction"}
+    # Every entity that a view asks for is there.
+    queries = blueprint_values(recorded, "ViewContents:query")
+    asked = {q.removeprefix("+ ") for q in queries if "$origin" not in q}
+    assert len(asked) == 5
+    assert asked <= recorded.entities
+
+
+def test_the_text_says_what_one_sees(recorded):
+    (text,) = recorded.static("/bounce_45/text", "TextDocument:text")
+    (kind,) = recorded.static("/bounce_45/text", "TextDocument:media_type")
+    assert kind == "text/markdown"
+    for phrase in ("turns by **45°**", "**152 cells**", "There is **one**, with period 20"):
+        assert phrase in text
+    assert "| who|what | a test |" in text.replace("&#124;", "|")
+
+
+def test_an_error_on_the_way_leaves_no_file(lab, tmp_path, monkeypatch):
+    path = tmp_path / "groups.rrd"
+    path.write_bytes(b"old")
+    strict = rr.strict_mode()
+
+    def fail(*arguments, **options):
+        raise RuntimeError("on the way")
+
+    monkeypatch.setattr(jaxcell.record.groups, "send_blueprint", fail)
+    with pytest.raises(RuntimeError, match="on the way"):
+        log_groups(path, lab.cells, lab.groups, bounce=lab.bounce)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+    assert rr.strict_mode() == strict
+
+
+@pytest.mark.parametrize("limit", [0, 1000, 100_000])
+def test_a_full_disk_leaves_no_file(lab, tmp_path, limit):
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"old")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        with pytest.raises(OSError, match="too large"):
+            log_groups(path, lab.cells, lab.groups, bounce=lab.bounce)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_bad_arguments_to_rerun_raise(lab, tmp_path, monkeypatch):
+    monkeypatch.setattr(jaxcell.record.groups, "groups_text", lambda *_: 7)
+    with pytest.raises((TypeError, ValueError)):
+        log_groups(tmp_path / "a.rrd", lab.cells, lab.groups, bounce=lab.bounce)
+    assert not list(tmp_path.iterdir())
+
+
+def test_refuses_a_bad_path(lab, tmp_path):
+    with pytest.raises(ValueError, match=r"a\.nc: expected .* ends in \.rrd"):
+        log_groups(tmp_path / "a.nc", lab.cells, lab.groups, bounce=lab.bounce)
+    with pytest.raises(FileNotFoundError, match="no folder"):
+        log_groups(tmp_path / "b" / "a.rrd", lab.cells, lab.groups, bounce=lab.bounce)
+
+
+def test_rerun_is_imported_on_first_use():
+    code = "import sys, jaxcell.record as r; assert 'rerun' not in sys.modules; r.log_groups"
+    code += "; r.log_localization; assert 'rerun' in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        jaxcell.record.nothing  # noqa: B018

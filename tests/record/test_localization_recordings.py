@@ -1,0 +1,225 @@
+import math
+
+import numpy as np
+import pytest
+
+from jaxcell.bounce import bounce_groups, bounce_map, localization_filter, localize
+from jaxcell.record import log_localization
+from jaxcell.record.palette import CURRENT, ROBOT
+from jaxcell.space import CellSpace
+
+
+MOST_ARROWS = 400
+
+
+def record(case, run, path, filter=None):
+    filter = filter or case.filter
+    log_localization(path, case.cells, case.groups, filter, run, bounce=case.bounce)
+
+
+@pytest.fixture(scope="module")
+def lab_run(lab, read, tmp_path_factory):
+    run = lab.localize(100)
+    path = tmp_path_factory.mktemp("localization") / "lab.rrd"
+    record(lab, run, path)
+    return run, read(path)
+
+
+@pytest.fixture(scope="module")
+def hall_run(hall, read, tmp_path_factory):
+    run = hall.localize(7)
+    path = tmp_path_factory.mktemp("localization") / "hall.rrd"
+    record(hall, run, path)
+    return run, read(path)
+
+
+def poses(cells, where):
+    x, y, theta = cells.centre(np.array(where, int))
+    return np.stack([x, y, np.cos(theta), np.sin(theta)], axis=1)
+
+
+def arrows(recorded, entity):
+    """The poses of arrows by time; the length does not count."""
+    origins = recorded.over("step", entity, "Arrows2D:origins")
+    vectors = recorded.over("step", entity, "Arrows2D:vectors")
+    result = {}
+    for time, origin in origins.items():
+        vector = np.array(vectors[time]).reshape(-1, 2)
+        vector /= np.linalg.norm(vector, axis=1, keepdims=True)
+        result[time] = np.concatenate([np.array(origin).reshape(-1, 2), vector], axis=1)
+    return result
+
+
+@pytest.mark.parametrize("case", ["lab", "hall"])
+def test_the_belief_is_the_state_of_the_filter(case, request):
+    run, recorded = request.getfixturevalue(f"{case}_run")
+    case = request.getfixturevalue(case)
+    shown = arrows(recorded, "/map/belief")
+    size = recorded.over("step", "/filter/uncertainty", "Scalars:scalars")
+    bits = recorded.over("step", "/filter/bits", "Scalars:scalars")
+    assert list(shown) == list(size) == list(range(len(run.states)))
+    for time, state in enumerate(run.states.tolist()):
+        cells = case.filter.cells(state)
+        assert size[time] == [len(cells)] == [case.filter.uncertainty[state]]
+        assert bits[time] == [pytest.approx(math.log2(len(cells)))]
+        expected = poses(case.cells, cells if len(cells) <= MOST_ARROWS else [])
+        np.testing.assert_allclose(shown[time], expected, atol=1e-5)
+
+
+def test_a_large_belief_is_shaded(hall, hall_run):
+    run, recorded = hall_run
+    sizes = hall.filter.uncertainty[run.states]
+    assert sizes[0] > MOST_ARROWS >= sizes[-1], "this run has both"
+    shades = recorded.pictures("step", "/map/grid/belief")
+    large = int(np.sum(sizes > MOST_ARROWS))
+    assert list(shades) == list(range(large + 1))
+    for time in range(large):
+        count = np.zeros(hall.cells.free.size, int)
+        for cell in hall.filter.cells(int(run.states[time])).tolist():
+            count[hall.cells.square[cell % hall.cells.positions]] += 1
+        np.testing.assert_array_equal(shades[time].ravel(), np.ceil(count * 8 / 24))
+    assert not shades[large].any(), "where arrows take over, no shade is left"
+
+
+@pytest.mark.parametrize("case", ["lab", "hall"])
+def test_the_robot_and_its_trail(case, request):
+    run, recorded = request.getfixturevalue(f"{case}_run")
+    case = request.getfixturevalue(case)
+    robot = arrows(recorded, "/map/robot")
+    trails = recorded.over("step", "/map/trail", "LineStrips2D:strips")
+    path = poses(case.cells, run.path)
+    for time in range(len(run.path)):
+        np.testing.assert_allclose(robot[time], path[time : time + 1], atol=1e-5)
+        (trail,) = trails[time]
+        np.testing.assert_allclose(trail[0], path[0, :2])
+        np.testing.assert_allclose(trail[-1], path[time, :2])
+        assert len(trail) == 2 + np.sum(run.observations[:time])
+        # Between corners the robot runs straight: all places lie on the segments of the trail.
+        place = path[: time + 1, :2]
+        start, end = np.array(trail[:-1]), np.array(trail[1:])
+        along = end - start
+        share = np.sum((place[:, None] - start) * along, axis=-1)
+        share = np.clip(share / np.maximum(np.sum(along**2, axis=-1), 1e-12), 0, 1)
+        gap = np.linalg.norm(place[:, None] - start - share[..., None] * along, axis=-1)
+        assert gap.min(axis=1).max() < 1e-5
+
+
+def test_observations_and_colors(lab, lab_run):
+    run, recorded = lab_run
+    bumped = recorded.over("step", "/robot/bumped", "Scalars:scalars")
+    assert [value for (value,) in bumped.values()] == [0, *run.observations.tolist()]
+    color = recorded.over("step", "/filter/color", "Scalars:scalars")
+    assert [value for (value,) in color.values()] == lab.filter.color[run.states].tolist()
+    assert color[len(run.observations)][0] > 1
+
+
+def test_the_end_marks_the_candidates_and_the_truth(lab, lab_run):
+    run, recorded = lab_run
+    end = len(run.observations)
+    boxes = recorded.over("step", "/map/candidates", "Boxes2D:centers")
+    assert list(boxes) == [end], "before the end nothing is known"
+    x, y, _ = lab.cells.centre(run.candidates)
+    np.testing.assert_allclose(boxes[end], np.stack([x, y], axis=1))
+    x, y, _ = lab.cells.centre(int(run.path[-1]))
+    ((label_x, label_y),) = recorded.over("step", "/map/truth", "Points2D:positions")[end]
+    assert label_x == pytest.approx(float(x))
+    assert abs(label_y - float(y)) <= 0.5
+    assert [float(x), float(y)] in np.array(boxes[end]).round(6).tolist()
+
+
+@pytest.mark.parametrize("case", ["lab", "hall"])
+def test_the_filter_is_a_graph_that_lights_up(case, request):
+    run, recorded = request.getfixturevalue(f"{case}_run")
+    case = request.getfixturevalue(case)
+    names = recorded.static("/filter/graph", "GraphNodes:node_ids")
+    states = [int(name.split()[1].removesuffix(":")) for name in names]
+    sizes = [int(name.split()[2]) for name in names]
+    assert sizes == case.filter.uncertainty[states].tolist()
+    assert len(recorded.static("/filter/graph", "GraphNodes:positions")) == len(names)
+    edges = recorded.static("/filter/graph", "GraphEdges:edges")
+    number = dict(zip(names, states, strict=True))
+    for edge in edges:
+        assert number[edge["second"]] in case.filter.transition[number[edge["first"]]]
+    colors = recorded.over("step", "/filter/graph", "GraphNodes:colors")
+    white, vermilion = (int.from_bytes([*c, 255]) for c in (CURRENT, ROBOT))
+    seen = set()
+    for time, state in enumerate(run.states.tolist()):
+        lit = {s for s, color in zip(states, colors[time], strict=True) if color == white}
+        assert lit == {state} & set(states)
+        been = {
+            s
+            for s, color in zip(states, colors[time], strict=True)
+            if color == vermilion and case.filter.color[s] == 1
+        }
+        assert been == (seen - {state}) & set(states)
+        seen.add(state)
+    assert run.states[-1] in states
+
+
+def test_groups_follow_the_heading(lab, lab_run):
+    run, recorded = lab_run
+    by_direction = recorded.pictures("direction", "/map/grid/bounce_45/groups")
+    by_step = recorded.pictures("step", "/map/grid/bounce_45/groups")
+    heading = run.path // lab.cells.positions
+    for time, now in enumerate(heading.tolist()):
+        shown = by_step[max(t for t in by_step if t <= time)]
+        np.testing.assert_array_equal(shown, by_direction[now])
+    assert recorded.timelines == {"direction", "step"}
+
+
+def test_the_text_says_how_it_ended(lab_run, hall_run):
+    run, recorded = lab_run
+    (text,) = recorded.static("/text", "TextDocument:text")
+    word = "".join(map(str, run.observations.tolist()))
+    count = len(run.candidates)
+    for phrase in ("**45°**", f"`{word}`", f"one of **{count}** cells", "## 3 knowledge cycles"):
+        assert phrase in text
+    assert text.count("\n| 2 (orange) | ") == 1
+    assert "too many to draw" not in text
+    (text,) = hall_run[1].static("/text", "TextDocument:text")
+    assert "too many to draw" in text
+    assert "cycles are left out" in text
+
+
+def test_a_robot_that_is_elsewhere(lab, read, tmp_path):
+    """The filter is of the lab, the robot is in its mirror image."""
+    there = CellSpace.of_grid(lab.cells.free[:, ::-1].copy(), 8)
+    filter = lab.filter.with_trap()
+    map = bounce_map(there, lab.bounce, collision=lab.collision)
+    runs = [localize(map, filter, start) for start in range(there.size)]
+    run = next(run for run in runs if run.states[-1] == filter.trap)
+    groups = bounce_groups(there, lab.bounce, collision=lab.collision)
+    path = tmp_path / "elsewhere.rrd"
+    log_localization(path, there, groups, filter, run, bounce=lab.bounce)
+    recorded = read(path)
+    (text,) = recorded.static("/text", "TextDocument:text")
+    assert "**somewhere else**" in text
+    end = len(run.observations)
+    assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars")[end] == [0]
+    assert recorded.over("step", "/map/candidates", "Boxes2D:centers")[end] == []
+    assert len(arrows(recorded, "/map/belief")[end]) == 0
+
+
+def test_a_robot_that_cannot_move(read, tmp_path):
+    bounce = math.pi / 2
+    cells = CellSpace.of_grid(np.ones((1, 1), bool), 4)
+    map = bounce_map(cells, bounce)
+    filter = localization_filter(map)
+    run = localize(map, filter, 2)
+    path = tmp_path / "still.rrd"
+    log_localization(path, cells, bounce_groups(cells, bounce), filter, run, bounce=bounce)
+    recorded = read(path)
+    assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
+    assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4
+
+
+def test_refuses_what_does_not_fit(lab, hall, tmp_path):
+    run = lab.localize(100)
+    path = tmp_path / "a.rrd"
+    with pytest.raises(ValueError, match="starts in doubt over"):
+        record(lab, run, path, hall.filter)
+    with pytest.raises(ValueError, match=r"path\[.*\] is cell"):
+        record(lab, hall.localize(hall.cells.size - 1), path)
+    with pytest.raises(ValueError, match="groups: expected those of"):
+        log_localization(path, lab.cells, hall.groups, lab.filter, run, bounce=lab.bounce)
+    assert not list(tmp_path.iterdir())

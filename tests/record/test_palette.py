@@ -1,0 +1,108 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from jaxcell.record import palette
+from jaxcell.record.palette import (
+    CATEGORIES,
+    GROUP_CLASSES,
+    cycle_color,
+    group_class,
+    ramp,
+    step_classes,
+)
+
+
+# Machado, Oliveira and Fernandes (2009), severity 1.
+SIGHT = {
+    "normal": np.eye(3),
+    "protanopia": np.array(
+        [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ]
+    ),
+    "deuteranopia": np.array(
+        [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ]
+    ),
+}
+
+
+def lab(color, sight):
+    """CIE L*a*b* of an sRGB colour, as it is seen."""
+    rgb = np.asarray(color) / 255
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    linear = np.clip(SIGHT[sight] @ linear, 0, 1)
+    to_xyz = [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+    x, y, z = np.cbrt(np.maximum((to_xyz @ linear) / [0.95047, 1, 1.08883], 0.008856))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+def distance(first, second, sight):
+    return np.linalg.norm(lab(first, sight) - lab(second, sight))
+
+
+@pytest.mark.parametrize("sight", SIGHT)
+def test_what_lies_on_a_map_is_told_apart(sight):
+    things = ["OBSTACLE", "FREE", "MARGIN", "ROBOT", "BELIEF", "KNOWN"]
+    for one, other in itertools.combinations(things, 2):
+        seen = distance(getattr(palette, one), getattr(palette, other), sight)
+        assert seen > 15, (one, other)
+    for color in CATEGORIES.values():
+        assert distance(color, palette.OBSTACLE, sight) > 25
+
+
+@pytest.mark.parametrize("sight", SIGHT)
+def test_groups_are_told_apart(sight):
+    for one, other in itertools.combinations(CATEGORIES, 2):
+        assert distance(CATEGORIES[one], CATEGORIES[other], sight) > 10, (one, other)
+
+
+@pytest.mark.parametrize("sight", SIGHT)
+def test_the_ramp_gets_lighter(sight):
+    lightness = [lab(color, sight)[0] for color in ramp(np.linspace(0, 1, 33))]
+    assert (np.diff(lightness) > 0).all()
+
+
+def test_classes_of_groups():
+    ranks = np.arange(30)
+    classes = group_class(ranks)
+    assert (classes < len(GROUP_CLASSES)).all()
+    names = [GROUP_CLASSES[one].label for one in classes]
+    cycles = [GROUP_CLASSES[one + 1] for one in classes]
+    assert names[:2] == ["leads to the largest group", "leads to the group of rank 2"]
+    assert len(set(names)) == 8
+    assert set(names[7:]) == {"leads to a smaller group"}
+    for name, cycle in zip(names, cycles, strict=True):
+        assert cycle.label == name.replace("leads to", "on")
+    # Neighbours in rank differ even where there are many, and no two of the first seven are alike.
+    colors = [GROUP_CLASSES[one].color for one in classes]
+    assert all(one != other for one, other in itertools.pairwise(colors))
+    assert len(set(colors[:7])) == 7
+
+
+@given(st.integers(0, 5000))
+def test_classes_of_steps(longest):
+    share, classes = step_classes(longest)
+    assert len(classes) <= 256
+    for step in range(1, longest + 1):
+        label = classes[2 + (step - 1) // share].label
+        numbers = [int(word) for word in label.split() if word.isdigit()]
+        assert min(numbers) <= step <= max(numbers)
+    if longest < 250:
+        assert share == 1
+
+
+def test_colors_of_cycles():
+    assert [cycle_color(c)[0] for c in (2, 3, 8, 9)] == ["orange", "sky blue", "pink", "orange"]
