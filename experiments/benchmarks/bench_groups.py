@@ -25,7 +25,7 @@ import psutil
 import scipy.sparse
 
 from jaxcell import bounce
-from jaxcell.mapping import GroupSummary, periodic_groups, section_groups
+from jaxcell.mapping import GroupSummary, periodic_groups
 from jaxcell.space import CellSpace, Workspace, stencil
 
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from .options import MapOptions, OutputOptions
 from .target import read_target
-from .terminal import count_cells, note, status, table
+from .terminal import count_cells, status, table
 
 
 if TYPE_CHECKING:
@@ -84,9 +84,7 @@ class Cover(MapOptions, OutputOptions):
                 save_dataset(dataset, self.out / "coverage.nc")
                 recording = self.out / "coverage.rrd"
                 log_coverage(recording, cells, policy, bounces=bounces, spec=spec)
-        self.print_summary(summary)
-        if not self.json and self.out is not None:
-            note(f"Results are in {self.out}; to look at them: rerun {self.out / 'coverage.rrd'}")
+        self.finish(summary, "coverage.rrd")
         return 0
 
 

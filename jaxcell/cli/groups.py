@@ -1,7 +1,7 @@
 import dataclasses
 
 from .options import MapOptions, OutputOptions
-from .terminal import count_cells, note, status, table
+from .terminal import count_cells, status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,5 @@ class Groups(MapOptions, OutputOptions):
                 dataset = record.groups_dataset(cells, groups, bounce=angles, spec=spec)
                 record.save_dataset(dataset, self.out / "groups.nc")
                 record.log_groups(self.out / "groups.rrd", cells, groups, bounce=angles, spec=spec)
-        self.print_summary(summary)
-        if not self.json and self.out is not None:
-            note(f"Results are in {self.out}; look at them with: rerun {self.out / 'groups.rrd'}")
+        self.finish(summary, "groups.rrd")
         return 0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .options import MapOptions, OutputOptions, cell_at
-from .terminal import configuration, count_cells, note, status, table
+from .terminal import configuration, count_cells, status, table
 
 
 if TYPE_CHECKING:
@@ -63,11 +63,7 @@ class Localize(MapOptions, OutputOptions):
         if self.out is not None:
             with status(f"writing {self.out}"):
                 write(self.out, cells, groups, filter, run, spec)
-        self.print_summary(summary)
-        if not self.json and self.out is not None:
-            note(
-                f"Results are in {self.out}; to look at them: rerun {self.out / 'localization.rrd'}"
-            )
+        self.finish(summary, "localization.rrd")
         return 0
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from ..files import replacing
+from .terminal import note_results
 
 
 if TYPE_CHECKING:
@@ -76,10 +77,12 @@ class OutputOptions:
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
 
-    def print_summary(self, summary: dict[str, Any]) -> None:
-        """Writes `summary.json`, and prints it if asked."""
+    def finish(self, summary: dict[str, Any], recording: str) -> None:
+        """Writes `summary.json`; prints the summary, or for people where the results are."""
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+            if not self.json:
+                note_results(self.out / recording)
         if self.json:
             print(json.dumps(summary))
 

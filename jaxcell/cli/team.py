@@ -77,9 +77,7 @@ class Team(MapOptions, OutputOptions):
                     record.team_dataset(cells, run, spec=spec), self.out / "team.nc"
                 )
                 record.log_team(self.out / "team.rrd", cells, run, spec=spec)
-        self.print_summary(summary)
-        if not self.json and self.out is not None:
-            note(f"Results are in {self.out}; to look at them: rerun {self.out / 'team.rrd'}")
+        self.finish(summary, "team.rrd")
         return 1 if run.uncovered.size else 0
 
     def _cells_of_robots(self, cells: "CellSpace") -> list[int]:

@@ -1,8 +1,12 @@
 """What people see: tables on standard output, progress and remarks on standard error."""
 
 import math
+import os
+import shutil
+import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -16,6 +20,14 @@ if TYPE_CHECKING:
 def status(text: str) -> AbstractContextManager[object]:
     """Shows on a terminal that work goes on."""
     return Console(stderr=True).status(text + " ...")
+
+
+def note_results(recording: Path) -> None:
+    """Says where the results are, and how to look at them from this shell."""
+    # A virtual environment that is not activated has its commands beside its Python.
+    beside = Path(sys.executable).with_name("rerun")
+    viewer = "rerun" if shutil.which("rerun") else min(str(beside), os.path.relpath(beside), key=len)
+    note(f"Results are in {recording.parent}; to look at them: {viewer} {recording}")
 
 
 def note(text: str) -> None:
