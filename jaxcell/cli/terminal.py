@@ -26,7 +26,8 @@ def note_results(recording: Path) -> None:
     """Says where the results are, and how to look at them from this shell."""
     # A virtual environment that is not activated has its commands beside its Python.
     beside = Path(sys.executable).with_name("rerun")
-    viewer = "rerun" if shutil.which("rerun") else min(str(beside), os.path.relpath(beside), key=len)
+    shortest = min(str(beside), os.path.relpath(beside), key=len)
+    viewer = "rerun" if shutil.which("rerun") else shortest
     note(f"Results are in {recording.parent}; to look at them: {viewer} {recording}")
 
 
