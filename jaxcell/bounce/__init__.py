@@ -13,6 +13,7 @@ automaton that tells a robot where it is from its bumps (section 2.4). The other
 of these, for use under `jit` and `vmap`.
 """
 
+from .all_plans import AllPlans as AllPlans, all_plans as all_plans
 from .coverage import (
     CoveragePolicy as CoveragePolicy,
     coverage_policy as coverage_policy,
@@ -48,6 +49,7 @@ from .localize import (
     localization_filter as localization_filter,
     localize as localize,
 )
+from .navigate import Plan as Plan, plan as plan, replay as replay
 from .team import (
     TeamOutcome as TeamOutcome,
     TeamTrajectory as TeamTrajectory,

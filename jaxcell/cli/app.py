@@ -11,6 +11,7 @@ from .demo import Demo
 from .export import Export
 from .groups import Groups
 from .localize import Localize
+from .navigate import Navigate
 from .team import Team
 
 
@@ -20,6 +21,7 @@ _COMMANDS = {
     "export": Export,
     "groups": Groups,
     "localize": Localize,
+    "navigate": Navigate,
     "team": Team,
 }
 

@@ -18,6 +18,7 @@ from .dataset import (
     localization_dataset as localization_dataset,
     save_dataset as save_dataset,
 )
+from .navigation_dataset import navigation_dataset as navigation_dataset
 from .team_dataset import team_dataset as team_dataset
 
 
@@ -25,10 +26,11 @@ if TYPE_CHECKING:
     from .coverage import log_coverage as log_coverage
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
+    from .navigation import log_navigation as log_navigation
     from .team import log_team as log_team
 
 
-_LOGGED = ("coverage", "groups", "localization", "team")
+_LOGGED = ("coverage", "groups", "localization", "navigation", "team")
 
 
 def __getattr__(name: str) -> Any:

@@ -1,0 +1,147 @@
+"""Times plans between all pairs of cells: beside scipy's Dijkstra, and alone on large maps.
+
+Run `python experiments/benchmarks/bench_plans.py`; it takes about 15 s and 0.6 GB.
+
+The maps are those of `experiments/ch3_all_plans.py`, with 8 directions, angles 45, 90 and 135 deg,
+and weights 1 and 100. Ours starts from a `CellSpace` and ends with costs and first actions of all
+pairs as arrays of cells x cells. scipy starts from the roadmap over cells and the angle in use as a
+finished sparse matrix; one row of its answer is the costs from one cell, and with predecessors,
+from which its plans can be read, it gives what ours gives. Costs are compared before any is timed;
+then the programs take turns. A first call compiles, and is shown apart.
+"""
+
+import argparse
+import os
+import runpy
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import scipy
+import scipy.sparse
+from rich.console import Console
+from scipy.sparse.csgraph import dijkstra
+
+from jaxcell.bounce import all_plans, bounce_map
+from jaxcell.space import CellSpace, Workspace
+
+
+EXPERIMENT = Path(__file__).parents[1] / "ch3_all_plans.py"
+MAPS = Path(__file__).parents[2] / "data" / "maps"
+BOUNCES = np.deg2rad([45, 90, 135])
+KEEP, CHANGE = 1, 100
+
+
+def roadmap(cells: CellSpace) -> scipy.sparse.csr_array:
+    """The roadmap over cells and the angle in use; the last layer is that before the first bump."""
+    layers = len(BOUNCES) + 1
+    z = np.arange(cells.size)
+    rows, columns, weights = [], [], []
+    for k, bounce in enumerate(BOUNCES):
+        simple = bounce_map(cells, bounce)
+        image, bumped = np.asarray(simple.image), np.asarray(simple.bumped)
+        for layer in range(layers):
+            if k == 0:
+                rows.append(layer * cells.size + z[~bumped])
+                columns.append(layer * cells.size + image[~bumped])
+                weights.append(np.full(columns[-1].size, KEEP))
+            rows.append(layer * cells.size + z[bumped])
+            columns.append(k * cells.size + image[bumped])
+            kept = layer in (k, layers - 1)
+            weights.append(np.full(columns[-1].size, KEEP if kept else CHANGE))
+    entries = (np.concatenate(rows), np.concatenate(columns))
+    shape = (layers * cells.size,) * 2
+    return scipy.sparse.csr_array((np.concatenate(weights).astype(float), entries), shape=shape)
+
+
+def ours(cells: CellSpace) -> np.ndarray:
+    plans = all_plans(cells, BOUNCES, KEEP, CHANGE)
+    plans.actions()
+    return plans.costs()
+
+
+def theirs(cells: CellSpace, graph: scipy.sparse.csr_array, *, predecessors: bool) -> np.ndarray:
+    layers = len(BOUNCES) + 1
+    starts = (layers - 1) * cells.size + np.arange(cells.size)
+    found = dijkstra(graph, indices=starts, return_predecessors=predecessors)
+    costs = found[0] if predecessors else found
+    return costs.reshape(cells.size, layers, cells.size).min(axis=1)
+
+
+def timed(program: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+    began = time.perf_counter()
+    result = program()
+    return time.perf_counter() - began, result
+
+
+def side_by_side(repeats: int) -> None:
+    print("| map | cells | program | first call, s | min, ms | median, ms | times ours |")
+    print("|---|--:|---|--:|--:|--:|--:|")
+    for name, cells in runpy.run_path(str(EXPERIMENT))["environments"]().items():
+        graph = roadmap(cells)
+        programs = {
+            "jaxcell, costs and actions": lambda cells=cells: ours(cells),
+            "scipy, costs": lambda c=cells, g=graph: theirs(c, g, predecessors=False),
+            "scipy, costs and predecessors": lambda c=cells, g=graph: theirs(
+                c, g, predecessors=True
+            ),
+        }
+        first, results = zip(*(timed(program) for program in programs.values()), strict=True)
+        for costs in results[1:]:
+            if not np.array_equal(np.where(np.isinf(costs), -1, costs), results[0]):
+                sys.exit(f"{name}: scipy and jaxcell disagree")
+        taken: dict[str, list[float]] = {program: [] for program in programs}
+        for _ in range(repeats):
+            for program, call in programs.items():
+                taken[program].append(timed(call)[0])
+        base = statistics.median(taken["jaxcell, costs and actions"])
+        for (program, seconds), compiled in zip(taken.items(), first, strict=True):
+            middle = statistics.median(seconds)
+            print(
+                f"| {name} | {cells.size:,} | {program} | {compiled:.2f} | {1e3 * min(seconds):.1f}"
+                f" | {1e3 * middle:.1f} | {middle / base:.1f} |"
+            )
+
+
+def large() -> None:
+    """Rooms whose costs, cells x cells, would fill the memory: the plans go to a file."""
+    print("\n| room | cells | pairs | seconds | file, MB | one plan, ms |")
+    print("|---|--:|--:|--:|--:|--:|")
+    room = Workspace.load(MAPS / "room_200x125.json")
+    for side in (4, 2, 1):
+        cells = CellSpace.of(room, side, 8)
+        with tempfile.TemporaryDirectory() as folder, Console(stderr=True).status("") as shown:
+            file = Path(folder) / "plans.nc"
+            seconds, plans = timed(
+                lambda cells=cells, file=file, shown=shown: all_plans(
+                    cells,
+                    BOUNCES,
+                    file=file,
+                    report=lambda done, total: shown.update(f"{done:,} of {total:,} entries"),
+                )
+            )
+            size = file.stat().st_size / 1e6
+            one, _ = timed(lambda plans=plans, cells=cells: plans.plan(0, cells.size - 1))
+        squares = f"{cells.free.shape[1]} x {cells.free.shape[0]}"
+        print(
+            f"| {squares} | {cells.size:,} | {cells.size**2:.1e} | {seconds:.1f} | {size:.0f} "
+            f"| {1e3 * one:.0f} |"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5, help="timed turns of each program")
+    repeats = parser.parse_args().repeats
+    versions = f"numpy {np.__version__}, scipy {scipy.__version__}"
+    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n")
+    side_by_side(repeats)
+    large()
+
+
+if __name__ == "__main__":
+    main()

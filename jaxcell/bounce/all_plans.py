@@ -1,0 +1,195 @@
+import dataclasses
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Array, Float, Int, Integer, Shaped
+
+from ..space import CellSpace
+from .dynamics import Collision
+from .navigate import Plan, read_plan
+from .plan_files import read_roadmap, read_ways, write_plans
+from .roadmap import Method, Roadmap
+from .ways import Ways, block_size, costs, solve
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AllPlans:
+    """The cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
+
+    Only the ways from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or in
+    a file, from which what is asked for is read. All else is read off them: a plan bump by bump, a
+    cost as that of a run to the wall, of a way, and of a run from the entry to the goal.
+    """
+
+    roadmap: Roadmap
+    source: Ways | Path
+    "The ways to all entries, or the file that holds them."
+
+    def plan(self, start: int, goal: int) -> Plan:
+        """What [`jaxcell.bounce.plan`][] gives."""
+        roadmap = self.roadmap
+        start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
+        return read_plan(roadmap, self._ways(roadmap.entry_of[[goal]]), start, goal)
+
+    def costs(
+        self, goals: Int[np.ndarray, "goals"] | None = None
+    ) -> Shaped[np.ndarray, "cells goals"]:
+        """What the plans from all cells to some goals cost, -1 where there is no path.
+
+        **Arguments:**
+
+        - `goals`: cells, all by default. The result has `cells * goals` entries.
+        """
+        goals, entries, of = self._goals(goals)
+        return costs(self.roadmap, self._ways(entries).cost[of], goals)
+
+    def actions(
+        self, goals: Int[np.ndarray, "goals"] | None = None
+    ) -> Integer[np.ndarray, "cells goals"]:
+        """The first action of the plan from each cell to some goals.
+
+        **Arguments:**
+
+        - `goals`: cells, all by default.
+
+        **Returns:** 0 for a step forward, `k + 1` for a bump with angle `k`, -1 where there is no
+        path, or nothing left to do.
+        """
+        goals, entries, of = self._goals(goals)
+        ways = self._ways(entries)
+        result = np.where(ways.cost < 0, -1, 0).astype(ways.turn.dtype)[of].T[self.roadmap.wall]
+        turn = ways.first_turn()[of].T
+        result[self.roadmap.wall_cell] = np.where(turn < 0, -1, turn + 1)
+        result[self.roadmap.straight(goals)] = 0
+        result[goals, np.arange(goals.size)] = -1
+        return result
+
+    def angles_used(
+        self, goals: Int[np.ndarray, "goals"] | None = None
+    ) -> Integer[np.ndarray, "cells goals"]:
+        """How many different angles the plan from each cell to some goals uses.
+
+        **Arguments:**
+
+        - `goals`: cells, all by default.
+
+        **Returns:** the numbers, -1 where there is no path.
+        """
+        goals, entries, of = self._goals(goals)
+        ways = self._ways(entries)
+        used = np.where(ways.cost < 0, -1, _angles_used(self.roadmap, ways, entries))
+        result = used.astype(ways.turn.dtype)[of].T[self.roadmap.wall]
+        result[self.roadmap.straight(goals)] = 0
+        return result
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the plans to a NetCDF file, whole or not at all.
+
+        **Raises:** `FileNotFoundError` if the folder does not exist.
+        """
+        write_plans(path, self.roadmap, map(self._ways, _blocks(self.roadmap)))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "AllPlans":
+        """The plans in a file. What is asked of them is read when it is asked.
+
+        **Raises:** `ValueError` if it is not a file of plans; `FileNotFoundError`.
+        """
+        return cls(read_roadmap(Path(path)), Path(path))
+
+    def _goals(
+        self, goals: Int[np.ndarray, "goals"] | None
+    ) -> tuple[Int[np.ndarray, "goals"], Int[np.ndarray, "some"], Int[np.ndarray, "goals"]]:
+        """The goals, the entries that lead to them, and which of these leads to each."""
+        if goals is None:
+            goals = np.arange(self.roadmap.size)
+        for wrong in goals[(goals < 0) | (goals >= self.roadmap.size)].tolist()[:1]:
+            self.roadmap.check_cell(wrong, "goals")
+        return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
+
+    def _ways(self, entries: Int[np.ndarray, "some"]) -> Ways:
+        """The ways to entries in ascending order; no way leads to entry -1."""
+        known = entries[entries >= 0]
+        if isinstance(self.source, Path):
+            ways = read_ways(self.source, known)
+        else:
+            ways = Ways(self.source.cost[known], self.source.layer[known], self.source.turn[known])
+        if known.size == entries.size:
+            return ways
+        return Ways.joined([solve(self.roadmap, entries[:1]), ways])
+
+
+def all_plans(
+    cells: CellSpace,
+    bounces: Float[np.ndarray, "angles"] | Array | Sequence[float],
+    keep: int | float = 1,
+    change: int | float = 100,
+    *,
+    step: float | None = None,
+    collision: Collision = "swept",
+    method: Method = "exact",
+    file: str | os.PathLike[str] | None = None,
+    report: Callable[[int, int], None] | None = None,
+) -> AllPlans:
+    """Cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
+
+    **Arguments:**
+
+    - `cells`, `bounces`, `keep`, `change`, `step`, `collision`, `method`: as for
+        [`jaxcell.bounce.plan`][].
+    - `file`: a NetCDF file to write the plans to as they are found, and to read them from, for
+        spaces whose plans do not fit the memory. By default they are kept in memory.
+    - `report`: called now and then with how much of the work is done, and how much there is.
+
+    **Returns:** [`jaxcell.bounce.AllPlans`][].
+
+    **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `FileNotFoundError` if the folder of the
+    file does not exist.
+    """
+    roadmap = Roadmap.of(
+        cells, bounces, keep, change, step=step, collision=collision, method=method
+    )
+
+    def solved() -> Iterator[Ways]:
+        for some in _blocks(roadmap):
+            yield solve(roadmap, some)
+            if report is not None:
+                report(int(some[-1]) + 1, roadmap.entry.size)
+
+    if file is not None:
+        write_plans(file, roadmap, solved())
+        return AllPlans(roadmap, Path(file))
+    return AllPlans(roadmap, Ways.joined(list(solved())))
+
+
+def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
+    """The entries in blocks that are best solved at once."""
+    size = block_size(roadmap)
+    entries = np.arange(roadmap.entry.size)
+    return [entries[i : i + size] for i in range(0, entries.size, size)]
+
+
+def _angles_used(
+    roadmap: Roadmap, ways: Ways, entries: Int[np.ndarray, "entries"]
+) -> Integer[np.ndarray, "entries walls"]:
+    """How many angles the ways use, found by doubling: after r rounds those of 2^r bumps."""
+    some, angles, walls = ways.turn.shape
+    turn = ways.turn.astype(np.int32)
+    wall = np.arange(walls)
+    cell = roadmap.turned[turn, wall]
+    layer = turn if roadmap.method == "exact" else np.arange(angles, dtype=np.int32)[:, None]
+    over = (turn < 0) | roadmap.runs_through(cell, roadmap.entry[entries][:, None, None])
+    end = angles * walls
+    onward = np.where(over, end, layer * walls + roadmap.wall[cell]).reshape(some, -1)
+    onward = np.pad(onward, ((0, 0), (0, 1)), constant_values=end)
+    turn = np.pad(turn.reshape(some, -1), ((0, 0), (0, 1)), constant_values=-1)
+    used = [turn == k for k in range(angles)]
+    while (onward != end).any():
+        for one in used:
+            one |= np.take_along_axis(one, onward, axis=1)
+        onward = np.take_along_axis(onward, onward, axis=1)
+    first = ways.layer.astype(np.int32) * walls + wall
+    count = sum(np.take_along_axis(one, first, axis=1).astype(ways.turn.dtype) for one in used)
+    return np.asarray(count)

@@ -1,0 +1,142 @@
+"""Files of all plans: NetCDF, written and read some goals at a time.
+
+netCDF4 takes a tenth of a second to import, so that is done when it is needed.
+"""
+
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from .. import __version__
+from ..files import replacing
+from .roadmap import Roadmap
+from .ways import Ways, block_size
+
+
+_FORMAT = "jaxcell-plans"
+_VERSION = 1
+
+
+def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, ways: Iterable[Ways]) -> None:
+    """Writes a roadmap and the ways through it, whole or not at all.
+
+    **Arguments:**
+
+    - `path`: the file to write or replace.
+    - `roadmap`: the roadmap.
+    - `ways`: the ways to all entries, some at a time.
+
+    **Raises:** `FileNotFoundError` if the folder does not exist.
+    """
+    import netCDF4
+
+    angles, walls = roadmap.turned.shape
+    entries = roadmap.entry.size
+    with replacing(path) as temporary, netCDF4.Dataset(temporary, "w") as file:
+        file.setncatts(
+            {
+                "format": _FORMAT,
+                "format_version": _VERSION,
+                "title": "Cheapest plans of a bouncing robot between all pairs of cells",
+                "source": "jaxcell; Alam 2018, Alg. 3.2",
+                "jaxcell_version": __version__,
+                "keep": roadmap.keep,
+                "change": roadmap.change,
+                "method": roadmap.method,
+                "space": json.dumps(dict(roadmap.space)),
+                "cell_index": "direction * positions + position",
+                "cost_of_a_plan": (
+                    "from cell s to cell g: keep * (length[s] - length[g]) if both are on the line "
+                    "of one wall, and g is not farther from it; else, with e = entry_of[g], "
+                    "keep * (length[s] + length[entry[e]] - length[g]) + cost[e, wall[s]], "
+                    "and no path if e or the cost is -1"
+                ),
+            }
+        )
+        for name, size in [("cell", roadmap.size), ("angle", angles), ("wall_index", walls)]:
+            file.createDimension(name, size)
+        file.createDimension("entry_index", entries)
+
+        def create(name: str, over: tuple[str, ...], kind: Any, meaning: str, **more: Any) -> Any:
+            made = file.createVariable(name, kind, over, compression="zlib", complevel=1, **more)
+            made.long_name = meaning
+            return made
+
+        for name, over, meaning in _ROADMAP:
+            values = getattr(roadmap, name)
+            create(name, over, values.dtype, meaning)[:] = values
+        file["length"].units = "steps"
+        file["bounces"].units = "rad"
+        chunk = min(block_size(roadmap), entries)
+        over = ("entry_index", "wall_index")
+        cost = create("cost", over, roadmap.number, _COST, chunksizes=(chunk, walls))
+        layer = create("layer", over, roadmap.small, _LAYER, chunksizes=(chunk, walls))
+        over = ("entry_index", "angle", "wall_index")
+        turn = create("turn", over, roadmap.small, _TURN, chunksizes=(chunk, angles, walls))
+        done = 0
+        for some in ways:
+            rows = slice(done, done + len(some.cost))
+            cost[rows], layer[rows], turn[rows] = some.cost, some.layer, some.turn
+            done = rows.stop
+
+
+def read_roadmap(path: Path) -> Roadmap:
+    """The roadmap in a file of plans.
+
+    **Raises:** `ValueError` if it is not a file of plans; `FileNotFoundError`.
+    """
+    import netCDF4
+
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        file = netCDF4.Dataset(path)
+    except OSError as error:
+        raise ValueError(f"{path}: expected a NetCDF file of plans: {error}") from None
+    with file:
+        attributes = file.__dict__
+        found = attributes.get("format"), attributes.get("format_version")
+        if found != (_FORMAT, _VERSION):
+            raise ValueError(
+                f"{path}: expected a file of plans, format {_FORMAT!r} version {_VERSION}, "
+                f"got {found[0]!r} version {found[1]}"
+            )
+        file.set_auto_mask(False)
+        return Roadmap(
+            wall=file["wall"][:],
+            length=file["length"][:],
+            turned=file["turned"][:],
+            bounces=file["bounces"][:],
+            keep=attributes["keep"].item(),
+            change=attributes["change"].item(),
+            method=attributes["method"],
+            space=json.loads(attributes["space"]),
+        )
+
+
+def read_ways(path: Path, entries: Int[np.ndarray, "some"]) -> Ways:
+    """The ways to some entries, in ascending order, from a file of plans."""
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_mask(False)
+        return Ways(*(file[name][entries] for name in ("cost", "layer", "turn")))
+
+
+_ROADMAP = [
+    ("wall", ("cell",), "index of the wall that the cell runs to"),
+    ("length", ("cell",), "steps until it is there"),
+    ("turned", ("angle", "wall_index"), "cell after a bump"),
+    ("bounces", ("angle",), "bouncing angle, counter-clockwise"),
+    ("wall_cell", ("wall_index",), "cell that is the wall"),
+    ("entry", ("entry_index",), "cell that a robot can turn into at a bump"),
+    ("entry_of", ("cell",), "index of the entry that leads to the cell, -1 if there is none"),
+]
+_COST = "what the way from the wall to the entry costs, the first bump included; -1: no way"
+_LAYER = "layer that the way begins in; the layer is the angle in use (method exact)"
+_TURN = "index of the angle to turn by at the wall, in the layer; -1: no way"

@@ -1,0 +1,230 @@
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..space import CellSpace
+from .dynamics import Collision, bounce_shift, moves as moves_of
+from .groups import runs
+
+
+Method: TypeAlias = Literal["exact", "layered"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Roadmap:
+    """All that a robot can do, told by its bumps (the roadmap of Alam 2018, section 3.4.1).
+
+    A robot chooses only where it bumps. The cells where it does are the *walls*, numbered by
+    direction, then position. Every cell is on the *line* of one wall: it runs there in its own
+    direction, and no two cells of a line are equally far from the wall. So a cell is a wall and a
+    length, and to run is to follow the line down.
+
+    The cells that a robot can turn into at a bump are the *entries*. Whoever comes to a cell by way
+    of a bump came through the nearest entry at the cell or above it on its line, so a plan to the
+    cell is a plan to that entry and the rest of the line. What is computed is the way from each
+    wall to each entry, which is all there is to know of the ways between all pairs of cells.
+
+    Make one with [`Roadmap.of`][].
+    """
+
+    wall: Int[np.ndarray, "cells"]
+    "The wall that each cell runs to."
+    length: Int[np.ndarray, "cells"]
+    "Steps until it is there."
+    turned: Int[np.ndarray, "angles walls"]
+    "The cell after a bump, by the angle chosen."
+    bounces: Float[np.ndarray, "angles"]
+    "The angles, in radians, as they were given."
+    keep: int | float
+    "What a step costs, and a bump that keeps the angle in use."
+    change: int | float
+    "What a bump costs that changes it."
+    method: Method
+    space: Mapping[str, Any]
+    "What the cells are, for the record."
+
+    @classmethod
+    def of(
+        cls,
+        cells: CellSpace,
+        bounces: Float[np.ndarray, "angles"] | Array | Sequence[float],
+        keep: int | float = 1,
+        change: int | float = 100,
+        *,
+        step: float | None = None,
+        collision: Collision = "swept",
+        method: Method = "exact",
+    ) -> "Roadmap":
+        """The roadmap of a cell space.
+
+        **Arguments:** as for [`jaxcell.bounce.plan`][].
+
+        **Raises:** `ValueError` as [`jaxcell.bounce.plan`][].
+        """
+        angles = np.asarray(bounces, float)
+        shift = _shifts(angles, cells.directions)
+        keep, change = _weights(keep, change)
+        if method not in ("exact", "layered"):
+            raise ValueError(f"method: expected 'exact' or 'layered', got {method!r}")
+        possible = moves_of(cells, step=step, collision=collision)
+        straight = runs(possible)
+        way = np.asarray(possible.way)
+        wall = np.asarray(straight.first)[:, None] + np.asarray(straight.rank)[way]
+        direction, position = np.nonzero(np.asarray(straight.wall)[way])
+        turned = (direction + shift[:, None]) % cells.directions * cells.positions + position
+        roadmap = cls(
+            wall=wall.ravel(),
+            length=np.asarray(straight.length)[way].ravel(),
+            turned=turned.astype(np.int32),
+            bounces=angles,
+            keep=keep,
+            change=change,
+            method=method,
+            space={
+                "directions": cells.directions,
+                "positions": cells.positions,
+                "cell_m": cells.cell,
+                "origin_m": list(cells.origin),
+                "step_m": cells.cell if step is None else step,
+                "collision": collision,
+            },
+        )
+        _check_precision(roadmap)
+        return roadmap
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return self.wall.size
+
+    @property
+    def walls(self) -> int:
+        """Number of walls."""
+        return self.turned.shape[1]
+
+    @functools.cached_property
+    def order(self) -> Int[np.ndarray, "cells"]:
+        """The cells line by line, each from its far end to its wall."""
+        return np.lexsort((-self.length, self.wall)).astype(np.int32)
+
+    @functools.cached_property
+    def place(self) -> Int[np.ndarray, "cells"]:
+        """The place of each cell in `order`."""
+        place = np.empty_like(self.order)
+        place[self.order] = np.arange(self.size, dtype=np.int32)
+        return place
+
+    @functools.cached_property
+    def entry(self) -> Int[np.ndarray, "entries"]:
+        """The cells that a robot can turn into at a bump."""
+        return np.unique(self.turned)
+
+    @functools.cached_property
+    def entry_of(self) -> Int[np.ndarray, "cells"]:
+        """The nearest entry at each cell or above it on its line, -1 if there is none."""
+        number = np.full(self.size, -1, np.int32)
+        number[self.entry] = np.arange(self.entry.size, dtype=np.int32)
+        listed = number[self.order]
+        last = np.maximum.accumulate(np.where(listed >= 0, np.arange(self.size), 0))
+        nearest = listed[last]
+        same_line = self.wall[self.entry[nearest]] == self.wall[self.order]
+        return np.where(same_line, nearest, -1)[self.place].astype(np.int32)
+
+    @functools.cached_property
+    def wall_cell(self) -> Int[np.ndarray, "walls"]:
+        """The cell of each wall."""
+        return np.flatnonzero(self.length == 0).astype(np.int32)
+
+    @property
+    def number(self) -> np.dtype:
+        """The type of costs: whole numbers where both weights are."""
+        if isinstance(self.keep, float) or isinstance(self.change, float):
+            return np.dtype(np.float64)
+        return np.dtype(np.int32 if _largest_cost(self) < 2**30 else np.int64)
+
+    @property
+    def small(self) -> np.dtype:
+        """The type of indices of angles, of which there are as many as states."""
+        return np.dtype(np.int8 if len(self.bounces) <= 127 else np.int16)
+
+    def check_cell(self, cell: int, name: str) -> int:
+        """The cell.
+
+        **Raises:** `ValueError` that calls it by a name if it does not exist.
+        """
+        if not 0 <= cell < self.size:
+            raise ValueError(f"{name}: cell {cell} does not exist; cells are 0 to {self.size - 1}")
+        return int(cell)
+
+    def runs_through(
+        self, cell: Int[np.ndarray, "..."] | int, goal: Int[np.ndarray, "..."] | int
+    ) -> Bool[np.ndarray, "..."]:
+        """Whether the run from a cell to its wall meets the goal."""
+        same = self.wall[cell] == self.wall[goal]
+        return np.asarray(same & (self.length[cell] >= self.length[goal]))
+
+    def straight(
+        self, goals: Int[np.ndarray, "goals"]
+    ) -> tuple[Int[np.ndarray, "pairs"], Int[np.ndarray, "pairs"]]:
+        """All cells whose run meets a goal, and for each the index of that goal in `goals`."""
+        place = self.place[goals]
+        first = np.searchsorted(self.wall[self.order], self.wall[goals])
+        column = np.repeat(np.arange(goals.size), place - first + 1)
+        last = np.cumsum(place - first + 1)
+        return self.order[place[column] - (last[column] - 1 - np.arange(column.size))], column
+
+    def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
+        """The cells after `cell` down its line to `goal`, which its run meets."""
+        return self.order[self.place[cell] + 1 : self.place[goal] + 1]
+
+
+def _shifts(bounces: Float[np.ndarray, "..."], directions: int) -> Int[np.ndarray, "angles"]:
+    """The angles as numbers of directions, each of which turns the robot to another side."""
+    if bounces.ndim != 1 or not bounces.size:
+        raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
+    shifts = bounce_shift(bounces, directions)
+    seen: dict[int, float] = {}
+    for bounce, shift in zip(np.rad2deg(bounces).tolist(), shifts.tolist(), strict=True):
+        if shift == 0:
+            raise ValueError(f"bounces: {bounce:g} deg leaves the robot at its wall for good")
+        if shift in seen:
+            raise ValueError(
+                f"bounces: {seen[shift]:g} and {bounce:g} deg are the same turn; give it once"
+            )
+        seen[shift] = bounce
+    return shifts
+
+
+def _weights(keep: int | float, change: int | float) -> tuple[int | float, int | float]:
+    for name, weight in (("keep", keep), ("change", change)):
+        if not (math.isfinite(weight) and weight > 0):
+            raise ValueError(f"{name}: expected a finite cost above 0, got {weight}")
+    if change < keep:
+        raise ValueError(
+            f"change: expected at least what keeping the angle costs, {keep}, got {change}"
+        )
+    whole = isinstance(keep, int | np.integer) and isinstance(change, int | np.integer)
+    return (int(keep), int(change)) if whole else (float(keep), float(change))
+
+
+def _largest_cost(roadmap: Roadmap) -> int | float:
+    """More than any plan can cost: a cheapest one leaves each wall once by each angle."""
+    longest = int(roadmap.length.max()) + 1
+    bumps = roadmap.turned.size + 1
+    return bumps * (roadmap.change + roadmap.keep * longest) + roadmap.keep * longest
+
+
+def _check_precision(roadmap: Roadmap) -> None:
+    """Raises `ValueError` if a plan may cost so much that one more step is lost in rounding."""
+    largest = _largest_cost(roadmap)
+    exact = largest < 2**62 if roadmap.number.kind == "i" else largest * 2.0**-52 < roadmap.keep
+    if not exact:
+        raise ValueError(
+            f"change: {roadmap.change:g} is too much beside keep {roadmap.keep:g}: plans may cost "
+            f"{float(largest):g}, which 64 bits cannot tell from one step more"
+        )

@@ -1,0 +1,192 @@
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Int, Integer, Shaped
+
+from .roadmap import Roadmap
+
+
+# States relaxed at once. Their costs fit the cache, which halves the time on large maps.
+_BLOCK = 2**18
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ways:
+    """The cheapest ways from all walls to some entries of a [`Roadmap`][].
+
+    A robot at wall `w` that wants to reach entry `e` starts in layer `layer[e, w]`; at a bump in
+    layer `i` it turns by angle `turn[e, i, w]`. In the exact search the layer is the angle in use,
+    so the next layer is the angle it turned by; in the layered search it stays.
+    """
+
+    cost: Shaped[np.ndarray, "entries walls"]
+    "What the way costs, the bump at the wall included; -1 if there is none."
+    layer: Integer[np.ndarray, "entries walls"]
+    turn: Integer[np.ndarray, "entries angles walls"]
+    "-1 where no way leads to the entry."
+
+    @classmethod
+    def joined(cls, parts: Sequence["Ways"]) -> "Ways":
+        """The ways to the entries of all parts."""
+        return cls(
+            np.concatenate([part.cost for part in parts]),
+            np.concatenate([part.layer for part in parts]),
+            np.concatenate([part.turn for part in parts]),
+        )
+
+    def first_turn(self) -> Integer[np.ndarray, "entries walls"]:
+        """The angle that a robot which starts at a wall turns by, -1 if there is no way."""
+        return np.take_along_axis(self.turn, self.layer[:, None], axis=1)[:, 0]
+
+
+def block_size(roadmap: Roadmap) -> int:
+    """How many entries are best solved at once."""
+    return max(16, _BLOCK // roadmap.turned.size)
+
+
+def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Ways:
+    """The cheapest ways to entries: costs are relaxed from all walls until none changes.
+
+    No way leads to entry -1.
+
+    A round looks one bump ahead from every wall in every layer, so there are as many rounds as the
+    longest plan has bumps.
+
+    This is NumPy on the host because that was measured to be fastest. For all pairs of 384 to
+    28,000 cells on two cores, the same rounds in JAX take 1 to 3 times as long, after 0.8 s of
+    compilation for each new map; Dijkstra's algorithm (scipy) from the walls of the same
+    contracted graph takes 1.5 to 3 times as long.
+    """
+    bump = _Bump.of(roadmap, entries)
+    value, turn = _exact(bump) if roadmap.method == "exact" else _layered(bump)
+    least = value.min(axis=0)
+    cost = np.where(least < bump.never, least, bump.never.dtype.type(-1))
+    turn = np.where(value < bump.never, turn, -1)
+    return Ways(
+        cost=np.ascontiguousarray(cost.T),
+        layer=np.ascontiguousarray(value.argmin(axis=0).T, roadmap.small),
+        turn=np.ascontiguousarray(np.moveaxis(turn, 2, 0), roadmap.small),
+    )
+
+
+def costs(
+    roadmap: Roadmap,
+    way_costs: Shaped[np.ndarray, "goals walls"],
+    goals: Int[np.ndarray, "goals"],
+) -> Shaped[np.ndarray, "cells goals"]:
+    """What the cheapest plans from all cells to goals cost, -1 where there is none.
+
+    **Arguments:**
+
+    - `roadmap`: the roadmap.
+    - `way_costs`: what the ways to the entry of each goal cost, -1 where there is none.
+    - `goals`: cells.
+    """
+    length = roadmap.length.astype(way_costs.dtype) * roadmap.number.type(roadmap.keep)
+    past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]
+    # So far below zero that no run to the wall leads out of it.
+    never = -_never(roadmap.number)
+    way_costs = np.where(way_costs < 0, never, way_costs + past_entry[:, None])
+    result = np.ascontiguousarray(way_costs.T)[roadmap.wall]
+    result += length[:, None]
+    np.maximum(result, -1, out=result)
+    cell, column = roadmap.straight(goals)
+    result[cell, column] = length[cell] - length[goals[column]]
+    return result
+
+
+def _never(number: np.dtype) -> np.number:
+    """What stands for the cost where there is no way; twice as much is still a number."""
+    return number.type(np.inf if number.kind == "f" else np.iinfo(number).max // 2)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Bump:
+    """What a bump leads to, by angle and wall; the goals come last, so that rows are contiguous."""
+
+    onward: Int[np.ndarray, "angles walls"]
+    "The wall after it."
+    price: Shaped[np.ndarray, "angles walls 1"]
+    "What the bump costs if it keeps the angle, and the run to that wall."
+    arrival: Shaped[np.ndarray, "angles walls goals"]
+    "What the bump costs if it keeps the angle, and the run to a goal; `never` if it is not met."
+    surplus: np.number
+    "What a change costs beyond that."
+    never: np.number
+
+    @classmethod
+    def of(cls, roadmap: Roadmap, entries: Int[np.ndarray, "goals"]) -> "_Bump":
+        goal = roadmap.entry[entries]
+        number = roadmap.number
+        keep, surplus = number.type(roadmap.keep), number.type(roadmap.change - roadmap.keep)
+        run = roadmap.length[roadmap.turned][:, :, None]
+        rest = (run - roadmap.length[goal]).astype(number)
+        arrives = roadmap.runs_through(roadmap.turned[:, :, None], goal) & (entries >= 0)
+        never = _never(number)
+        return cls(
+            onward=roadmap.wall[roadmap.turned],
+            price=keep * (1 + run.astype(number)),
+            arrival=np.where(arrives, keep * (1 + rest), never),
+            surplus=surplus,
+            never=never,
+        )
+
+    def run(
+        self,
+        k: int,
+        value: Shaped[np.ndarray, "walls goals"],
+        out: Shaped[np.ndarray, "walls goals"],
+    ) -> None:
+        """The cost of a bump by angle `k` and all after it, from that at walls; at most `never`."""
+        # With mode "raise" NumPy would copy the result once more.
+        np.take(value, self.onward[k], axis=0, out=out, mode="clip")
+        np.add(out, self.price[k], out=out)
+        np.minimum(out, self.arrival[k], out=out)
+
+
+def _exact(bump: _Bump) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
+    """The value of every state, and its turn, where the layer is the angle in use."""
+    value = np.full_like(bump.arrival, bump.never)
+    after = np.empty_like(value)
+
+    def look_ahead() -> None:
+        for k in range(len(after)):
+            bump.run(k, value[k], out=after[k])
+
+    while True:
+        look_ahead()
+        changed = np.minimum(after.min(axis=0) + bump.surplus, bump.never)
+        np.minimum(after, changed, out=after)
+        if np.array_equal(after, value):
+            break
+        value, after = after, value
+    look_ahead()
+    kept = after <= after.min(axis=0) + bump.surplus
+    angle = np.arange(len(after))[:, None, None]
+    return value, np.where(kept, angle, after.argmin(axis=0))
+
+
+def _layered(
+    bump: _Bump,
+) -> tuple[Shaped[np.ndarray, "angles walls goals"], Int[np.ndarray, "..."]]:
+    """The value of every state, and its turn, where a layer is the roadmap of one angle."""
+    value = np.full_like(bump.arrival, bump.never)
+    turn = np.empty(value.shape, np.int64)
+    after = np.empty_like(value)
+
+    def look_ahead(i: int) -> None:
+        for k in range(len(after)):
+            bump.run(k, value[i], out=after[k])
+            if k != i:
+                after[k] += bump.surplus
+
+    for i in range(len(value)):
+        while True:
+            look_ahead(i)
+            best = np.minimum(after.min(axis=0), bump.never)
+            if np.array_equal(best, value[i]):
+                break
+            value[i] = best
+        turn[i] = after.argmin(axis=0)
+    return value, turn

@@ -1,0 +1,369 @@
+import itertools
+import math
+
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.sparse
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.bounce import AllPlans, all_plans, bounce_map, plan, replay
+from jaxcell.space import CellSpace, Workspace
+
+
+# With as many free squares in each, so that all share one compiled program.
+GRIDS = st.permutations([True] * 15 + [False] * 5).map(lambda free: np.reshape(free, (4, 5)))
+LAB = np.deg2rad([45, 90, 135])
+ROUND = CellSpace.of(
+    Workspace(
+        [(0, 0), (6, 0), *((6 * math.cos(a), 5 * math.sin(a)) for a in (0.3, 0.8, 1.3)), (0, 5)],
+        [[(2, 1), (3.3, 1.2), (2.5, 2.6)]],
+        robot_radius=0.2,
+    ),
+    0.4,
+    24,
+)
+
+
+def room(rows, columns, seed=0):
+    """A room with small obstacles at random places."""
+    free = np.ones((rows, columns), bool)
+    for row, column in np.random.default_rng(seed).integers((rows - 1, columns - 2), size=(9, 2)):
+        free[row : row + 2, column : column + 3] = False
+    return CellSpace.of_grid(free, 8)
+
+
+def two_rooms():
+    return CellSpace.of_grid(np.array([[1, 1, 1, 0, 1, 1]] * 3, bool), 8)
+
+
+def moves_of(cells, bounces, **options):
+    """Every move there is: cell, next cell, and the angle chosen, None for a step forward."""
+    for k, bounce in enumerate(bounces):
+        simple = bounce_map(cells, bounce, **options)
+        pairs = zip(np.asarray(simple.image).tolist(), np.asarray(simple.bumped), strict=True)
+        for z, (image, bumped) in enumerate(pairs):
+            if bumped:
+                yield z, image, k
+            elif k == 0:
+                yield z, image, None
+
+
+def literal_roadmap(cells, bounces, keep, change, **options):
+    """The graph over cells and the angle in use; None before the first bump."""
+    graph = nx.DiGraph()
+    graph.add_nodes_from((z, None) for z in range(cells.size))
+    for z, image, k in moves_of(cells, bounces, **options):
+        for used in (None, *range(len(bounces))):
+            if k is None:
+                graph.add_edge((z, used), (image, used), weight=keep)
+            else:
+                weight = keep if used in (None, k) else change
+                graph.add_edge((z, used), (image, k), weight=weight)
+    return graph
+
+
+def literal_layers(cells, bounces, keep, change):
+    """The graph of each angle, as Alg. 3.1 makes it."""
+    graphs = []
+    for i in range(len(bounces)):
+        graph = nx.DiGraph()
+        graph.add_nodes_from((z, None) for z in range(cells.size))
+        for z, image, k in moves_of(cells, bounces):
+            weight = keep if k in (None, i) else change
+            graph.add_edge((z, None), (image, None), weight=weight)
+        graphs.append(graph)
+    return graphs
+
+
+def cheapest(graphs, start, size):
+    """What it costs to reach every cell from one, -1 where there is no path."""
+    costs = np.full(size, np.inf)
+    for graph in graphs:
+        found = nx.single_source_dijkstra_path_length(graph, (start, None))
+        for (z, _), cost in found.items():
+            costs[z] = min(costs[z], cost)
+    return np.where(np.isinf(costs), -1, costs)
+
+
+def full_costs(cells, bounces, keep, change, **options):
+    """The costs between all pairs of cells by scipy's Dijkstra on the literal roadmap."""
+    layers = len(bounces) + 1
+    rows, columns, weights = [], [], []
+    for z, image, k in moves_of(cells, bounces, **options):
+        for used in range(layers):
+            rows.append(used * cells.size + z)
+            columns.append((used if k is None else k) * cells.size + image)
+            weights.append(keep if k in (None, used) or used == layers - 1 else change)
+    shape = (layers * cells.size,) * 2
+    graph = scipy.sparse.csr_array((np.array(weights, float), (rows, columns)), shape=shape)
+    starts = (layers - 1) * cells.size + np.arange(cells.size)
+    costs = scipy.sparse.csgraph.dijkstra(graph, indices=starts)
+    costs = costs.reshape(cells.size, layers, cells.size).min(axis=1)
+    return np.where(np.isinf(costs), -1, costs)
+
+
+def cost_of(actions, keep, change, method="exact"):
+    bumps = actions[actions != 0]
+    if method == "exact":
+        changes = sum(a != b for a, b in itertools.pairwise(bumps))
+    else:
+        changes = min((int((bumps != base).sum()) for base in bumps), default=0)
+    return keep * (len(actions) - changes) + change * changes
+
+
+def check(cells, found, keep, change, method="exact", **options):
+    """A plan leads to its goal at its cost, or claims to be none."""
+    if found.found:
+        path = replay(cells, found.start, found.actions, **options)
+        np.testing.assert_array_equal(path, found.cells)
+        assert path[-1] == found.goal
+        assert found.cost == pytest.approx(cost_of(found.actions, keep, change, method), rel=1e-12)
+        assert found.reaching[found.cells].all()
+    else:
+        assert found.cost == -1
+        assert found.cells.tolist() == [found.start]
+        assert not found.actions.size
+        assert not found.reaching[found.start]
+
+
+angle_sets = st.sets(st.integers(1, 7), min_size=1, max_size=4).map(sorted)
+weights = st.tuples(st.integers(1, 4), st.integers(0, 20)).map(lambda w: (w[0], w[0] + w[1]))
+
+
+@given(GRIDS, angle_sets, weights, st.sampled_from(["exact", "layered"]), st.randoms())
+@settings(deadline=None, max_examples=40)
+def test_plans_are_cheapest_paths_of_the_literal_roadmap(free, shifts, weights, method, random):
+    cells = CellSpace.of_grid(free, 8)
+    bounces = 2 * np.pi * np.array(shifts) / 8
+    if method == "exact":
+        graphs = [literal_roadmap(cells, bounces, *weights)]
+    else:
+        graphs = literal_layers(cells, bounces, *weights)
+    plans = all_plans(cells, bounces, *weights, method=method)
+    costs, actions, used = plans.costs(), plans.actions(), plans.angles_used()
+    for start in random.sample(range(cells.size), min(6, cells.size)):
+        np.testing.assert_array_equal(costs[start], cheapest(graphs, start, cells.size))
+        for goal in random.sample(range(cells.size), min(6, cells.size)):
+            found = plans.plan(start, goal)
+            check(cells, found, *weights, method)
+            np.testing.assert_array_equal(found.reaching, costs[:, goal] >= 0)
+            assert found.cost == costs[start, goal]
+            assert used[start, goal] == (found.angles_used if found.found else -1)
+            first = -1
+            if found.actions.size:
+                matches = np.flatnonzero(bounces == found.actions[0])
+                first = 1 + matches[0] if matches.size else 0
+            assert actions[start, goal] == first
+
+
+@pytest.mark.parametrize(
+    ("cells", "bounces", "options"),
+    [
+        (room(9, 13), LAB, {}),
+        (room(7, 20, seed=1), -LAB, {"collision": "endpoint"}),
+        (ROUND, np.deg2rad([30, 105, 225]), {"step": 0.65}),
+    ],
+)
+def test_all_costs_are_those_of_dijkstra(cells, bounces, options):
+    plans = all_plans(cells, bounces, 2, 31, **options)
+    costs = plans.costs()
+    assert costs.dtype == np.int32
+    np.testing.assert_array_equal(costs, full_costs(cells, bounces, 2, 31, **options))
+    assert (costs >= 0).any()
+    for start, goal in np.random.default_rng(0).integers(cells.size, size=(60, 2)).tolist():
+        check(cells, plans.plan(start, goal), 2, 31, **options)
+    alone = plan(cells, bounces, start, goal, 2, 31, **options)
+    for name, value in vars(plans.plan(start, goal)).items():
+        np.testing.assert_array_equal(getattr(alone, name), value)
+
+
+def test_costs_need_not_be_whole():
+    cells = room(6, 9)
+    plans = all_plans(cells, LAB, 0.3, 7.7)
+    expected = full_costs(cells, LAB, 0.3, 7.7)
+    np.testing.assert_allclose(plans.costs(), expected, rtol=1e-12)
+    np.testing.assert_array_equal(plans.costs() < 0, expected < 0)
+    for start, goal in np.random.default_rng(0).integers(cells.size, size=(40, 2)).tolist():
+        check(cells, plans.plan(start, goal), 0.3, 7.7)
+
+
+def test_large_whole_costs_stay_exact():
+    cells = room(6, 9)
+    small, large = (all_plans(cells, LAB, 1, 10**n).costs().astype(np.int64) for n in (6, 12))
+    steps, changes = small % 10**6, small // 10**6
+    reached = small >= 0
+    np.testing.assert_array_equal((steps + changes * 10**12)[reached], large[reached])
+    assert changes.max() > 1
+
+
+def test_the_first_bump_changes_nothing():
+    cells = CellSpace.of_grid(np.ones((1, 3), bool), 4)
+    half, three_quarters = math.pi, 1.5 * math.pi
+    east, west, south = 0, 8, 9
+    found = plan(cells, [half, three_quarters], east, west)
+    assert found.actions.tolist() == [0, 0, half]
+    assert (found.cost, found.angles_used, found.changes) == (3, 1, 0)
+    # To the South at the left end by way of the North there; only the last bump is a change.
+    found = plan(cells, [half, three_quarters], east, south)
+    assert found.actions.tolist() == [
+        *(0, 0, three_quarters, three_quarters),
+        *(0, 0, three_quarters, half),
+    ]
+    assert (found.cost, found.angles_used, found.changes) == (107, 2, 1)
+
+
+def test_a_goal_is_reached_on_the_way_to_a_wall():
+    cells = CellSpace.of_grid(np.ones((1, 5), bool), 4)
+    found = plan(cells, [math.pi], 1, 3)
+    assert (found.cost, found.cells.tolist(), found.changes) == (2, [1, 2, 3], 0)
+    found = plan(cells, [math.pi], 3, 1)
+    assert found.cost == 8
+    assert found.actions.tolist() == [0, math.pi, 0, 0, 0, 0, math.pi, 0]
+
+
+def test_start_and_goal_may_coincide():
+    for start in range(room(6, 9).size):
+        found = plan(room(6, 9), LAB, start, start)
+        assert (found.cost, found.cells.tolist(), found.actions.size) == (0, [start], 0)
+        assert found.found
+        if start > 5:
+            break
+
+
+def test_there_is_no_path_between_rooms():
+    cells = two_rooms()
+    goal = int(cells.index(4.5, 1.5))
+    found = plan(cells, np.arange(1, 8) * math.pi / 4, int(cells.index(1.5, 1.5)), goal)
+    check(cells, found, 1, 100)
+    assert not found.found
+    x, _, _ = cells.centre(np.arange(cells.size))
+    np.testing.assert_array_equal(found.reaching, x > 4)
+
+
+def test_layers_differ_from_the_exact_search():
+    cells = room(9, 13)
+    exact, layered = (all_plans(cells, LAB, method=method) for method in ("exact", "layered"))
+    differ = exact.costs() != layered.costs()
+    assert 0 < differ.sum() < differ.size
+    np.testing.assert_array_equal(exact.costs() < 0, layered.costs() < 0)
+    cheaper, dearer = (exact.costs() < layered.costs()), (exact.costs() > layered.costs())
+    for where in (cheaper, dearer):
+        start, goal = np.argwhere(where)[0].tolist()
+        check(cells, exact.plan(start, goal), 1, 100)
+        check(cells, layered.plan(start, goal), 1, 100, "layered")
+
+
+@pytest.mark.parametrize("keep", [1, 0.5])
+def test_plans_come_back_from_their_file(tmp_path, keep):
+    cells = room(6, 9)
+    reports = []
+    plans = all_plans(cells, LAB, keep, 9)
+    direct = all_plans(
+        cells, LAB, keep, 9, file=tmp_path / "a.nc", report=lambda *at: reports.append(at)
+    )
+    plans.save(tmp_path / "b.nc")
+    entries = plans.roadmap.entry.size
+    assert reports[-1] == (entries, entries)
+    for loaded in (direct, AllPlans.load(tmp_path / "a.nc"), AllPlans.load(tmp_path / "b.nc")):
+        np.testing.assert_array_equal(loaded.costs(), plans.costs())
+        np.testing.assert_array_equal(loaded.actions(), plans.actions())
+        some = np.array([40, 3, 3, 130])
+        np.testing.assert_array_equal(loaded.angles_used(some), plans.angles_used()[:, some])
+        assert vars(loaded.roadmap)["space"] == plans.roadmap.space
+        for start, goal in np.random.default_rng(1).integers(cells.size, size=(20, 2)).tolist():
+            found, expected = loaded.plan(start, goal), plans.plan(start, goal)
+            check(cells, found, keep, 9)
+            for name, value in vars(expected).items():
+                np.testing.assert_array_equal(getattr(found, name), value)
+
+
+def test_the_file_says_how_to_read_a_cost(tmp_path):
+    import xarray as xr
+
+    cells = room(6, 9)
+    plans = all_plans(cells, LAB, file=tmp_path / "plans.nc")
+    with xr.open_dataset(tmp_path / "plans.nc") as file:
+        keep, wall, length = file.keep, file.wall.values, file.length.values
+        s, g = np.divmod(np.arange(cells.size**2), cells.size)
+        e = file.entry_of.values[g]
+        way = file["cost"].values[e, wall[s]]
+        total = keep * (length[s] + length[file.entry.values[e]] - length[g]) + way
+        expected = np.where((e < 0) | (way < 0), -1, total)
+        straight = (wall[s] == wall[g]) & (length[s] >= length[g])
+        expected = np.where(straight, keep * (length[s] - length[g]), expected)
+    np.testing.assert_array_equal(plans.costs().ravel(), expected)
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        all_plans(room(6, 9), LAB, file=tmp_path / "plans.nc", report=stop)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        all_plans(room(6, 9), LAB, file=tmp_path / "none" / "plans.nc")
+
+
+def test_other_files_are_refused(tmp_path):
+    import xarray as xr
+
+    with pytest.raises(FileNotFoundError, match=r"none\.nc: there is no such file"):
+        AllPlans.load(tmp_path / "none.nc")
+    (tmp_path / "text.nc").write_text("plans")
+    with pytest.raises(ValueError, match=r"text\.nc: expected a NetCDF file of plans"):
+        AllPlans.load(tmp_path / "text.nc")
+    xr.Dataset({"cost": ("x", [1])}).to_netcdf(tmp_path / "other.nc")
+    with pytest.raises(ValueError, match=r"other\.nc: expected a file of plans"):
+        AllPlans.load(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"bounces": []}, "bounces: expected a list of at least one angle"),
+        ({"bounces": [0.1]}, "deg is not a whole number of the 8 directions"),
+        ({"bounces": [math.nan]}, "bounce: nan deg"),
+        ({"bounces": [math.pi, 2 * math.pi]}, "bounces: 360 deg leaves the robot at its wall"),
+        ({"bounces": [math.pi / 2, -1.5 * math.pi]}, "bounces: 90 and -270 deg are the same turn"),
+        ({"start": 120}, "start: cell 120 does not exist; cells are 0 to 119"),
+        ({"goal": -1}, "goal: cell -1 does not exist"),
+        ({"keep": 0}, "keep: expected a finite cost above 0, got 0"),
+        ({"keep": math.nan}, "keep: expected a finite cost above 0, got nan"),
+        ({"change": math.inf}, "change: expected a finite cost above 0, got inf"),
+        ({"keep": 3, "change": 2}, "change: expected at least what keeping the angle costs, 3"),
+        ({"change": 1e18}, "change: 1e.18 is too much beside keep 1"),
+        ({"change": 10**18}, "change: 1e.18 is too much beside keep 1"),
+        ({"step": 0.5}, "step: expected at least one cell"),
+    ],
+)
+def test_refuses(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        plan(**{"cells": two_rooms(), "bounces": LAB, "start": 0, "goal": 1, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("start", "actions", "message"),
+    [
+        (0, [0, 0, 0], r"actions\[2\]: in cell 2 the robot cannot go forward"),
+        (0, [0, 1.0], r"actions\[1\]: in cell 1 the robot does not bump, so it cannot turn"),
+        (0, [0, 0, 0.1], r"actions\[2\]: bounce: .* is not a whole number"),
+        (0, [0, 0, math.nan], r"actions\[2\]: bounce: nan deg"),
+        (-1, [], "start: cell -1 does not exist"),
+    ],
+)
+def test_replay_refuses_what_is_not_possible(start, actions, message):
+    with pytest.raises(ValueError, match=message):
+        replay(two_rooms(), start, np.array(actions, float))
+
+
+def test_replay_follows_the_bounce_map():
+    cells = room(9, 13)
+    simple = bounce_map(cells, math.pi / 4)
+    image, bumped = np.asarray(simple.image), np.asarray(simple.bumped)
+    path, actions = [5], []
+    for _ in range(60):
+        actions.append(math.pi / 4 if bumped[path[-1]] else 0.0)
+        path.append(int(image[path[-1]]))
+    assert replay(cells, 5, np.array(actions)).tolist() == path

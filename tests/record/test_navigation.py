@@ -1,0 +1,246 @@
+import itertools
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.bounce import plan
+from jaxcell.record import log_navigation, navigation_dataset, save_dataset
+from jaxcell.record.palette import BELIEF, KNOWN, ROBOT, TRAIL
+from jaxcell.space import CellSpace
+
+
+BOUNCES = np.deg2rad([45, 90, 135])
+
+
+@pytest.fixture(scope="module")
+def cells():
+    free = np.ones((9, 13), bool)
+    free[2:4, 3:6] = free[6:8, 8:10] = False
+    return CellSpace.of_grid(free, 8, cell=0.5, origin=(-1.0, 2.0))
+
+
+@pytest.fixture(scope="module")
+def found(cells):
+    """A plan that goes straight, bumps twice in a place, and changes its angle."""
+    goal = int(cells.index(0.25, 3.25, np.pi))
+    made = plan(cells, BOUNCES, int(cells.index(-0.25, 2.25, 0.0)), goal)
+    assert made.changes
+    assert (np.diff(made.cells % cells.positions) == 0).sum() > 1
+    assert made.actions[0] == 0
+    return made
+
+
+@pytest.fixture(scope="module")
+def recorded(cells, found, read, tmp_path_factory):
+    path = tmp_path_factory.mktemp("navigation") / "plan.rrd"
+    log_navigation(path, cells, found, spec={"bounces_deg": [45, 90, 135]})
+    return read(path)
+
+
+@pytest.fixture(scope="module")
+def split():
+    """Two rooms that have no way between them, and a plan to try it."""
+    cells = CellSpace.of_grid(np.array([[1, 1, 1, 0, 1, 1]] * 3, bool), 24)
+    return cells, plan(cells, BOUNCES, 0, cells.size - 1)
+
+
+def test_the_dataset_holds_the_plan(cells, found, tmp_path):
+    save_dataset(navigation_dataset(cells, found, spec={"keep": 1}), tmp_path / "plan.nc")
+    with xr.open_dataset(tmp_path / "plan.nc") as data:
+        assert (data.start, data.goal, data.cost) == (found.start, found.goal, found.cost)
+        assert data["cell"].values.tolist() == found.cells.tolist()
+        np.testing.assert_array_equal(data.action, found.actions)
+        assert set(np.round(data.action_deg.values, 9)) <= {0, 45, 90, 135}
+        x, y, theta = cells.centre(found.cells)
+        for name, values in (("robot_x", x), ("robot_y", y), ("robot_theta", theta)):
+            np.testing.assert_array_equal(data[name], values)
+        for z in range(0, cells.size, 7):
+            direction, position = divmod(z, cells.positions)
+            one = data.isel(direction=direction, position=position)
+            assert one.reaches == found.reaching[z]
+            assert (one.x, one.y, one.theta) == cells.centre(z)
+        assert json.loads(data.spec) == {"keep": 1}
+
+
+def test_the_dataset_says_that_there_is_no_path(split):
+    cells, none = split
+    data = navigation_dataset(cells, none)
+    assert data.cost == -1
+    assert data.sizes["move"] == 0
+    assert data["cell"].values.tolist() == [0]
+    assert data.reaches.values.sum() == none.reaching.sum() > 0
+
+
+def test_the_robot_follows_the_plan(cells, found, recorded):
+    x, y, theta = cells.centre(found.cells)
+    origins = recorded.over("step", "/map/robot", "Arrows2D:origins")
+    vectors = recorded.over("step", "/map/robot", "Arrows2D:vectors")
+    assert list(origins) == list(range(len(found.cells)))
+    for time in origins:
+        (origin,), (vector,) = np.array(origins[time]), np.array(vectors[time])
+        np.testing.assert_allclose(origin + vector / 2, [x[time], y[time]], atol=1e-6)
+        heading = vector / np.linalg.norm(vector)
+        expected = [np.cos(theta[time]), np.sin(theta[time])]
+        np.testing.assert_allclose(heading, expected, atol=1e-6)
+
+
+def test_the_trail_begins_at_the_last_bump(cells, found, recorded):
+    x, y, _ = cells.centre(found.cells)
+    trail = recorded.over("step", "/map/trail", "LineStrips2D:strips")
+    since = 0
+    for time in range(len(found.cells)):
+        np.testing.assert_allclose(trail[time][0], [[x[since], y[since]], [x[time], y[time]]])
+        if time < len(found.actions) and found.actions[time] != 0:
+            since = time
+
+
+def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
+    x, y, _ = cells.centre(found.cells)
+    origins = np.array(recorded.static("/map/plan/runs", "Arrows2D:origins"))
+    vectors = np.array(recorded.static("/map/plan/runs", "Arrows2D:vectors"))
+    colors = recorded.static("/map/plan/runs", "Arrows2D:colors")
+    expected, colored, began, turn = [], [], 0, None
+    for time, action in enumerate([*found.actions.tolist(), -1.0]):
+        if action != 0:
+            if time > began:
+                expected.append((x[began], y[began], x[time] - x[began], y[time] - y[began]))
+                colored.append(turn)
+            began, turn = time + 1, action
+    expected = np.array(expected)
+    np.testing.assert_allclose(origins, expected[:, :2])
+    length = np.linalg.norm(expected[:, 2:], axis=1, keepdims=True)
+    drawn = np.linalg.norm(vectors, axis=1, keepdims=True)
+    np.testing.assert_allclose(vectors / drawn, expected[:, 2:] / length, atol=1e-6)
+    assert ((drawn < length) & (drawn > length - cells.cell)).all()
+    assert len(set(colors)) == len(set(colored)) == len(dict(zip(colored, colors, strict=True)))
+    assert colors[0] == packed(TRAIL)
+
+
+def test_bumps_are_marked_and_told(cells, found, recorded):
+    x, y, _ = cells.centre(found.cells)
+    bumps = np.flatnonzero(found.actions != 0)
+    places = np.array(recorded.static("/map/plan/bumps", "Points2D:positions"))
+    np.testing.assert_allclose(places, np.stack([x, y], axis=1)[bumps])
+    colors = recorded.static("/map/plan/bumps", "Points2D:colors")
+    pairs = set(zip(found.bumps.tolist(), colors, strict=True))
+    assert len(pairs) == found.angles_used == len({color for _, color in pairs})
+    radii = recorded.static("/map/plan/bumps", "Points2D:radii")
+    for i, j in itertools.pairwise(bumps):
+        if j == i + 1:
+            first, second = (radii[np.searchsorted(bumps, k)] for k in (i, j))
+            assert second < first, "the second dot hides the first"
+    labels = recorded.over("step", "/map/turn", "Points2D:labels")
+    for time, action in enumerate(found.actions):
+        if action:
+            (label,) = labels[time]
+            assert label.endswith(f"turn by {np.rad2deg(action):g}°")
+        else:
+            assert not labels[time]
+
+
+def packed(color):
+    red, green, blue = color
+    return red << 24 | green << 16 | blue << 8 | 255
+
+
+def test_start_and_goal_are_marked(cells, found, recorded):
+    for name, cell, color in (("start", found.start, BELIEF), ("goal", found.goal, KNOWN)):
+        x, y, theta = cells.centre(cell)
+        centre = recorded.static(f"/map/{name}/frame", "Boxes2D:centers")
+        np.testing.assert_allclose(centre, [(x, y)])
+        assert recorded.static(f"/map/{name}/frame", "Boxes2D:colors") == [packed(color)]
+        assert recorded.static(f"/map/{name}/label", "Points2D:labels") == [name]
+        ((dx, dy),) = recorded.static(f"/map/{name}/heading", "Arrows2D:vectors")
+        np.testing.assert_allclose(np.exp(1j * np.arctan2(dy, dx)), np.exp(1j * theta), atol=1e-6)
+
+
+def test_counts_along_the_plan(found, recorded):
+    bumps = recorded.over("step", "/plan/bumps", "Scalars:scalars")
+    changes = recorded.over("step", "/plan/changes", "Scalars:scalars")
+    last, bumped, changed = None, 0, 0
+    for time, action in enumerate([*found.actions.tolist(), 0]):
+        assert (bumps[time], changes[time]) == ([bumped], [changed])
+        if action:
+            bumped, changed = bumped + 1, changed + (last not in (None, action))
+            last = action
+    assert (bumped, changed) == (found.bumps.size, found.changes)
+
+
+def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
+    classes = recorded.classes("/map/grid/heat")
+    buffer = np.array(recorded.static("/map/grid/heat", "SegmentationImage:buffer")[0])
+    heat = buffer.reshape(cells.free.shape)
+    pictures = recorded.pictures("direction", "/map/grid/heading")
+    assert len(pictures) == cells.directions
+    names = recorded.classes("/map/grid/heading")
+    for position in range(cells.positions):
+        row, column = divmod(int(cells.square[position]), cells.free.shape[1])
+        reaches = found.reaching[position :: cells.positions]
+        label = "from no heading" if not reaches.any() else f"from {reaches.sum()} of 8 headings"
+        assert classes[heat[row, column]] == label
+        for direction, reached in enumerate(reaches):
+            shown = names[pictures[direction][row, column]]
+            assert shown == ("from here" if reached else "not from here")
+    assert not heat[~cells.free].any()
+    # On the way, the picture is that of the heading of the robot.
+    headings = found.cells // cells.positions
+    on_the_way = recorded.pictures("step", "/map/grid/heading")
+    assert list(on_the_way) == [0, *(1 + np.flatnonzero(np.diff(headings))).tolist()]
+    for time, picture in on_the_way.items():
+        np.testing.assert_array_equal(picture, pictures[headings[time]])
+
+
+def test_without_a_path_there_is_a_heat_map(split, read, tmp_path):
+    cells, none = split
+    log_navigation(tmp_path / "none.rrd", cells, none)
+    recorded = read(tmp_path / "none.rrd")
+    assert "direction" in recorded.timelines
+    assert "step" not in recorded.timelines
+    assert not [entity for entity in recorded.entities if entity.startswith("/map/plan")]
+    classes = recorded.classes("/map/grid/heat")
+    assert classes[2] == "from 1 to 3 of 24 headings"
+    assert len(classes) == 2 + 8
+    buffer = np.array(recorded.static("/map/grid/heat", "SegmentationImage:buffer")[0])
+    reaching = none.reaching.reshape(24, -1).sum(axis=0)
+    shown = buffer[cells.square]
+    np.testing.assert_array_equal(shown, 1 + -(-reaching // 3))
+    (text,) = recorded.static("/text", "TextDocument:text")
+    assert "There is no path" in text
+
+
+def test_the_text_tells_the_plan(found, recorded):
+    (text,) = recorded.static("/text", "TextDocument:text")
+    assert f"cost **{found.cost}**" in text
+    word = text.split("`")[1]
+    actions = []
+    for part in word.split(", "):
+        count, _, unit = part.partition(" ")
+        actions += [0.0] * int(count) if unit else [np.deg2rad(float(part.rstrip("°")))]
+    np.testing.assert_allclose(actions, found.actions)
+    assert "bounces_deg" in text
+
+
+@pytest.mark.parametrize("goal", [5, 0])
+def test_short_plans_are_recorded(cells, read, tmp_path, goal):
+    made = plan(cells, BOUNCES, 0, goal)
+    assert made.bumps.size == 0
+    log_navigation(tmp_path / "short.rrd", cells, made)
+    recorded = read(tmp_path / "short.rrd")
+    assert len(recorded.over("step", "/map/robot", "Arrows2D:origins")) == goal + 1
+    (text,) = recorded.static("/text", "TextDocument:text")
+    assert ("does not bump" in text) == (goal > 0)
+    assert ("is there already" in text) == (goal == 0)
+
+
+def test_the_robot_has_its_own_colour(recorded):
+    assert recorded.static("/map/robot", "Arrows2D:colors") == [packed(ROBOT)]
+
+
+def test_refuses_a_plan_of_other_cells(cells, split, tmp_path):
+    with pytest.raises(ValueError, match="plan: it is of 360 cells, and there are"):
+        log_navigation(tmp_path / "plan.rrd", cells, split[1])
+    with pytest.raises(ValueError, match="plan: it is of 360 cells"):
+        navigation_dataset(cells, split[1])
+    assert not list(tmp_path.iterdir())
