@@ -121,7 +121,7 @@ def large() -> None:
                     cells,
                     BOUNCES,
                     file=file,
-                    report=lambda done, total: shown.update(f"{done:,} of {total:,} entries"),
+                    progress=lambda done, total: shown.update(f"{done:,} of {total:,} entries"),
                 )
             )
             size = file.stat().st_size / 1e6

@@ -50,6 +50,7 @@ from .localize import (
     localize as localize,
 )
 from .navigate import Plan as Plan, plan as plan, replay as replay
+from .roadmap import Roadmap as Roadmap
 from .team import (
     TeamOutcome as TeamOutcome,
     TeamTrajectory as TeamTrajectory,

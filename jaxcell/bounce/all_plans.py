@@ -131,7 +131,7 @@ def all_plans(
     collision: Collision = "swept",
     method: Method = "exact",
     file: str | os.PathLike[str] | None = None,
-    report: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> AllPlans:
     """Cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
@@ -141,7 +141,7 @@ def all_plans(
         [`jaxcell.bounce.plan`][].
     - `file`: a NetCDF file to write the plans to as they are found, and to read them from, for
         spaces whose plans do not fit the memory. By default they are kept in memory.
-    - `report`: called now and then with how much of the work is done, and how much there is.
+    - `progress`: called now and then with how much of the work is done, and how much there is.
 
     **Returns:** [`jaxcell.bounce.AllPlans`][].
 
@@ -155,8 +155,8 @@ def all_plans(
     def solved() -> Iterator[Ways]:
         for some in _blocks(roadmap):
             yield solve(roadmap, some)
-            if report is not None:
-                report(int(some[-1]) + 1, roadmap.entry.size)
+            if progress is not None:
+                progress(int(some[-1]) + 1, roadmap.entry.size)
 
     if file is not None:
         write_plans(file, roadmap, solved())
@@ -186,10 +186,14 @@ def _angles_used(
     onward = np.pad(onward, ((0, 0), (0, 1)), constant_values=end)
     turn = np.pad(turn.reshape(some, -1), ((0, 0), (0, 1)), constant_values=-1)
     used = [turn == k for k in range(angles)]
-    while (onward != end).any():
+    for _ in range(end.bit_length() + 1):
+        if (onward == end).all():
+            break
         for one in used:
             one |= np.take_along_axis(one, onward, axis=1)
         onward = np.take_along_axis(onward, onward, axis=1)
+    else:
+        raise ValueError("the plans do not lead to their goals; their file was altered")
     first = ways.layer.astype(np.int32) * walls + wall
     count = sum(np.take_along_axis(one, first, axis=1).astype(ways.turn.dtype) for one in used)
     return np.asarray(count)

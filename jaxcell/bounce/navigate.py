@@ -110,6 +110,8 @@ def read_plan(roadmap: Roadmap, ways: Ways, start: int, goal: int) -> Plan:
         cell, wall = start, roadmap.wall[start]
         layer = ways.layer[0, wall]
         while not roadmap.runs_through(cell, goal):
+            if len(path) > 2 * roadmap.turned.size:
+                raise ValueError("the plans do not lead to the goal; their file was altered")
             run = roadmap.line(cell, roadmap.wall_cell[wall].item())
             turn = ways.turn[0, layer, wall].item()
             cell = roadmap.turned[turn, wall].item()

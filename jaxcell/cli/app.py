@@ -1,5 +1,6 @@
 import functools
 import operator
+import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -52,6 +53,10 @@ def run(args: Sequence[str]) -> int:
     )
     try:
         return command.run()
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, as `head` does; nothing is lost.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (ValueError, OSError) as error:
         # One line, whatever the message: scripts read it.
         print(

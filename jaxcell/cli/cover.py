@@ -3,11 +3,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from rich.console import Console
 
 from .options import MapOptions, OutputOptions
-from .target import read_target
 from .terminal import count_cells, status, table
 
 
@@ -34,8 +32,11 @@ class Cover(MapOptions, OutputOptions):
     """Number of directions."""
 
     def run(self) -> int:
+        import numpy as np
+
         from ..bounce.coverage import coverage_policy
         from ..runtime import configure_jax
+        from .target import read_target
 
         configure_jax()
         cells = self.cells()
@@ -70,8 +71,6 @@ class Cover(MapOptions, OutputOptions):
             return 1
         seconds = time.perf_counter() - began
         summary = {**spec, **describe(self.bounces, policy), "seconds": round(seconds, 3)}
-        if not self.json:
-            show(cells, summary)
         if self.out is not None:
             from ..record.coverage import log_coverage
             from ..record.coverage_dataset import coverage_dataset
@@ -84,7 +83,7 @@ class Cover(MapOptions, OutputOptions):
                 save_dataset(dataset, self.out / "coverage.nc")
                 recording = self.out / "coverage.rrd"
                 log_coverage(recording, cells, policy, bounces=bounces, spec=spec)
-        self.finish(summary, "coverage.rrd")
+        self.finish(summary, "coverage.rrd", lambda: show(cells, summary))
         return 0
 
 

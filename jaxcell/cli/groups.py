@@ -1,7 +1,12 @@
 import dataclasses
+from typing import TYPE_CHECKING, Any
 
 from .options import MapOptions, OutputOptions
 from .terminal import count_cells, status, table
+
+
+if TYPE_CHECKING:
+    from ..space import CellSpace
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,31 +47,6 @@ class Groups(MapOptions, OutputOptions):
                     "largest_basin": int(basin.max()),
                 }
             )
-        if not self.json:
-            pieces = spec["pieces"]
-            table(
-                f"{spec['name'] or self.map}: {count_cells(cells)}"
-                + (f", {pieces} separate pieces" if pieces > 1 else ""),
-                (
-                    "bounce",
-                    "groups",
-                    "longest transient",
-                    "periods",
-                    "periodic cells",
-                    "largest basin",
-                ),
-                [
-                    (
-                        f"{g['bounce_deg']:g}°",
-                        g["count"],
-                        g["longest_transient"],
-                        f"{g['shortest_period']} to {g['longest_period']}",
-                        g["periodic_cells"],
-                        g["largest_basin"],
-                    )
-                    for g in summary["groups"]
-                ],
-            )
         if self.out is not None:
             from .. import record
 
@@ -76,5 +56,26 @@ class Groups(MapOptions, OutputOptions):
                 dataset = record.groups_dataset(cells, groups, bounce=angles, spec=spec)
                 record.save_dataset(dataset, self.out / "groups.nc")
                 record.log_groups(self.out / "groups.rrd", cells, groups, bounce=angles, spec=spec)
-        self.finish(summary, "groups.rrd")
+        self.finish(summary, "groups.rrd", lambda: show(cells, summary))
         return 0
+
+
+def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
+    """Prints the groups for people."""
+    pieces = summary["pieces"]
+    table(
+        f"{summary['name'] or summary['map']}: {count_cells(cells)}"
+        + (f", {pieces} separate pieces" if pieces > 1 else ""),
+        ("bounce", "groups", "longest transient", "periods", "periodic cells", "largest basin"),
+        [
+            (
+                f"{g['bounce_deg']:g}°",
+                g["count"],
+                g["longest_transient"],
+                f"{g['shortest_period']} to {g['longest_period']}",
+                g["periodic_cells"],
+                g["largest_basin"],
+            )
+            for g in summary["groups"]
+        ],
+    )

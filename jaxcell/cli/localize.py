@@ -4,8 +4,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .options import MapOptions, OutputOptions, cell_at
 from .terminal import configuration, count_cells, status, table
 
@@ -34,6 +32,8 @@ class Localize(MapOptions, OutputOptions):
     """Give the filter a trap for observations that cannot occur on the map."""
 
     def run(self) -> int:
+        import numpy as np
+
         from ..bounce import bounce_groups, bounce_map, localization_filter, localize
         from ..runtime import configure_jax
 
@@ -58,12 +58,10 @@ class Localize(MapOptions, OutputOptions):
             **describe(cells, groups, filter, run),
             "filter_seconds": round(seconds, 3),
         }
-        if not self.json:
-            show(cells, summary)
         if self.out is not None:
             with status(f"writing {self.out}"):
                 write(self.out, cells, groups, filter, run, spec)
-        self.finish(summary, "localization.rrd")
+        self.finish(summary, "localization.rrd", lambda: show(cells, summary))
         return 0
 
 

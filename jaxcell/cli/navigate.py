@@ -3,8 +3,6 @@ import math
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .options import MapOptions, OutputOptions, cell_at
 from .terminal import configuration, count_cells, status, table
 
@@ -33,6 +31,8 @@ class Navigate(MapOptions, OutputOptions):
     """What a bump with another angle costs."""
 
     def run(self) -> int:
+        import numpy as np
+
         from ..bounce import plan
         from ..runtime import configure_jax
 
@@ -45,8 +45,6 @@ class Navigate(MapOptions, OutputOptions):
             found = plan(cells, bounces, start, goal, **weights, **self.motion)
         spec = {**self.spec(cells), "bounces_deg": list(self.bounces), **weights}
         summary = {**spec, **describe(found)}
-        if not self.json:
-            show(cells, summary)
         if self.out is not None:
             from .. import record
 
@@ -55,7 +53,7 @@ class Navigate(MapOptions, OutputOptions):
                 dataset = record.navigation_dataset(cells, found, spec=spec)
                 record.save_dataset(dataset, self.out / "navigation.nc")
                 record.log_navigation(self.out / "navigation.rrd", cells, found, spec=spec)
-        self.finish(summary, "navigation.rrd")
+        self.finish(summary, "navigation.rrd", lambda: show(cells, summary))
         return 0 if found.found else 1
 
 

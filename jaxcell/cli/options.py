@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -77,14 +78,16 @@ class OutputOptions:
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
 
-    def finish(self, summary: dict[str, Any], recording: str) -> None:
-        """Writes `summary.json`; prints the summary, or for people where the results are."""
+    def finish(self, summary: dict[str, Any], recording: str, show: Callable[[], None]) -> None:
+        """Writes `summary.json`, and then prints the summary as JSON, or shows it to people."""
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
-            if not self.json:
-                note_results(self.out / recording)
         if self.json:
             print(json.dumps(summary))
+            return
+        show()
+        if self.out is not None:
+            note_results(self.out / recording)
 
 
 def cell_at(cells: "CellSpace", text: str, option: str) -> int:

@@ -1,7 +1,6 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.console import Console
 
 from .options import MapOptions, OutputOptions, cell_at
@@ -34,6 +33,8 @@ class Team(MapOptions, OutputOptions):
     """Most steps of a part; by default the number of cells, but no more than 100,000."""
 
     def run(self) -> int:
+        import numpy as np
+
         from ..bounce import team_trajectory
         from ..runtime import configure_jax
 
@@ -64,10 +65,6 @@ class Team(MapOptions, OutputOptions):
                 ),
             )
         summary = {**spec, **describe(cells, run)}
-        if not self.json:
-            show(cells, summary)
-            if 2 * spec["robot_radius_m"] > cells.cell:
-                note("Robots wider than a cell count as meeting only where their centres do.")
         if self.out is not None:
             from .. import record
 
@@ -77,7 +74,7 @@ class Team(MapOptions, OutputOptions):
                     record.team_dataset(cells, run, spec=spec), self.out / "team.nc"
                 )
                 record.log_team(self.out / "team.rrd", cells, run, spec=spec)
-        self.finish(summary, "team.rrd")
+        self.finish(summary, "team.rrd", lambda: show(cells, summary))
         return 1 if run.uncovered.size else 0
 
     def _cells_of_robots(self, cells: "CellSpace") -> list[int]:
@@ -93,6 +90,8 @@ class Team(MapOptions, OutputOptions):
             raise ValueError(
                 f"--robots {robots}: expected from 1 to {cells.positions}, one for each position"
             )
+        import numpy as np
+
         random = np.random.default_rng(self.seed)
         positions = random.choice(cells.positions, robots, replace=False)
         directions = random.integers(cells.directions, size=robots)
@@ -142,8 +141,7 @@ def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
     ]
     if summary["uncovered"]:
         listed = summary["uncovered_positions"][:_MOST_LISTED]
-        x, y, _ = cells.centre(np.array(listed))
-        places = [f"({a:g} m, {b:g} m)" for a, b in zip(x.tolist(), y.tolist(), strict=True)]
+        places = [f"({x:g} m, {y:g} m)" for x, y, _ in map(cells.centre, listed)]
         more = summary["uncovered"] - len(listed)
         places += [f"and {more:,} more"] if more else []
         rows.append((f"{summary['uncovered']:,} stay uncovered", "\n".join(places)))
@@ -159,6 +157,8 @@ def show(cells: "CellSpace", summary: dict[str, Any]) -> None:
         ("robot", "starts at", "ends at"),
         [(i, configuration(cells, a), configuration(cells, b)) for i, (a, b) in enumerate(robots)],
     )
+    if 2 * summary["robot_radius_m"] > cells.cell:
+        note("Robots wider than a cell count as meeting only where their centres do.")
 
 
 def _count(robots: int) -> str:

@@ -260,7 +260,7 @@ def test_plans_come_back_from_their_file(tmp_path, keep):
     reports = []
     plans = all_plans(cells, LAB, keep, 9)
     direct = all_plans(
-        cells, LAB, keep, 9, file=tmp_path / "a.nc", report=lambda *at: reports.append(at)
+        cells, LAB, keep, 9, file=tmp_path / "a.nc", progress=lambda *at: reports.append(at)
     )
     plans.save(tmp_path / "b.nc")
     entries = plans.roadmap.entry.size
@@ -300,7 +300,7 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        all_plans(room(6, 9), LAB, file=tmp_path / "plans.nc", report=stop)
+        all_plans(room(6, 9), LAB, file=tmp_path / "plans.nc", progress=stop)
     assert not list(tmp_path.iterdir())
     with pytest.raises(FileNotFoundError, match="there is no folder"):
         all_plans(room(6, 9), LAB, file=tmp_path / "none" / "plans.nc")
