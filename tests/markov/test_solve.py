@@ -44,7 +44,8 @@ def test_stationary_equals_the_null_space(way):
     group = np.repeat(np.arange(4), sizes)
     # Classes need not lie one after the other.
     order = np.random.default_rng(5).permutation(50)
-    matrix = scipy.sparse.block_diag(blocks, format="csr")[order][:, order]
+    sparse = [scipy.sparse.csr_array(block) for block in blocks]
+    matrix = scipy.sparse.block_diag(sparse, format="csr")[order][:, order]
     found, _ = solve_stationary(scipy.sparse.csr_array(matrix), group[order].astype(np.int32))
     for number, block in enumerate(blocks):
         values, vectors = np.linalg.eig(block.T)
