@@ -1,9 +1,9 @@
 """The global behaviour of simple robots, computed by cell-to-cell mapping.
 
 Packages, from the ground floor up: `space` (maps and cells), `automata` (filters), `mapping`
-(cell maps and their groups), `markov` (chains), `optimize` (mixtures), `bounce` (bouncing robots),
-`record` (results). They are imported on first use, so that `import jaxcell` alone does not import
-JAX.
+(cell maps and their groups), `markov` (chains), `optimize` (weights), `bounce` (bouncing robots),
+`patrol` (patrolling), `record` (results). They are imported on first use, so that `import jaxcell`
+alone does not import JAX.
 """
 
 import importlib
@@ -12,7 +12,7 @@ from types import ModuleType
 
 __version__ = "0.1.0"
 
-_PACKAGES = ("automata", "bounce", "mapping", "markov", "optimize", "record", "space")
+_PACKAGES = ("automata", "bounce", "mapping", "markov", "optimize", "patrol", "record", "space")
 
 __all__ = ["__version__", *_PACKAGES]
 

@@ -1,9 +1,17 @@
-"""Optimisation on the simplex of probabilities.
+"""Optimisation of weights that are not negative and sum to 1.
 
-A *mixture* of distributions `a_1, ..., a_k` has weights that are not negative and sum to 1. The one
-nearest to a target is a point of the convex hull of the `a_i`, found exactly by an active set.
+- A *mixture* of distributions `a_1, ..., a_k` nearest to a target is a point of the convex hull of
+    the `a_i`, found exactly by an active set.
+- The walk on a graph with the *minimum commute* time has edge weights that are an A-optimal design,
+    found by an interior-point method.
+- A *Stackelberg* leader mixes its strategies, knowing that the follower answers best.
+
 Every answer comes with a [`jaxcell.certificate.Certificate`][] of how far from the optimum it can
 be.
 """
 
+from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
+from .game import Commitment as Commitment, payoffs as payoffs, stackelberg as stackelberg
+from .graph import Graph as Graph
 from .mixture import Mixture as Mixture, mixture as mixture
+from .tour import shortest_tour as shortest_tour

@@ -1,0 +1,315 @@
+import dataclasses
+import itertools
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+import scipy.sparse
+from jaxtyping import Array, Float, Int
+
+from ..certificate import Certificate
+from ..precision import require_x64
+
+
+# Of the range of payoffs. HiGHS keeps the constraints of a mixed-integer program to 1e-6.
+_TOLERANCE = 1e-6
+# A linear program is kept to as much as HiGHS allows.
+_LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+_MOST_PROFILES = 10_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Commitment:
+    """What a leader is to commit to, and how the follower answers."""
+
+    weights: Float[Array, "strategies"]
+    "The weight of each strategy of the leader; they are not negative and sum to 1."
+    answer: Int[Array, "types"]
+    "The target that each type of the follower chooses."
+    value: float
+    "The expected payoff of the leader."
+    follower_value: Float[Array, "types"]
+    "The expected payoff of each type of the follower."
+    certificate: Certificate
+
+
+def stackelberg(
+    leader: Any,
+    follower: Any,
+    prior: Any = None,
+    *,
+    method: str | None = None,
+    throw: bool = True,
+) -> Commitment:
+    """The best commitment of a leader whose follower answers when it knows the commitment.
+
+    The leader mixes its strategies; each type of the follower then chooses the target that pays it
+    most, and among equals the one that the leader likes best (a strong Stackelberg equilibrium;
+    Alam 2018, section 4.4.2). The leader does not know the type, only how probable each is.
+
+    Two methods find the same value. `"dobss"` is one mixed-integer program for all types
+    (Paruchuri et al. 2008). `"multiple-lp"` solves a linear program for every way in which the
+    types can answer (Conitzer and Sandholm 2006), which are as many as targets for one type and
+    grow exponentially with the types.
+
+    **Arguments:**
+
+    - `leader`: array `[strategies, targets]`, what the leader is paid; or `[types, strategies,
+        targets]` where that depends on the type of the follower.
+    - `follower`: array `[strategies, targets]`, or `[types, strategies, targets]`.
+    - `prior`: array `[types]`, the probability of each type; all alike by default.
+    - `method`: `"dobss"` or `"multiple-lp"`; by default the second for one type, else the first.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: by
+    how much an upper bound on all commitments exceeds the value, relative to the range of the
+    leader's payoffs; and by how much another target would pay a type more than its answer,
+    relative to the most that targets can differ under one strategy. What differs by less than the
+    tolerance may count as equal. Iterations are the nodes of the branch and bound, or the linear
+    programs.
+
+    **Raises:** `ValueError` for payoffs that are empty, of shapes that do not match, or not finite
+    numbers; a prior that is not a distribution over the types; an unknown method; or more than
+    10,000 ways to answer for `"multiple-lp"`. `RuntimeError` if the solver gives no answer or one
+    that is not good enough, or where JAX is set to 32 bits.
+    """
+    require_x64("stackelberg")
+    R, C = _payoffs("leader", leader), _payoffs("follower", follower)
+    if R.shape[1:] != C.shape[1:]:
+        raise ValueError(
+            f"leader and follower: expected the same [strategies, targets], got "
+            f"{list(R.shape[1:])} and {list(C.shape[1:])}"
+        )
+    types = max(len(R), len(C))
+    for name, payoffs in (("leader", R), ("follower", C)):
+        if len(payoffs) not in (1, types):
+            raise ValueError(f"{name}: expected payoffs of {types} types, got {len(payoffs)}")
+    R, C = (np.broadcast_to(payoffs, (types, *payoffs.shape[1:])) for payoffs in (R, C))
+    probability = _distribution(prior, types)
+    if method is None:
+        method = "multiple-lp" if types == 1 else "dobss"
+    routes = {"dobss": _dobss, "multiple-lp": _multiple_lp}
+    if method not in routes:
+        raise ValueError(f"method: expected one of {sorted(routes)}, got {method!r}")
+
+    # Neither scale nor what a type is paid whatever it answers changes how it answers.
+    unit_R = _unit(R - R.min())
+    unit_C = np.stack([_unit(payoff - payoff.min(axis=1, keepdims=True)) for payoff in C])
+    weights, answer, bound, iterations = routes[method](probability[:, None, None] * unit_R, unit_C)
+
+    each = np.arange(types)
+    unit_value = float(probability @ (weights @ unit_R)[each, answer])
+    replies = weights @ unit_C
+    regret = float((replies.max(axis=1) - replies[each, answer]).max())
+    certificate = Certificate(iterations, max(0.0, bound - unit_value, regret), _TOLERANCE)
+    certificate.check("stackelberg", throw)
+    return Commitment(
+        jnp.asarray(weights),
+        jnp.asarray(answer),
+        float(probability @ (weights @ R)[each, answer]),
+        jnp.asarray((weights @ C)[each, answer]),
+        certificate,
+    )
+
+
+def payoffs(
+    order: Int[np.ndarray, "strategies vertices"],
+) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
+    """The payoffs of a patroller and of an adversary that attacks a vertex (Alam 2018, Alg. 4.2).
+
+    A strategy of the patroller catches the adversary at its `k`-th closest of `n` vertices with
+    probability `1 / 2**(k - 1)`, as in Table 4.2. The patroller is then paid `n - k + 1` and the
+    adversary `k`; else both are paid `1 / n`, what the goods at any vertex are worth.
+
+    **Arguments:**
+
+    - `order`: the vertices from the closest to the furthest, in mean hitting time, for each
+        strategy.
+
+    **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
+
+    **Raises:** `ValueError` for a row that is not an order of the vertices.
+    """
+    strategies, vertices = order.shape
+    if order.size == 0:
+        raise ValueError(f"order: expected at least one strategy and vertex, got {order.shape}")
+    for strategy, row in enumerate(order):
+        if not np.array_equal(np.sort(row), np.arange(vertices)):
+            raise ValueError(
+                f"order[{strategy}]: expected each vertex from 0 to {vertices - 1} once, got "
+                f"{row.tolist()}"
+            )
+    k = np.arange(vertices)
+    caught = 0.5**k
+    goods = (1 - caught) / vertices
+    row = np.arange(strategies)[:, None]
+    patroller, adversary = np.empty(order.shape), np.empty(order.shape)
+    patroller[row, order] = caught * (vertices - k) + goods
+    adversary[row, order] = caught * (k + 1) + goods
+    return jnp.asarray(patroller), jnp.asarray(adversary)
+
+
+# A commitment with the answers to it, an upper bound on the value of any, and the iterations.
+_Found = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float, int]
+
+
+def _dobss(
+    R: Float[np.ndarray, "types strategies targets"],
+    C: Float[np.ndarray, "types strategies targets"],
+) -> _Found:
+    """Solves for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
+    types, strategies, targets = C.shape
+    eye, ones = scipy.sparse.eye_array, np.ones
+    C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
+    a_of_type = scipy.sparse.kron(eye(types), ones((targets, 1)))
+    # The most by which a target can fall short of the best answer.
+    most = (C.max(axis=2, keepdims=True) - C).max(axis=1).ravel()
+    sum_over_targets = scipy.sparse.kron(eye(types * strategies), ones((1, targets)))
+    sum_over_strategies = scipy.sparse.kron(
+        eye(types), scipy.sparse.kron(ones((1, strategies)), eye(targets))
+    )
+    short = [-C_of_x, a_of_type, None]
+    rows = [
+        [scipy.sparse.csr_array(ones((1, strategies))), None, None, None],
+        [-scipy.sparse.kron(ones((types, 1)), eye(strategies)), None, sum_over_targets, None],
+        [None, None, sum_over_strategies, -eye(types * targets)],
+        [*short, None],
+        [*short, scipy.sparse.diags_array(most)],
+    ]
+    products, answers = types * strategies, types * targets
+    lower = np.concatenate([ones(1), np.zeros(products + 2 * answers), np.full(answers, -np.inf)])
+    upper = np.concatenate([ones(1), np.zeros(products + answers), np.full(answers, np.inf), most])
+    sizes = [strategies, types, R.size, answers]
+    objective = np.concatenate([np.zeros(strategies + types), -R.ravel(), np.zeros(answers)])
+    integrality = np.repeat([0, 0, 0, 1], sizes)
+    constraints = scipy.optimize.LinearConstraint(
+        scipy.sparse.block_array(rows, format="csr"), lower, upper
+    )
+    # HiGHS can fail after presolving payoffs that nearly tie, and then solves the program as it is.
+    for presolve in (True, False):
+        found = scipy.optimize.milp(
+            objective,
+            integrality=integrality,
+            bounds=scipy.optimize.Bounds(0, 1),
+            constraints=constraints,
+            options={"mip_rel_gap": 0, "presolve": presolve},
+        )
+        if found.status == 0:
+            break
+    else:
+        raise RuntimeError(f"stackelberg: HiGHS gave no answer: {found.message}")
+    x, _, _, q = np.split(found.x, np.cumsum(sizes)[:-1])
+    answer = q.reshape(types, targets).argmax(axis=1)
+    # The linear program of these answers keeps to them more closely than the mixed-integer one. It
+    # has no solution where they are best only within the tolerance of the latter.
+    polished = _commit(R, C, answer)
+    weights = _on_simplex(x) if polished is None else polished[0]
+    return weights, answer, -found.mip_dual_bound, int(found.mip_node_count)
+
+
+def _multiple_lp(
+    R: Float[np.ndarray, "types strategies targets"],
+    C: Float[np.ndarray, "types strategies targets"],
+) -> _Found:
+    types, _, targets = C.shape
+    profiles = targets**types
+    if profiles > _MOST_PROFILES:
+        raise ValueError(
+            f"method: {types} types can answer with {targets} targets in {profiles} ways, and "
+            f"'multiple-lp' tries at most {_MOST_PROFILES}; 'dobss' serves"
+        )
+    best, bound = None, -np.inf
+    for profile in itertools.product(range(targets), repeat=types):
+        answer = np.array(profile)
+        committed = _commit(R, C, answer)
+        if committed is None:
+            continue
+        weights, value, at_most = committed
+        bound = max(bound, at_most)
+        if best is None or value > best[0]:
+            best = value, weights, answer
+    if best is None:
+        raise RuntimeError("stackelberg: HiGHS found no commitment with any answer")
+    return best[1], best[2], bound, profiles
+
+
+def _commit(
+    R: Float[np.ndarray, "types strategies targets"],
+    C: Float[np.ndarray, "types strategies targets"],
+    answer: Int[np.ndarray, "types"],
+) -> tuple[Float[np.ndarray, "strategies"], float, float] | None:
+    """The best weights that make given targets the best answers of the types, if any do.
+
+    **Returns:** the weights, their value, and a bound on that of any other such weights.
+    """
+    each = np.arange(len(C))
+    paid = R[each, :, answer].sum(axis=0)
+    # What each type would gain from each target over its answer.
+    gain = (C - C[each, :, answer][..., None]).transpose(0, 2, 1).reshape(-1, C.shape[1])
+    found = scipy.optimize.linprog(
+        -paid,
+        A_ub=gain,
+        b_ub=np.zeros(len(gain)),
+        A_eq=np.ones((1, gain.shape[1])),
+        b_eq=[1.0],
+        method="highs",
+        options=_LP_OPTIONS,
+    )
+    if found.status == 2:
+        return None
+    if found.status != 0:
+        raise RuntimeError(f"stackelberg: HiGHS gave no answer: {found.message}")
+    weights = _on_simplex(found.x)
+    # Any prices that are not negative give a bound.
+    price = np.maximum(0.0, -found.ineqlin.marginals)
+    return weights, float(weights @ paid), float((paid - price @ gain).max())
+
+
+def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
+    """Removes the rounding of a solver."""
+    positive = np.maximum(0.0, weights)
+    return positive / positive.sum()
+
+
+def _unit(payoffs: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Numbers that are not negative, scaled to at most 1."""
+    most = payoffs.max()
+    return payoffs / most if most > 0 else payoffs
+
+
+def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targets"]:
+    array = _numbers(name, values)
+    if array.ndim not in (2, 3) or array.size == 0:
+        raise ValueError(
+            f"{name}: expected [strategies, targets] or [types, strategies, targets], got the "
+            f"shape {list(array.shape)}"
+        )
+    return array.reshape(-1, *array.shape[-2:])
+
+
+def _distribution(prior: Any, types: int) -> Float[np.ndarray, "types"]:
+    if prior is None:
+        return np.full(types, 1 / types)
+    array = _numbers("prior", prior)
+    if array.shape != (types,):
+        raise ValueError(f"prior: expected {types} numbers, one a type, got {list(array.shape)}")
+    if (array < 0).any() or abs(array.sum() - 1) > 1e-9:
+        raise ValueError(
+            f"prior: expected numbers that are not negative and sum to 1, got {array.tolist()}"
+        )
+    return array / array.sum()
+
+
+def _numbers(name: str, values: Any) -> Float[np.ndarray, "..."]:
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{name}: expected an array of numbers, got {values!r}") from error
+    if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
+        raise ValueError(f"{name}: expected an array of numbers, got {array.dtype}")
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        wrong = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise ValueError(f"{name}{wrong} is {array[tuple(wrong)]}; expected a finite number")
+    return array

@@ -1,0 +1,89 @@
+import dataclasses
+import operator
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float, Int
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Graph:
+    """An undirected graph without loops or parallel edges, and where its vertices are."""
+
+    vertices: int
+    "How many; they are numbered from 0."
+    edges: Int[np.ndarray, "edges 2"]
+    "The two ends of each edge."
+    xy: Float[np.ndarray, "vertices 2"] | None
+    "The position of each vertex, in metres, if the graph lies in the plane."
+
+    def __init__(self, edges: Any, vertices: int | None = None, xy: Any = None) -> None:
+        """**Arguments:**
+
+        - `edges`: integer array `[edges, 2]`, the two ends of each edge.
+        - `vertices`: how many there are; by default as many as `xy` has rows, and without `xy` as
+            many as the edges name.
+        - `xy`: array `[vertices, 2]`, the positions, in metres.
+
+        **Raises:** `ValueError` for fewer than 2 vertices, and one that names the edge for an end
+        that does not exist, a loop, and an edge that was there before, in either direction;
+        `ValueError` for arrays of other shapes or types.
+        """
+        ends = np.asarray(edges)
+        if ends.ndim != 2 or ends.shape[1] != 2 or ends.shape[0] == 0:
+            raise ValueError(f"edges: expected an array [edges, 2], got {list(ends.shape)}")
+        if not np.issubdtype(ends.dtype, np.integer):
+            raise ValueError(f"edges: expected whole numbers, got {ends.dtype}")
+        places = None if xy is None else np.array(xy, np.float64)
+        if vertices is None:
+            vertices = int(ends.max()) + 1 if places is None else places.shape[0]
+        vertices = operator.index(vertices)
+        if vertices < 2:
+            raise ValueError(f"vertices: expected at least 2, got {vertices}")
+        _check_edges(ends, vertices)
+        if places is not None:
+            if places.shape != (vertices, 2):
+                raise ValueError(f"xy: expected an array [{vertices}, 2], got {list(places.shape)}")
+            if not np.isfinite(places).all():
+                v, axis = np.argwhere(~np.isfinite(places))[0]
+                raise ValueError(f"xy[{v}, {axis}] is {places[v, axis]}; expected a finite number")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "edges", ends.astype(np.int32))
+        object.__setattr__(self, "xy", places)
+
+    @property
+    def lengths(self) -> Float[np.ndarray, "edges"]:
+        """The Euclidean length of each edge, in metres; 1 where the vertices have no positions."""
+        if self.xy is None:
+            return np.ones(len(self.edges))
+        tail, head = self.edges.T
+        return np.hypot(*(self.xy[tail] - self.xy[head]).T)
+
+    def matrix(self, values: Float[np.ndarray, "edges"]) -> scipy.sparse.csr_array:
+        """The symmetric matrix `[vertices, vertices]` with one number an edge; zeros are kept."""
+        tail, head = self.edges.T
+        entries = (np.tile(values, 2), (np.append(tail, head), np.append(head, tail)))
+        return scipy.sparse.csr_array(entries, shape=(self.vertices, self.vertices))
+
+
+def _check_edges(ends: Int[np.ndarray, "edges 2"], vertices: int) -> None:
+    if ends.min() < 0 or ends.max() >= vertices:
+        edge, side = np.argwhere((ends < 0) | (ends >= vertices))[0]
+        raise ValueError(
+            f"edges[{edge}, {side}] is {ends[edge, side]}; vertices are 0 to {vertices - 1}"
+        )
+    loops = np.flatnonzero(ends[:, 0] == ends[:, 1])
+    if loops.size:
+        raise ValueError(
+            f"edges[{loops[0]}] is a loop at vertex {ends[loops[0], 0]}; expected two ends"
+        )
+    key = ends.min(axis=1).astype(np.int64) * vertices + ends.max(axis=1)
+    _, first, same = np.unique(key, return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[same] != np.arange(key.size))
+    if again.size:
+        edge = again[0]
+        raise ValueError(
+            f"edges[{edge}] joins {ends[edge, 0]} and {ends[edge, 1]}, as edges"
+            f"[{first[same[edge]]}] does; expected no parallel edges"
+        )

@@ -1,0 +1,86 @@
+from typing import Any
+
+import numpy as np
+import scipy.sparse.csgraph
+from jaxtyping import Float
+
+from ..mapping.generalized import Chain
+from ..optimize.graph import Graph
+
+
+def random_walk(graph: Graph, weights: Any) -> Chain:
+    """The chain of a patroller that takes an edge with a probability in proportion to its weight.
+
+    That is `p_ij = w_ij / sum_j w_ij` (Alam 2018, section 4.3.1), and no vertex is left waiting.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `weights`: array `[edges]`, the weight of each edge, at least 0.
+
+    **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
+
+    **Raises:** `ValueError` that names the edge for a weight that is negative or not finite, and
+    the vertex whose weights are all 0; `RuntimeError` where JAX is set to 32 bits.
+    """
+    weights = _checked(graph, weights)
+    matrix = graph.matrix(weights)
+    total = np.asarray(matrix.sum(axis=1))
+    matrix.data /= np.repeat(total, np.diff(matrix.indptr))
+    return Chain.from_scipy(matrix)
+
+
+def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts targets"]:
+    """The expected number of steps of the walk from each vertex until it is first at each other.
+
+    All come from one inverse, because the walk is reversible. With `X` the pseudo-inverse of the
+    Laplacian and `d` the total weights of the vertices, `h_ij = sum_k d_k (X_ik - X_ij - X_jk +
+    X_jj)`. For one target, or another chain, there is [`jaxcell.markov.hitting_times`][].
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `weights`: array `[edges]`, the weight of each edge, at least 0.
+
+    **Returns:** array `[vertices, vertices]`, the start first; 0 on its diagonal. Commute times are
+    its sum with its transpose.
+
+    **Raises:** as [`random_walk`][]; `ValueError` if edges with weight 0 separate two vertices.
+    """
+    weights = _checked(graph, weights)
+    matrix = graph.matrix(weights)
+    total = np.asarray(matrix.sum(axis=1))
+    matrix.eliminate_zeros()
+    parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
+    if parts > 1:
+        raise ValueError(
+            f"weights: those of 0 separate vertex {np.flatnonzero(part != part[0])[0]} from "
+            "vertex 0, which the walk never reaches"
+        )
+    shift = total.mean() / graph.vertices
+    inverse = np.linalg.inv(np.diag(total) - matrix.toarray() + shift)
+    # The shift adds the same number to all entries, and they cancel.
+    own = np.diag(inverse)
+    mean = inverse @ total
+    times = mean[:, None] - mean[None, :] + total.sum() * (own[None, :] - inverse)
+    np.fill_diagonal(times, 0)
+    return times
+
+
+def _checked(graph: Graph, weights: Any) -> Float[np.ndarray, "edges"]:
+    given = np.array(weights, np.float64)
+    if given.shape != (len(graph.edges),):
+        raise ValueError(
+            f"weights: expected {len(graph.edges)} numbers, one an edge, got {list(given.shape)}"
+        )
+    wrong = np.flatnonzero(~((given >= 0) & np.isfinite(given)))
+    if wrong.size:
+        raise ValueError(
+            f"weights[{wrong[0]}] is {given[wrong[0]]}; expected a finite number, at least 0"
+        )
+    total = np.bincount(graph.edges.ravel(), np.repeat(given, 2), graph.vertices)
+    if not total.all():
+        raise ValueError(
+            f"weights: all those at vertex {np.flatnonzero(total == 0)[0]} are 0; expected a way on"
+        )
+    return given

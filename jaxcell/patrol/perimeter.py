@@ -1,0 +1,326 @@
+import dataclasses
+import enum
+import functools
+import heapq
+import numbers
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..certificate import Certificate
+from ..mapping.generalized import Chain
+from ..markov.hitting import hitting_times
+from ..precision import require_x64
+
+
+# Of a probability of detection.
+_TOLERANCE = 1e-12
+# Narrower intervals of p cannot be told apart by their bounds.
+_NARROWEST = 2.0**-44
+
+
+class Movement(enum.Enum):
+    """How the robots of a perimeter decide where to go, by the same coin for all in every cycle."""
+
+    BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
+    DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
+    DCP = "directional: one segment ahead with probability p, else turn in place, which takes time"
+
+
+@dataclasses.dataclass(frozen=True)
+class Perimeter:
+    """Robots on a cycle of segments, at equal distances, that move in step (Agmon et al. 2008).
+
+    An attack begins as the robots head clockwise and are about to decide. Because they move in
+    step, the segments between one robot and the next tell the whole perimeter: segment `i` is `i`
+    ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot: the adversary
+    enters as the robot leaves, and is detected when a robot is next there. A robot that turns in
+    place is in its segment.
+    """
+
+    segments: int
+    "Number of segments of the cycle."
+    robots: int
+    "Number of robots, which divides that of the segments."
+    movement: Movement
+    turn: int = 1
+    "The cycles that a turn takes; only `DCP` turns in place."
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` for numbers that do not make a perimeter."""
+        for name in ("segments", "robots", "turn"):
+            _check_count(name, getattr(self, name))
+        if self.segments % self.robots:
+            raise ValueError(
+                f"robots: expected a divisor of the {self.segments} segments, got {self.robots}"
+            )
+        if self.movement is not Movement.DCP and self.turn != 1:
+            raise ValueError(
+                f"turn: expected 1 for {self.movement.name}, where turns take no time, got "
+                f"{self.turn}"
+            )
+
+    @property
+    def distance(self) -> int:
+        """Segments from one robot to the next."""
+        return self.segments // self.robots
+
+    @property
+    def images(self) -> Int[np.ndarray, "2 states"]:
+        """The state after a cycle, with heads (probability p) and with tails.
+
+        State `phase * distance + i` is that of a robot behind segment `i` by `i`. Phases 0 and 1
+        head towards it and away from it, and in phase `2 * r + h` there are `r` cycles until the
+        robot is in phase `h`, which both sides of the coin bring nearer.
+        """
+        distance, i = self.distance, np.arange(self.distance, dtype=np.int32)
+        moved = (i - 1) % distance, (i + 1) % distance
+        if self.movement is Movement.BMP:
+            return np.stack(moved)
+        free = self.movement is Movement.DNCP
+        heads, tails = [], []
+        for phase in range(2 if free else 2 * self.turn):
+            wait, heading = divmod(phase, 2)
+            other = 1 - heading
+            if wait:
+                heads.append((phase - 2) * distance + i)
+                tails.append(heads[-1])
+            else:
+                heads.append(heading * distance + moved[heading])
+                turned = other * distance + moved[other]
+                tails.append(turned if free else (2 * (self.turn - 1) + other) * distance + i)
+        return np.stack([np.concatenate(heads), np.concatenate(tails)])
+
+    def chain(self, p: float) -> Chain:
+        """The chain of the states in [`Perimeter.images`][].
+
+        **Arguments:**
+
+        - `p`: the probability of heads.
+
+        **Raises:** `ValueError` for a `p` outside of [0, 1].
+        """
+        _check_probability(p)
+        images = self.images
+        coin = np.array([[p], [1 - p]], np.float64)
+        return Chain(images, np.broadcast_to(coin, images.shape))
+
+
+def detection_polynomials(
+    perimeter: Perimeter, time: int
+) -> Float[np.ndarray, "segments coefficients"]:
+    """The probability of penetration detection, as a polynomial of p for each segment.
+
+    The coefficients are those of the Bernstein form, `sum_k c[k] comb(time, k) p**k (1 -
+    p)**(time - k)`. They are probabilities themselves: `c[k]` is that of detection if `k` of `time`
+    coins show heads. Powers of p would cancel; these do not.
+    `scipy.interpolate.BPoly(c.T[:, None], [0, 1])` evaluates and differentiates them.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `time`: the cycles that a penetration takes.
+
+    **Returns:** the coefficients for the segments 0 to `distance - 1`.
+
+    **Raises:** `ValueError` for a time of less than one cycle.
+    """
+    _check_count("time", time)
+    heads, tails = perimeter.images
+    there = np.arange(heads.size) % perimeter.distance == 0
+    detected = there[:, None].astype(np.float64)
+    for step in range(1, time + 1):
+        # Of the sequences of coins with k heads, the share k / step begins with one.
+        first = np.arange(step + 1) / step
+        later = first * np.pad(detected[heads], ((0, 0), (1, 0)))
+        later += (1 - first) * np.pad(detected[tails], ((0, 0), (0, 1)))
+        detected = np.where(there[:, None], 1.0, later)
+    return later[: perimeter.distance]
+
+
+@dataclasses.dataclass(frozen=True)
+class Maximin:
+    """The p whose weakest segment is strongest."""
+
+    p: float
+    value: float
+    "The probability of detection in the weakest segment."
+    segment: int
+    "The weakest segment: a row of the polynomials."
+    certificate: Certificate
+
+
+def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
+    """The p in [0, 1] that maximises the least of some polynomials.
+
+    Branch and bound: a polynomial is nowhere above its largest Bernstein coefficient, and those of
+    a part of an interval approach its values as the part gets narrow.
+
+    **Arguments:**
+
+    - `polynomials`: in Bernstein form, such as [`detection_polynomials`][]; all but the first row,
+        if the adversary cannot enter where a robot is.
+
+    **Returns:** [`Maximin`][]. Where several p are best it is one of them; with `BMP`, p and 1 - p
+    are. The residual of its certificate is how far the value can be from the maximum, and its
+    iterations are the intervals that were halved.
+
+    **Raises:** `ValueError` if there are no polynomials, or they have numbers that are not finite.
+    """
+    if polynomials.size == 0 or not np.isfinite(polynomials).all():
+        raise ValueError(f"polynomials: expected finite numbers, got {polynomials.tolist()}")
+    best = max((float(polynomials[:, end].min()), p) for end, p in ((0, 0.0), (-1, 1.0)))
+    # The intervals by falling bounds; p breaks ties, so that no coefficients are compared.
+    queue = [(-_bound(polynomials), 0.0, 1.0, polynomials)]
+    iterations = 0
+    while -queue[0][0] - best[0] > _TOLERANCE and queue[0][2] - queue[0][1] > _NARROWEST:
+        _, low, high, whole = heapq.heappop(queue)
+        middle = (low + high) / 2
+        left, right = _halves(whole)
+        best = max(best, (float(right[:, 0].min()), middle))
+        heapq.heappush(queue, (-_bound(left), low, middle, left))
+        heapq.heappush(queue, (-_bound(right), middle, high, right))
+        iterations += 1
+    value, p = best
+    degree = polynomials.shape[1] - 1
+    at_p = polynomials
+    for _ in range(degree):
+        at_p = (1 - p) * at_p[:, :-1] + p * at_p[:, 1:]
+    gap = max(0.0, -queue[0][0] - value)
+    return Maximin(p, value, int(at_p[:, 0].argmin()), Certificate(iterations, gap, 2 * _TOLERANCE))
+
+
+def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "segments steps"]:
+    """The law of the first cycle after which a robot is in a segment.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `p`: the probability of heads.
+    - `steps`: the last cycle that is asked for.
+
+    **Returns:** for the segments 0 to `distance - 1`, the probability that the first is each of the
+    cycles 1 to `steps`.
+
+    **Raises:** `ValueError` for a `p` outside of [0, 1], or no steps.
+    """
+    require_x64("hitting_law")
+    _check_probability(p)
+    _check_count("steps", steps)
+    return _law(perimeter, float(p), steps)
+
+
+@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
+def _law(
+    perimeter: Perimeter, p: float | Float[Array, ""], steps: int
+) -> Float[Array, "segments steps"]:
+    heads, tails = jnp.asarray(perimeter.images)
+    there = jnp.arange(heads.size) % perimeter.distance == 0
+
+    def step(now, _):  # type: ignore[no-untyped-def]
+        later = p * now[heads] + (1 - p) * now[tails]
+        return jnp.where(there, 0.0, later), later[: perimeter.distance]
+
+    return jax.lax.scan(step, there.astype(float), None, length=steps)[1].T
+
+
+def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments"]:
+    """The expected number of cycles until a robot is in a segment.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `p`: the probability of heads.
+
+    **Returns:** the times for the segments 0 to `distance - 1`; `inf` where no robot may ever come.
+
+    **Raises:** `ValueError` for a `p` outside of [0, 1]; `RuntimeError` if the solve stalls.
+    """
+    chain = perimeter.chain(p)
+    there = np.arange(chain.cells) % perimeter.distance == 0
+    time = np.asarray(hitting_times(chain, there).value)
+    # Segment 0 waits for a robot to come back, for which at least one cycle passes.
+    step = chain.to_scipy()[[0]]
+    back = 1 + step.data @ time[step.indices]
+    return jnp.asarray(np.concatenate([[back], time[1 : perimeter.distance]]))
+
+
+def simulate(
+    perimeter: Perimeter,
+    p: float,
+    segment: Int[np.ndarray, "runs"],
+    steps: int,
+    key: jax.Array,
+) -> Float[Array, "runs"]:
+    """Moves the robots until they are in a segment.
+
+    **Arguments:**
+
+    - `perimeter`: the robots.
+    - `p`: the probability of heads.
+    - `segment`: the segment that each run waits for, from 0 to `distance - 1`.
+    - `steps`: the cycles after which a run is given up.
+    - `key`: of `jax.random`.
+
+    **Returns:** the cycles that each run took, `inf` where it was given up.
+
+    **Raises:** `ValueError` for a `p` outside of [0, 1], a segment that does not exist, or no
+    steps.
+    """
+    _check_probability(p)
+    _check_count("steps", steps)
+    wrong = segment[(segment < 0) | (segment >= perimeter.distance)]
+    if wrong.size:
+        raise ValueError(f"segment: expected 0 to {perimeter.distance - 1}, got {wrong[0]}")
+    return _walk(perimeter, float(p), jnp.asarray(segment, jnp.int32), steps, key)
+
+
+@functools.partial(jax.jit, static_argnames=("perimeter", "steps"))
+def _walk(
+    perimeter: Perimeter,
+    p: float | Float[Array, ""],
+    segment: Int[Array, "runs"],
+    steps: int,
+    key: jax.Array,
+) -> Float[Array, "runs"]:
+    heads, tails = jnp.asarray(perimeter.images)
+
+    def step(carry, cycle):  # type: ignore[no-untyped-def]
+        state, time = carry
+        coin = jax.random.bernoulli(jax.random.fold_in(key, cycle), p, state.shape)
+        state = jnp.where(coin, heads[state], tails[state])
+        here = state % perimeter.distance == 0
+        first = jnp.minimum(time, cycle.astype(time.dtype))
+        return (state, jnp.where(here, first, time)), None
+
+    never = jnp.full(segment.shape, jnp.inf)
+    (_, time), _ = jax.lax.scan(step, (segment, never), jnp.arange(1, steps + 1))
+    return time
+
+
+def _bound(coefficients: Float[np.ndarray, "segments coefficients"]) -> float:
+    """What the least of the polynomials does not exceed on [0, 1]."""
+    return float(coefficients.max(axis=1).min())
+
+
+def _halves(
+    whole: Float[np.ndarray, "segments coefficients"],
+) -> tuple[Float[np.ndarray, "segments coefficients"], Float[np.ndarray, "segments coefficients"]]:
+    """The Bernstein coefficients on the two halves of an interval (de Casteljau)."""
+    left, right = np.empty_like(whole), np.empty_like(whole)
+    for k in range(whole.shape[1]):
+        left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]
+        whole = (whole[:, :-1] + whole[:, 1:]) / 2
+    return left, right
+
+
+def _check_count(name: str, value: int) -> None:
+    if not isinstance(value, numbers.Integral) or value < 1:
+        raise ValueError(f"{name}: expected a whole number of at least 1, got {value!r}")
+
+
+def _check_probability(p: float) -> None:
+    if not 0 <= p <= 1:
+        raise ValueError(f"p: expected a probability, got {p}")

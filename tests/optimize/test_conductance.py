@@ -1,0 +1,281 @@
+import itertools
+
+import cvxpy
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.certificate import Outcome
+from jaxcell.optimize import conductance
+from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.optimize.graph import Graph
+from jaxcell.optimize.tour import on_walk, shortest_tour
+
+
+def graph_of(network):
+    return Graph(np.array(network.edges), network.number_of_nodes())
+
+
+def commute_time(graph, weights):
+    """By the pseudo-inverse, from the definition."""
+    incidence = np.zeros((graph.vertices, len(graph.edges)))
+    incidence[graph.edges[:, 0], np.arange(len(graph.edges))] = 1
+    incidence[graph.edges[:, 1], np.arange(len(graph.edges))] = -1
+    inverse = np.linalg.pinv((incidence * weights) @ incidence.T)
+    pairs = list(itertools.combinations(range(graph.vertices), 2))
+    apart = [inverse[i, i] + inverse[j, j] - 2 * inverse[i, j] for i, j in pairs]
+    return 2 * weights.sum() * float(np.mean(apart))
+
+
+def least_by_cvxpy(graph, on_tour=None, share=0.0):
+    """As a semidefinite program: X = [[L + J, I], [I, U]] is positive, and the trace of U least."""
+    n, q = graph.vertices, len(graph.edges)
+    w, bound = cvxpy.Variable(q, nonneg=True), cvxpy.Variable(n)
+    incidence = np.zeros((n, q))
+    incidence[graph.edges[:, 0], np.arange(q)] = 1
+    incidence[graph.edges[:, 1], np.arange(q)] = -1
+    laplacian = incidence @ cvxpy.diag(w) @ incidence.T + np.ones((n, n)) / n
+    constraints = [cvxpy.sum(w) == 1]
+    for i, unit in enumerate(np.eye(n)):
+        column = unit.reshape(n, 1)
+        block = cvxpy.bmat([[laplacian, column], [column.T, cvxpy.reshape(bound[i], (1, 1), "C")]])
+        constraints.append(block >> 0)
+    if on_tour is not None:
+        constraints.append(cvxpy.sum(w[np.flatnonzero(on_tour)]) >= share)
+    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum(bound)), constraints)
+    problem.solve(solver="CLARABEL")
+    return 4 * (problem.value - 1) / (n - 1)
+
+
+@st.composite
+def connected_graphs(draw, most=9):
+    n = draw(st.integers(2, most))
+    tree = [(draw(st.integers(0, i - 1)), i) for i in range(1, n)]
+    others = sorted(set(itertools.combinations(range(n), 2)) - set(tree))
+    more = draw(st.lists(st.sampled_from(others), unique=True, max_size=12)) if others else []
+    return Graph(np.array(tree + more), n)
+
+
+@given(connected_graphs(), st.data())
+@settings(deadline=None, max_examples=100)
+def test_no_weights_are_better(graph, data):
+    emphasis = data.draw(
+        st.none()
+        | st.lists(st.integers(0, graph.vertices - 1), min_size=2, max_size=5, unique=True)
+    )
+    share = data.draw(st.floats(0, 0.99))
+    found = minimum_commute(graph, emphasis, share)
+    assert found.weights.min() >= 0
+    assert found.weights.sum() == pytest.approx(1, abs=1e-12)
+    assert found.commute_time == pytest.approx(commute_time(graph, found.weights), rel=1e-9)
+    assert found.certificate.outcome is Outcome.CONVERGED
+    block = np.ones(len(graph.edges), bool)
+    if emphasis is not None:
+        block = on_walk(graph, found.tour)
+        assert found.weights[block].sum() >= share - 1e-12
+    # Others that keep to the bounds are no better than the certificate allows.
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        other = np.where(block, share, 0) * random.dirichlet(np.ones(block.size))
+        other *= share / max(other.sum(), 1e-300)
+        other += (1 - other.sum()) * random.dirichlet(np.ones(block.size))
+        for step in (1e-3, 1e-1, 1):
+            mixed = found.weights + step * (other - found.weights)
+            least = (1 - found.certificate.residual) * found.commute_time
+            assert commute_time(graph, mixed) >= least * (1 - 1e-10)
+
+
+@pytest.mark.parametrize(("vertices", "more", "seed"), [(5, 3, 0), (9, 8, 1), (14, 12, 2)])
+@pytest.mark.parametrize("share", [None, 0.3, 0.9])
+def test_equals_cvxpy(vertices, more, seed, share):
+    random = np.random.default_rng(seed)
+    network = nx.random_labeled_tree(vertices, seed=seed)
+    while network.number_of_edges() < vertices - 1 + more:
+        network.add_edge(*random.choice(vertices, 2, replace=False).tolist())
+    graph = graph_of(network)
+    if share is None:
+        expected = least_by_cvxpy(graph)
+        found = minimum_commute(graph)
+    else:
+        found = minimum_commute(graph, [0, vertices // 2, vertices - 1], share)
+        expected = least_by_cvxpy(graph, on_walk(graph, found.tour), share)
+    assert found.commute_time == pytest.approx(expected, rel=1e-5)
+
+
+@given(st.integers(2, 40), st.integers(0, 1000))
+@settings(deadline=None, max_examples=30)
+def test_trees(n, seed):
+    network = nx.random_labeled_tree(n, seed=seed)
+    graph = graph_of(network)
+    roots = []
+    for a, b in graph.edges.tolist():
+        rest = network.copy()
+        rest.remove_edge(a, b)
+        k = len(nx.node_connected_component(rest, a))
+        roots.append(np.sqrt(k * (n - k)))
+    found = minimum_commute(graph, tolerance=1e-11)
+    np.testing.assert_allclose(found.weights, roots / np.sum(roots), atol=1e-8)
+    expected = 4 * np.sum(roots) ** 2 / (n * (n - 1))
+    assert found.commute_time == pytest.approx(expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("n", [2, 3, 8, 30])
+def test_symmetric_graphs(n):
+    # Sums of reciprocal eigenvalues with all weights 1: of n (n - 1 times), and of
+    # 2 - 2 cos(2 pi k / n), which is (n^2 - 1) / 12.
+    complete = minimum_commute(graph_of(nx.complete_graph(n)))
+    assert complete.commute_time == pytest.approx(2 * (n - 1), rel=1e-8)
+    np.testing.assert_allclose(complete.weights, 2 / (n * (n - 1)), atol=1e-8)
+    star = minimum_commute(graph_of(nx.star_graph(n - 1)))
+    assert star.commute_time == pytest.approx(4 * (n - 1) ** 2 / n, rel=1e-8)
+    np.testing.assert_allclose(star.weights, 1 / (n - 1), atol=1e-8)
+    if n > 2:
+        cycle = minimum_commute(graph_of(nx.cycle_graph(n)))
+        assert cycle.commute_time == pytest.approx(n * (n + 1) / 3, rel=1e-8)
+        np.testing.assert_allclose(cycle.weights, 1 / n, atol=1e-8)
+
+
+def test_a_share_beyond_the_optimum_is_tight_and_a_smaller_one_changes_nothing():
+    graph = graph_of(nx.ladder_graph(6))
+    free = minimum_commute(graph)
+    some = minimum_commute(graph, [0, 1, 7], 0.0)
+    on_tour = on_walk(graph, some.tour)
+    natural = free.weights[on_tour].sum()
+    below = minimum_commute(graph, [0, 1, 7], 0.5 * natural)
+    assert below.commute_time == pytest.approx(free.commute_time, rel=1e-8)
+    for share in (natural + 0.1, 0.9, 0.999, 1 - 1e-6):
+        above = minimum_commute(graph, [0, 1, 7], share)
+        assert above.weights[on_tour].sum() == pytest.approx(share, abs=1e-12)
+        assert above.commute_time > free.commute_time * (1 + 1e-3)
+
+
+def test_a_share_that_rounding_cannot_meet_is_kept():
+    found = minimum_commute(graph_of(nx.ladder_graph(6)), [0, 1, 7], 1 - 1e-9, throw=False)
+    on_tour = on_walk(graph_of(nx.ladder_graph(6)), found.tour)
+    assert found.weights[on_tour].sum() >= 1 - 1e-9 - 1e-12
+
+
+@pytest.mark.parametrize("share", [5e-324, 1e-20])
+def test_a_share_of_nothing_changes_nothing(share):
+    graph = graph_of(nx.star_graph(3))
+    assert minimum_commute(graph, [0, 1], share).commute_time == pytest.approx(9, rel=1e-8)
+
+
+def test_refuses_a_share_that_rounds_to_all():
+    with pytest.raises(ValueError, match="is lost in rounding; expected less"):
+        minimum_commute(graph_of(nx.path_graph(200)), [0, 1], 1 - 2**-53)
+
+
+def test_all_the_weight_on_a_tour_through_all_vertices():
+    graph = graph_of(nx.complete_graph(5))
+    found = minimum_commute(graph, range(5), 1.0)
+    on_tour = on_walk(graph, found.tour)
+    assert on_tour.sum() == 5
+    np.testing.assert_allclose(found.weights, on_tour / 5, atol=1e-8)
+
+
+def test_large_steps_in_32_bits_end_at_the_same_weights(monkeypatch):
+    graph = graph_of(nx.convert_node_labels_to_integers(nx.grid_2d_graph(7, 7)))
+    usual = [minimum_commute(graph), minimum_commute(graph, [0, 6, 48], 0.7)]
+    monkeypatch.setattr(conductance, "_LARGE", 0)
+    large = [minimum_commute(graph), minimum_commute(graph, [0, 6, 48], 0.7)]
+    for a, b in zip(usual, large, strict=True):
+        assert a.commute_time == pytest.approx(b.commute_time, rel=1e-8)
+        assert b.certificate.outcome is Outcome.CONVERGED
+
+
+@pytest.mark.parametrize(
+    ("network", "steps"),
+    [(nx.path_graph(200), 3), (nx.barbell_graph(12, 60), 30), (nx.lollipop_graph(20, 40), 30)],
+)
+def test_graphs_with_long_ways_take_few_steps(network, steps):
+    assert minimum_commute(graph_of(network)).certificate.iterations <= steps
+
+
+def test_a_tolerance_below_rounding_is_not_met():
+    graph = graph_of(nx.barbell_graph(6, 3))
+    with pytest.raises(RuntimeError, match="minimum_commute: the residual stayed above"):
+        minimum_commute(graph, tolerance=1e-300)
+    found = minimum_commute(graph, tolerance=1e-300, throw=False)
+    assert found.certificate.outcome is Outcome.STALLED
+    assert found.certificate.residual < 1e-10
+
+
+@given(connected_graphs(), st.data())
+@settings(deadline=None, max_examples=60)
+def test_tours_are_shortest(graph, data):
+    xy = np.random.default_rng(data.draw(st.integers(0, 99))).random((graph.vertices, 2))
+    graph = Graph(graph.edges, xy=xy)
+    n = graph.vertices
+    stops = data.draw(st.lists(st.integers(0, n - 1), min_size=2, max_size=6, unique=True))
+    network = nx.Graph()
+    for (a, b), length in zip(graph.edges.tolist(), graph.lengths, strict=True):
+        network.add_edge(a, b, length=length)
+    between = dict(nx.all_pairs_dijkstra_path_length(network, weight="length"))
+    least = min(
+        sum(between[a][b] for a, b in zip((stops[0], *o), (*o, stops[0]), strict=True))
+        for o in itertools.permutations(stops[1:])
+    )
+    walk = shortest_tour(graph, stops)
+    assert walk[0] == stops[0]
+    assert set(stops) <= set(walk.tolist())
+    steps = list(zip(walk.tolist(), np.roll(walk, -1).tolist(), strict=True))
+    assert sum(network.edges[step]["length"] for step in steps) == pytest.approx(least)
+    used = {frozenset(step) for step in steps}
+    assert [frozenset(e) in used for e in graph.edges.tolist()] == on_walk(graph, walk).tolist()
+
+
+def test_a_tour_of_many_vertices_is_good():
+    # Points on a circle, in any order: the shortest tour goes round.
+    angles = np.random.default_rng(3).uniform(0, 2 * np.pi, 30)
+    xy = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    graph = Graph(np.array(list(itertools.combinations(range(30), 2))), xy=xy)
+    walk = shortest_tour(graph, range(30))
+    round_trip = np.roll(np.argsort(angles), -int(np.flatnonzero(np.argsort(angles) == 0)[0]))
+    assert walk.tolist() in (round_trip.tolist(), [0, *round_trip[:0:-1].tolist()])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Graph([[0, 1], [2, 2]]), r"edges\[1\] is a loop at vertex 2"),
+        (lambda: Graph([[0, 1], [1, 2], [1, 0]]), r"edges\[2\] joins 1 and 0, as edges\[0\] does"),
+        (lambda: Graph([[0, 1], [1, 5]], 4), r"edges\[1, 1\] is 5; vertices are 0 to 3"),
+        (lambda: Graph([[0, -1]], 2), r"edges\[0, 1\] is -1"),
+        (lambda: Graph(np.zeros((0, 2), int)), r"edges: expected an array \[edges, 2\], got"),
+        (lambda: Graph([[0.0, 1.0]]), "edges: expected whole numbers, got float64"),
+        (lambda: Graph([[0, 1]], 1), "vertices: expected at least 2, got 1"),
+        (lambda: Graph([[0, 1]], 2, [[0, 0]]), r"xy: expected an array \[2, 2\], got \[1, 2\]"),
+        (lambda: Graph([[0, 1]], xy=[[0, 0], [0, np.nan]]), r"xy\[1, 1\] is nan"),
+    ],
+)
+def test_refuses_graphs(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"share": 1.5}, "share: expected 0 to 1, got 1.5"),
+        ({"share": float("nan")}, "share: expected 0 to 1, got nan"),
+        ({"tolerance": 0.0}, "tolerance: expected a positive number, got 0.0"),
+        ({"emphasis": [1]}, "emphasis: expected two or more vertices"),
+        ({"emphasis": [1, 1]}, "emphasis: vertex 1 comes twice"),
+        ({"emphasis": [1, 9]}, "emphasis: vertex 9 does not exist; vertices are 0 to 3"),
+        ({"emphasis": [0, 1], "share": 1.0}, "the tour leaves out vertex 2"),
+    ],
+)
+def test_refuses_problems(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        minimum_commute(graph_of(nx.path_graph(4)), **arguments)
+
+
+def test_refuses_a_graph_in_parts():
+    graph = Graph([[0, 1], [1, 2], [3, 4]])
+    message = r"vertices 3, 4 \(2 of 5\) cannot be reached from vertex 0"
+    with pytest.raises(ValueError, match=message):
+        minimum_commute(graph)
+    with pytest.raises(ValueError, match="vertex 3 cannot be reached from vertex 0"):
+        shortest_tour(graph, [0, 3])

@@ -1,0 +1,270 @@
+import itertools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxcell.certificate import Outcome
+from jaxcell.optimize.game import payoffs, stackelberg
+
+
+# Alam 2018, Table 4.2: strategies towards each vertex, for all vertices, for vertices 2, 5 and 8.
+PATROLLER = np.array(
+    [
+        [8.0, 1.5938, 0.1543, 0.1318, 3.5625, 0.3672, 0.7344, 0.2148],
+        [0.2148, 8.0, 1.5938, 0.7344, 0.1543, 0.1318, 0.3672, 3.5625],
+        [0.2148, 1.5938, 8.0, 3.5625, 0.1543, 0.1318, 0.7344, 0.3672],
+        [0.3672, 0.7344, 3.5625, 8.0, 0.1543, 0.1318, 0.2148, 1.5938],
+        [0.7344, 0.3672, 0.1543, 0.1318, 8.0, 3.5625, 1.5938, 0.2148],
+        [0.3672, 0.1543, 0.7344, 0.1318, 3.5625, 8.0, 1.5938, 0.2148],
+        [0.1318, 1.5938, 0.7344, 0.1543, 0.2148, 0.3672, 8.0, 3.5625],
+        [0.2148, 1.5938, 0.3672, 3.5625, 0.1318, 0.1543, 0.7344, 8.0],
+        [0.2148, 3.5625, 0.7344, 0.1543, 1.5938, 0.1318, 8.0, 0.3672],
+        [0.7344, 3.5625, 0.1318, 0.2148, 1.5938, 0.1543, 0.3672, 8.0],
+    ]
+)
+ADVERSARY = np.array(
+    [
+        [1.0, 0.8438, 0.2324, 0.1865, 1.0625, 0.4297, 0.6094, 0.3086],
+        [0.3086, 1.0, 0.8438, 0.6094, 0.2324, 0.1865, 0.4297, 1.0625],
+        [0.3086, 0.8438, 1.0, 1.0625, 0.2324, 0.1865, 0.6094, 0.4297],
+        [0.4297, 0.6094, 1.0625, 1.0, 0.2324, 0.1865, 0.3086, 0.8438],
+        [0.6094, 0.4297, 0.2324, 0.1865, 1.0, 1.0625, 0.8438, 0.3086],
+        [0.4297, 0.2324, 0.6094, 0.1865, 1.0625, 1.0, 0.8438, 0.3086],
+        [0.1865, 0.8438, 0.6094, 0.2324, 0.3086, 0.4297, 1.0, 1.0625],
+        [0.3086, 0.8438, 0.4297, 1.0625, 0.1865, 0.2324, 0.6094, 1.0],
+        [0.3086, 1.0625, 0.6094, 0.2324, 0.8438, 0.1865, 1.0, 0.4297],
+        [0.6094, 1.0625, 0.1865, 0.3086, 0.8438, 0.2324, 0.4297, 1.0],
+    ]
+)
+# The vertices of those strategies from the closest to the furthest, from 1.
+ORDER = np.array(
+    [
+        [1, 5, 2, 7, 6, 8, 3, 4],
+        [2, 8, 3, 4, 7, 1, 5, 6],
+        [3, 4, 2, 7, 8, 1, 5, 6],
+        [4, 3, 8, 2, 1, 7, 5, 6],
+        [5, 6, 7, 1, 2, 8, 3, 4],
+        [6, 5, 7, 3, 1, 8, 2, 4],
+        [7, 8, 2, 3, 6, 5, 4, 1],
+        [8, 4, 2, 7, 3, 1, 6, 5],
+        [7, 2, 5, 3, 8, 1, 4, 6],
+        [8, 2, 5, 1, 7, 4, 6, 3],
+    ]
+)
+METHODS = ("dobss", "multiple-lp")
+
+
+def integers(*shape):
+    # Small whole numbers make ties, dominated strategies and answers that are never best.
+    return hnp.arrays(np.float64, shape, elements=st.integers(-3, 3).map(float))
+
+
+@st.composite
+def games(draw):
+    types, strategies, targets = (draw(st.integers(1, most)) for most in (2, 3, 3))
+    weights = np.array([draw(st.integers(0, 3)) for _ in range(types)], float) + 0.5
+    leader = draw(st.sampled_from([(), (types,)]))
+    return (
+        draw(integers(*leader, strategies, targets)),
+        draw(integers(types, strategies, targets)),
+        weights / weights.sum(),
+    )
+
+
+def best_by_corners(leader, follower, prior):
+    """Tries every corner of the commitments to which given targets are the best answers."""
+    types, strategies, targets = follower.shape
+    leader = np.broadcast_to(leader, follower.shape)
+    best = -np.inf
+    for answer in itertools.product(range(targets), repeat=types):
+        paid = sum(
+            share * R[:, target] for share, R, target in zip(prior, leader, answer, strict=True)
+        )
+        rows = [-np.eye(strategies)]
+        rows += [(C - C[:, [target]]).T for C, target in zip(follower, answer, strict=True)]
+        rows = np.unique(np.concatenate(rows), axis=0)
+        for active in itertools.combinations(rows, strategies - 1):
+            matrix = np.stack([np.ones(strategies), *active])
+            if abs(np.linalg.det(matrix)) > 1e-9:
+                corner = np.linalg.solve(matrix, np.eye(strategies)[0])
+                if (rows @ corner <= 1e-9).all():
+                    best = max(best, float(paid @ corner))
+    return best
+
+
+def assert_consistent(leader, follower, prior, found):
+    weights, answer = np.asarray(found.weights), np.asarray(found.answer)
+    assert (weights >= 0).all()
+    assert weights.sum() == pytest.approx(1, abs=1e-12)
+    leader = np.broadcast_to(leader, follower.shape)
+    replies = weights @ follower
+    each = np.arange(len(answer))
+    assert (replies[each, answer] >= replies.max(axis=1) - 1e-5).all()
+    np.testing.assert_allclose(found.follower_value, replies[each, answer], atol=1e-12)
+    assert found.value == pytest.approx(prior @ (weights @ leader)[each, answer], abs=1e-12)
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+@given(games())
+@settings(deadline=None, max_examples=60)
+def test_both_methods_equal_brute_force(game):
+    leader, follower, prior = game
+    best = best_by_corners(*game)
+    for method in METHODS:
+        found = stackelberg(leader, follower, prior, method=method)
+        assert_consistent(leader, follower, prior, found)
+        assert found.value == pytest.approx(best, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_both_methods_agree_on_larger_games(seed):
+    draw = np.random.default_rng(seed)
+    leader, follower = draw.normal(size=(6, 5)), draw.normal(size=(3, 6, 5))
+    prior = draw.dirichlet(np.ones(3))
+    found = [stackelberg(leader, follower, prior, method=method) for method in METHODS]
+    assert found[0].value == pytest.approx(found[1].value, abs=1e-8)
+    assert found[0].answer.tolist() == found[1].answer.tolist()
+    for one in found:
+        assert_consistent(leader, follower, prior, one)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_game_by_hand(method):
+    # Of the commitments that keep the follower on its second target, the leader takes the one
+    # where it is indifferent.
+    found = stackelberg([[2, 4], [1, 3]], [[1, 0], [0, 2]], method=method)
+    np.testing.assert_allclose(found.weights, [2 / 3, 1 / 3], atol=1e-9)
+    assert found.answer.tolist() == [1]
+    assert found.value == pytest.approx(11 / 3)
+    assert found.follower_value.tolist() == pytest.approx([2 / 3])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_game_of_opposite_interests(method):
+    # A guard at one of four doors; behind a door that is not guarded the thief gets what it holds.
+    worth = np.array([1.0, 3.0, 4.0, 6.0])
+    thief = worth * (1 - np.eye(4))
+    found = stackelberg(-thief, thief, method=method)
+    # The first door is not worth guarding, and the others pay the thief alike, more than that one.
+    alike = (3 - 1) / (1 / 3 + 1 / 4 + 1 / 6)
+    assert 1 < alike < 3
+    assert found.value == pytest.approx(-alike, abs=1e-9)
+    np.testing.assert_allclose(found.weights, [0, *(1 - alike / worth[1:])], atol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_paid_for_any_answer_does_not_matter(method):
+    # The game by hand, where the first strategy also pays the follower a lot.
+    found = stackelberg([[2, 4], [1, 3]], [[1 + 10**8, 10**8], [0, 2]], method=method)
+    np.testing.assert_allclose(found.weights, [2 / 3, 1 / 3], atol=1e-6)
+    assert found.answer.tolist() == [1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_ties_are_for_the_leader(method):
+    found = stackelberg([[1.0, 7.0, 3.0]], [[5.0, 5.0, 5.0]], method=method)
+    assert found.answer.tolist() == [1]
+    assert found.value == 7
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_prior_counts(method):
+    leader = np.array([[1.0, 0.0], [0.0, 1.0]])
+    # Each type chooses its own target whatever the leader does.
+    follower = np.array([[[1.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [0.0, 1.0]]])
+    for share, best in ((0.25, 1), (0.75, 0)):
+        found = stackelberg(leader, follower, [share, 1 - share], method=method)
+        assert found.answer.tolist() == [0, 1]
+        assert found.weights[best] == pytest.approx(1)
+        assert found.value == pytest.approx(0.75)
+    assert stackelberg(leader, follower, method=method).value == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-6, 1e6, 1e150])
+def test_the_scale_does_not_matter(scale):
+    draw = np.random.default_rng(5)
+    leader, follower = draw.normal(size=(3, 4)), draw.normal(size=(2, 3, 4))
+    one, other = stackelberg(leader, follower), stackelberg(scale * leader, scale * follower)
+    np.testing.assert_allclose(one.weights, other.weights, atol=1e-8)
+    assert other.value == pytest.approx(scale * one.value)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("difference", 10.0 ** np.arange(-11, -3))
+def test_answers_that_nearly_tie(method, difference):
+    # The leader is paid only if the follower takes the target that pays it a little less.
+    found = stackelberg(
+        [[0.0, 1.0, 0.0]], [[1.0, 1.0 - difference, 0.0]], method=method, throw=False
+    )
+    assert found.value in (0, 1)
+    if found.certificate.outcome is Outcome.CONVERGED and difference > 1e-5:
+        assert found.value == 0
+    if difference < 1e-10:
+        assert found.value == 1
+
+
+def test_payoffs_are_those_of_the_table():
+    patroller, adversary = payoffs(ORDER - 1)
+    np.testing.assert_allclose(patroller, PATROLLER, atol=5.1e-5)
+    np.testing.assert_allclose(adversary, ADVERSARY, atol=5.1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_optimal_patrol_has_the_value_of_the_published_one(method):
+    patroller, adversary = payoffs(ORDER - 1)
+    found = stackelberg(patroller, adversary, method=method)
+    assert found.value == pytest.approx(8)
+    # Table 4.3: strategies 7 and 9, against which an attack on vertex 7 is as good as any.
+    published = np.zeros(10)
+    published[[6, 8]] = 0.9012, 0.0988
+    replies = published @ np.asarray(adversary)
+    assert replies[6] == pytest.approx(replies.max(), abs=1e-4)
+    assert published @ np.asarray(patroller)[:, 6] == pytest.approx(found.value)
+
+
+@pytest.mark.parametrize(
+    ("leader", "follower", "prior", "message"),
+    [
+        (np.ones(3), np.ones((1, 3)), None, r"leader: expected \[strategies, targets\]"),
+        (np.ones((0, 3)), np.ones((0, 3)), None, r"leader: expected .* got the shape \[0, 3\]"),
+        (np.ones((2, 3)), np.ones((3, 2)), None, r"got \[2, 3\] and \[3, 2\]"),
+        (np.ones((3, 2, 2)), np.ones((2, 2, 2)), None, "follower: expected payoffs of 3 types"),
+        ([[1.0, np.nan]], np.ones((1, 2)), None, r"leader\[0, 1\] is nan"),
+        (np.ones((1, 2)), [[[np.inf, 0]]], None, r"follower\[0, 0, 0\] is inf"),
+        ([["a", "b"]], np.ones((1, 2)), None, "leader: expected an array of numbers"),
+        ([[1.0], [1.0, 2.0]], np.ones((2, 2)), None, "leader: expected an array of numbers"),
+        (np.ones((1, 2)), np.ones((2, 1, 2)), [1.0], r"prior: expected 2 numbers, .* got \[1\]"),
+        (np.ones((1, 2)), np.ones((2, 1, 2)), [0.5, 0.6], "not negative and sum to 1"),
+        (np.ones((1, 2)), np.ones((2, 1, 2)), [1.5, -0.5], "not negative and sum to 1"),
+        (np.ones((1, 2)), np.ones((2, 1, 2)), [np.nan, 1], r"prior\[0\] is nan"),
+    ],
+)
+def test_bad_games_are_refused(leader, follower, prior, message):
+    with pytest.raises(ValueError, match=message):
+        stackelberg(leader, follower, prior)
+
+
+def test_bad_methods_are_refused():
+    with pytest.raises(ValueError, match="method: expected one of"):
+        stackelberg(np.ones((1, 2)), np.ones((1, 2)), method="nash")
+    with pytest.raises(ValueError, match="5 types can answer with 9 targets in 59049 ways"):
+        stackelberg(np.ones((1, 9)), np.ones((5, 1, 9)), method="multiple-lp")
+
+
+def test_jax_arrays_are_taken():
+    assert stackelberg(jnp.eye(2), -jnp.eye(2)).value == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("order", "message"),
+    [
+        ([[0, 1, 2], [0, 1, 1]], r"order\[1\]: expected each vertex from 0 to 2 once"),
+        ([[1, 2, 3]], r"order\[0\]"),
+    ],
+)
+def test_bad_orders_are_refused(order, message):
+    with pytest.raises(ValueError, match=message):
+        payoffs(np.array(order))

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.markov import hitting_times
+from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.patrol import Graph, random_walk, walk_hitting_times
+
+
+# The small example of Boyd et al., "Convex optimization of graph Laplacian eigenvalues" (2006).
+TAILS = [1, 2, 3, 1, 2, 2, 6, 5, 7, 8, 6, 7, 2]
+HEADS = [2, 3, 4, 5, 8, 4, 5, 7, 3, 4, 7, 8, 7]
+XY = [[1, 3], [2, 2.5], [3, 3], [3, 2], [1, 2], [1, 1], [2, 1.5], [3, 1]]
+SMALL = Graph(np.array([TAILS, HEADS]).T - 1, xy=XY)
+
+
+@given(st.integers(2, 9), st.integers(0, 10_000))
+@settings(deadline=None, max_examples=30)
+def test_hitting_times_are_those_of_the_chain(n, seed):
+    random = np.random.default_rng(seed)
+    edges = {(int(random.integers(i)), i) for i in range(1, n)}
+    for a, b in random.integers(n, size=(6, 2)).tolist():
+        if a != b:
+            edges.add((min(a, b), max(a, b)))
+    graph = Graph(np.array(sorted(edges)))
+    weights = random.uniform(0.1, 1, len(edges))
+    times = walk_hitting_times(graph, weights)
+    chain = random_walk(graph, weights)
+    for target in range(n):
+        expected = hitting_times(chain, target).value
+        np.testing.assert_allclose(times[:, target], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_chain_has_the_probabilities_of_its_definition():
+    graph = Graph([[0, 1], [2, 1], [0, 2], [2, 3]])
+    expected = np.array(
+        [[0, 1 / 4, 3 / 4, 0], [1 / 3, 0, 2 / 3, 0], [3 / 9, 2 / 9, 0, 4 / 9], [0, 0, 1, 0]]
+    )
+    chain = random_walk(graph, [1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_allclose(chain.to_scipy().toarray(), expected, atol=1e-15)
+
+
+def test_commute_time_is_the_mean_of_the_hitting_times():
+    found = minimum_commute(SMALL)
+    times = walk_hitting_times(SMALL, found.weights)
+    commute = (times + times.T)[np.triu_indices(8, 1)]
+    assert found.commute_time == pytest.approx(commute.mean(), rel=1e-12)
+
+
+def test_the_small_graph():
+    found = minimum_commute(SMALL, tolerance=1e-11)
+    # Of the optimum as a semidefinite program, and of another interior-point method.
+    expected = (
+        ".115657 .052148 .069178 .103238 .052148 .068108 .080961 .068046 .093542 .069178 .107600 "
+        ".093542 .026655"
+    )
+    np.testing.assert_allclose(found.weights, np.array(expected.split(), float), atol=1e-6)
+    assert found.commute_time == pytest.approx(18.626151, abs=1e-6)
+    # Vertices 3 and 8 have the same neighbours.
+    np.testing.assert_allclose(found.weights[[1, 2, 8]], found.weights[[4, 9, 11]], atol=1e-8)
+
+
+def test_order_of_the_vertices_of_the_small_graph():
+    # Alam 2018, Table 4.2, P_MAECT: the mean time from all vertices.
+    times = walk_hitting_times(SMALL, minimum_commute(SMALL).weights)
+    # Vertices 3 and 8 are as far, by symmetry.
+    order = np.argsort(times.mean(axis=0).round(6), stable=True) + 1
+    assert order.tolist() == [7, 2, 5, 3, 8, 1, 4, 6]
+
+
+@pytest.mark.parametrize("share", [0.6, 0.7, 0.8, 0.9, 0.95])
+def test_order_with_an_emphasis(share):
+    # Alam 2018, Table 4.2, P_Clique: the mean time from a vertex to those emphasised.
+    emphasis = [1, 4, 7]
+    times = walk_hitting_times(SMALL, minimum_commute(SMALL, emphasis, share).weights)
+    order = np.argsort(times[:, emphasis].mean(axis=1)) + 1
+    assert order.tolist() == [8, 2, 5, 1, 7, 4, 6, 3]
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ([1.0, 1.0], r"weights: expected 3 numbers, one an edge, got \[2\]"),
+        ([1.0, -1.0, 1.0], r"weights\[1\] is -1.0; expected a finite number, at least 0"),
+        ([1.0, 1.0, np.inf], r"weights\[2\] is inf"),
+        ([1.0, 1.0, 0.0], "weights: all those at vertex 3 are 0"),
+    ],
+)
+@pytest.mark.parametrize("function", [random_walk, walk_hitting_times])
+def test_refuses_weights(function, weights, message):
+    with pytest.raises(ValueError, match=message):
+        function(Graph([[0, 1], [1, 2], [2, 3]]), weights)
+
+
+def test_refuses_hitting_times_between_separate_parts():
+    with pytest.raises(ValueError, match="separate vertex 2 from vertex 0"):
+        walk_hitting_times(Graph([[0, 1], [1, 2], [2, 3]]), [1.0, 0.0, 1.0])
