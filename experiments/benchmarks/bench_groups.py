@@ -219,9 +219,8 @@ def check(results: dict[str, Groups | GroupSummary]) -> None:
 
     def ordered(result: Groups | GroupSummary) -> list[np.ndarray]:
         if isinstance(result, GroupSummary):
-            return [
-                np.asarray(x) for x in (result.count, result.period, result.basin, result.transient)
-            ]
+            tables = (result.period, result.basin, result.transient)
+            return [np.asarray(x)[: int(result.count)] for x in tables]
         image, group, step, count = map(np.asarray, result)
         periodic = group[step == 0]
         _, first = np.unique(periodic, return_index=True)

@@ -58,23 +58,18 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
+        places = cells.square, cells.position_of_square
         if cells.gridded:
             shape = stencil(cells.directions, length, collision)
-            looks = (shape.square, shape.crossed, shape.beside, shape.offset)
-            target, way, line = _targets(cells.free, *looks), shape.way, shape.line
-            target = _positions(target, cells.square, cells.position_of_square)
-        else:
-            target, first, way = _unique_rows(free_steps(cells, length, collision))
-            shape = stencil(cells.directions, length, "endpoint")
-            line = shape.line[shape.way[first]]
-        order = line_orders(*cells.free.shape, shape.lines)
-        return Moves(
-            jnp.asarray(target),
-            jnp.asarray(way),
-            jnp.ones(cells.positions, bool),
-            _order_of_positions(order, cells.square, cells.position_of_square),
-            jnp.asarray(line),
-        )
+            order = line_orders(*cells.free.shape, shape.lines)
+            on_grid = _grid_moves(cells.free, order, shape.way, shape.line, *shape.looks)
+            return _free_positions(on_grid, *places)
+        target, first, way = _unique_rows(free_steps(cells, length, collision))
+        shape = stencil(cells.directions, length, "endpoint")
+        order = _order_of_positions(line_orders(*cells.free.shape, shape.lines), *places)
+        line = jnp.asarray(shape.line[shape.way[first]])
+        free = jnp.ones(cells.positions, bool)
+        return Moves(jnp.asarray(target), jnp.asarray(way), free, order, line)
 
 
 def grid_moves(
@@ -101,24 +96,21 @@ def grid_moves(
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision)
-    return Moves(
-        _targets(free, shape.square, shape.crossed, shape.beside, shape.offset),
-        jnp.asarray(shape.way),
-        free.ravel(),
-        jnp.asarray(line_orders(*free.shape, shape.lines)),
-        jnp.asarray(shape.line),
-    )
+    order = line_orders(*free.shape, shape.lines)
+    return _grid_moves(free, order, shape.way, shape.line, *shape.looks)
 
 
 @jax.jit
-def _targets(
+def _grid_moves(
     free: Bool[Array, "rows columns"],
+    order: Int[Array, "lines squares"],
+    way: Int[Array, "directions"],
+    line: Int[Array, "ways"],
     relative: Int[Array, "looks 2"],
     crossed: Int[Array, "ways crossings"],
     beside: Int[Array, "ways corners 2"],
     offset: Int[Array, "ways 2"],
-) -> Int[Array, "ways squares"]:
-    """The square that a step in each way leads to from each square."""
+) -> Moves:
     rows, columns = free.shape
     square = jnp.arange(rows * columns, dtype=jnp.int32)
     row = square[None] // columns + relative[:, :1]
@@ -127,16 +119,37 @@ def _targets(
     is_free = inside & free.ravel()[row * columns + column]
     passes = is_free[crossed].all(axis=1) & is_free[beside].any(axis=2).all(axis=1)
     hop = offset[:, :1] * columns + offset[:, 1:]
-    return square[None] + jnp.where(passes & free.ravel()[None], hop, 0)
+    target = square[None] + jnp.where(passes & free.ravel()[None], hop, 0)
+    return Moves(target, way, free.ravel(), order, line)
 
 
 @jax.jit
-def _positions(
-    targets: Int[Array, "ways squares"],
+def _free_positions(
+    moves: Moves,
     square: Int[Array, "positions"],
     position_of_square: Int[Array, "rows columns"],
-) -> Int[Array, "ways positions"]:
-    return position_of_square.ravel()[targets[:, square]]
+) -> Moves:
+    """The moves on a grid, told by its free squares alone."""
+    return Moves(
+        position_of_square.ravel()[moves.target[:, square]],
+        moves.way,
+        jnp.ones(square.size, bool),
+        _order_of_positions(moves.order, square, position_of_square),
+        moves.line,
+    )
+
+
+def count_before(mask: Bool[Array, "rows places"]) -> Int[Array, "rows places"]:
+    """How many entries of a row are true before each place.
+
+    One pass, which on a CPU takes a third of the time of `jnp.cumsum` and its logarithm of passes.
+    """
+
+    def add(count, here):  # type: ignore[no-untyped-def]
+        return count + here, count
+
+    counts = mask.astype(jnp.int32).T
+    return jax.lax.scan(add, jnp.zeros(mask.shape[0], jnp.int32), counts)[1].T
 
 
 @jax.jit
@@ -147,8 +160,7 @@ def _order_of_positions(
 ) -> Int[Array, "lines positions"]:
     """The order of squares without those that are not free."""
     position = position_of_square.ravel()[order]
-    place = jnp.cumsum(position >= 0, axis=1, dtype=jnp.int32) - 1
-    place = jnp.where(position >= 0, place, square.size)
+    place = jnp.where(position >= 0, count_before(position >= 0), square.size)
     lines = jnp.arange(order.shape[0], dtype=jnp.int32)[:, None]
     none = jnp.zeros((order.shape[0], square.size), jnp.int32)
     return none.at[lines, place].set(position, mode="drop")

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..mapping import GroupSummary, PeriodicGroups, Section, SectionGroups, section_groups
 from ..mapping.section import bucket
 from ..space import CellSpace
-from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
+from .dynamics import Collision, Moves, bounce_shift, count_before, moves as moves_of
 
 
 # Between two bumps a robot runs straight, so the cells where it bumps are a section that every
@@ -59,13 +59,12 @@ def runs(moves: Moves) -> Runs:
     stop = jnp.take_along_axis(stop.T, start, axis=1)
     end = jnp.take_along_axis(order, stop, axis=1)
     wall = still & moves.free[None]
-    before = jnp.cumsum(wall, axis=1, dtype=jnp.int32) - wall.astype(jnp.int32)
     walls = jnp.sum(wall, axis=1, dtype=jnp.int32)[moves.way]
     return Runs(
         end=end,
         length=stop - start,
         wall=wall,
-        rank=jnp.take_along_axis(before, end, axis=1),
+        rank=jnp.take_along_axis(count_before(wall), end, axis=1),
         first=jnp.cumsum(walls, dtype=jnp.int32) - walls,
         slots=jnp.sum(walls, dtype=jnp.int32),
     )
@@ -76,8 +75,7 @@ def _slots(moves: Moves, runs: Runs, slots: int) -> tuple[Int[Array, "slots"], I
     ways, positions = runs.wall.shape
     walls = jnp.sum(runs.wall, axis=1, dtype=jnp.int32)
     start = jnp.cumsum(walls, dtype=jnp.int32) - walls
-    rank = jnp.cumsum(runs.wall, axis=1, dtype=jnp.int32) - 1
-    place = jnp.where(runs.wall, start[:, None] + rank, ways * positions)
+    place = jnp.where(runs.wall, start[:, None] + count_before(runs.wall), ways * positions)
     position = jnp.broadcast_to(jnp.arange(positions, dtype=jnp.int32), runs.wall.shape)
     listed = jnp.zeros(ways * positions, jnp.int32).at[place].set(position, mode="drop")
     # The direction of a slot is the number of directions, but the first, that begin at it or
@@ -214,15 +212,10 @@ def group_summary(
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
 
-    **Returns:** [`jaxcell.mapping.GroupSummary`][], with as many slots as the map with the most
-    groups has.
+    **Returns:** [`jaxcell.mapping.GroupSummary`][].
     """
     possible, straight, groups = _section_groups(cells, bounce, step, collision)
     function = functools.partial(summarize, possible, straight)
     for _ in range(groups.count.ndim):
         function = jax.vmap(function)
-    summary = function(groups)
-    most = int(jnp.max(groups.count))
-    return GroupSummary(
-        summary.count, *(x[..., :most] for x in (summary.period, summary.basin, summary.transient))
-    )
+    return function(groups)

@@ -33,6 +33,11 @@ class Stencil:
     line: Int[np.ndarray, "ways"]
     "Which of them is that of each way."
 
+    @property
+    def looks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What to look at from a square, and where that leads."""
+        return self.square, self.crossed, self.beside, self.offset
+
 
 @functools.lru_cache(maxsize=64)
 def stencil(directions: int, step: float, collision: str) -> Stencil:
