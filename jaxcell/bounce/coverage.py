@@ -10,8 +10,7 @@ import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
 from ..certificate import Certificate
-from ..mapping.classes import PersistentGroups, persistent_groups
-from ..mapping.generalized import Chain
+from ..mapping import Chain, PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
 from ..precision import require_x64

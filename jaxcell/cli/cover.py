@@ -3,14 +3,12 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
-from rich.console import Console
-
 from .options import MapOptions, OutputOptions
 from .terminal import count_cells, status, table
 
 
 if TYPE_CHECKING:
-    from ..bounce.coverage import CoveragePolicy
+    from ..bounce import CoveragePolicy
     from ..space import CellSpace
 
 
@@ -34,7 +32,7 @@ class Cover(MapOptions, OutputOptions):
     def run(self) -> int:
         import numpy as np
 
-        from ..bounce.coverage import coverage_policy
+        from ..bounce import coverage_policy
         from ..runtime import configure_jax
         from .target import read_target
 
@@ -55,7 +53,7 @@ class Cover(MapOptions, OutputOptions):
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         try:
-            with Console(stderr=True).status(f"{doing} ...") as shown:
+            with status(doing) as shown:
                 policy = coverage_policy(
                     cells,
                     np.radians(self.bounces),
@@ -72,17 +70,15 @@ class Cover(MapOptions, OutputOptions):
         seconds = time.perf_counter() - began
         summary = {**spec, **describe(self.bounces, policy), "seconds": round(seconds, 3)}
         if self.out is not None:
-            from ..record.coverage import log_coverage
-            from ..record.coverage_dataset import coverage_dataset
-            from ..record.dataset import save_dataset
+            from .. import record
 
             bounces = np.radians(self.bounces)
             with status(f"writing {self.out}"):
                 self.out.mkdir(parents=True, exist_ok=True)
-                dataset = coverage_dataset(cells, policy, bounces=bounces, spec=spec)
-                save_dataset(dataset, self.out / "coverage.nc")
+                dataset = record.coverage_dataset(cells, policy, bounces=bounces, spec=spec)
+                record.save_dataset(dataset, self.out / "coverage.nc")
                 recording = self.out / "coverage.rrd"
-                log_coverage(recording, cells, policy, bounces=bounces, spec=spec)
+                record.log_coverage(recording, cells, policy, bounces=bounces, spec=spec)
         self.finish(summary, "coverage.rrd", lambda: show(cells, summary))
         return 0
 

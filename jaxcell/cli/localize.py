@@ -53,11 +53,9 @@ class Localize(MapOptions, OutputOptions):
             filter = localization_filter(simple_map, open_world=self.open_world, metadata=spec)
         seconds = time.perf_counter() - began
         run = localize(simple_map, filter, start)
-        summary = {
-            **spec,
-            **describe(cells, groups, filter, run),
-            "filter_seconds": round(seconds, 3),
-        }
+        with status("minimizing the filter"):
+            found = describe(cells, groups, filter, run)
+        summary = {**spec, **found, "filter_seconds": round(seconds, 3)}
         if self.out is not None:
             with status(f"writing {self.out}"):
                 write(self.out, cells, groups, filter, run, spec)

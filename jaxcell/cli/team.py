@@ -1,8 +1,6 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from .options import MapOptions, OutputOptions, cell_at
 from .terminal import configuration, count_cells, note, status, table
 
@@ -52,7 +50,7 @@ class Team(MapOptions, OutputOptions):
             "part_steps": self.part_steps,
         }
         doing = f"covering {cells.positions:,} positions with {_count(len(starts))}"
-        with Console(stderr=True).status(f"{doing} ...") as shown:
+        with status(doing) as shown:
             run = team_trajectory(
                 cells,
                 starts,

@@ -5,11 +5,11 @@ import os
 import shutil
 import sys
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.status import Status
 from rich.table import Table
 
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-def status(text: str) -> AbstractContextManager[object]:
+def status(text: str) -> Status:
     """Shows on a terminal that work goes on."""
     return Console(stderr=True).status(text + " ...")
 

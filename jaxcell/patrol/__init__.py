@@ -11,7 +11,7 @@ probability in proportion to the weight. Robots need not talk, start together, o
     closed tour through some vertices have at least a given share of the weight.
 """
 
-from ..optimize.graph import Graph as Graph
+from ..optimize import Graph as Graph
 from .graph import random_walk as random_walk, walk_hitting_times as walk_hitting_times
 from .perimeter import (
     Maximin as Maximin,

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..certificate import Certificate
-from ..mapping.generalized import Chain
-from ..markov.hitting import hitting_times
+from ..mapping import Chain
+from ..markov import hitting_times
 from ..precision import require_x64
 
 

@@ -8,8 +8,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int, UInt8
 
-from ..bounce.coverage import CoveragePolicy
-from ..mapping.classes import PersistentGroups
+from ..bounce import CoveragePolicy
+from ..mapping import PersistentGroups
 from ..space import CellSpace
 from .blueprint import (
     legend_view,

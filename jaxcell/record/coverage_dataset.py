@@ -5,7 +5,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from ..bounce.coverage import CoveragePolicy
+from ..bounce import CoveragePolicy
 from ..space import CellSpace
 from .provenance import angle_attributes, cell_coordinates, provenance
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..bounce.coverage import CoveragePolicy
+from ..bounce import CoveragePolicy
 from ..space import CellSpace
 from .texts import describe, made_with
 

@@ -4,32 +4,11 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from random_chains import matrices, reachable
 
 from jaxcell.mapping import classes, periodic_groups
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
-
-
-@st.composite
-def matrices(draw):
-    """Transition matrices with few edges, whose rows may sum to less than 1."""
-    cells = draw(st.sampled_from([1, 2, 4, 8]))
-    matrix = np.zeros((cells, cells))
-    for row in matrix:
-        images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
-        for image in images:
-            # The image past the last cell is the sink.
-            if image < cells:
-                row[image] += 1 / len(images)
-    return matrix
-
-
-def reachable(matrix):
-    """Which cell reaches which, in 0 steps or more."""
-    reach = np.eye(len(matrix), dtype=bool)
-    for _ in matrix:
-        reach |= (reach.astype(int) @ (matrix > 0).astype(int)) > 0
-    return reach
 
 
 @given(matrices())
