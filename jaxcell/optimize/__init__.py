@@ -4,6 +4,7 @@
     the `a_i`, found exactly by an active set.
 - The walk on a graph with the *minimum commute* time has edge weights that are an A-optimal design,
     found by an interior-point method.
+- A *cover* is a choice of sets that together hold every element, greedily or with the fewest sets.
 - A *Stackelberg* leader mixes its strategies, knowing that the follower answers best.
 
 Every answer comes with a [`jaxcell.certificate.Certificate`][] of how far from the optimum it can
@@ -11,6 +12,12 @@ be.
 """
 
 from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
+from .cover import (
+    Cover as Cover,
+    MinimumCover as MinimumCover,
+    greedy_cover as greedy_cover,
+    minimum_cover as minimum_cover,
+)
 from .game import Commitment as Commitment, payoffs as payoffs, stackelberg as stackelberg
 from .graph import Graph as Graph
 from .mixture import Mixture as Mixture, mixture as mixture

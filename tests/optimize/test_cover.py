@@ -1,0 +1,118 @@
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra.numpy import arrays
+
+from jaxcell.optimize.cover import greedy_cover, minimum_cover
+
+
+def families(most_sets, most_elements):
+    shape = st.tuples(st.integers(1, most_sets), st.integers(1, most_elements))
+    return shape.flatmap(lambda shape: arrays(bool, shape))
+
+
+def cover_by_sets(sets, choice):
+    """Alg. 4.3 with the sets of Python."""
+    members = [set(np.flatnonzero(row).tolist()) for row in sets]
+    left = set().union(*members)
+    chosen, gained = [], []
+    while left:
+        ranking = sorted(
+            (s for s in range(len(members)) if members[s] & left),
+            key=lambda s: (-len(members[s] & left), s),
+        )
+        best = ranking[min(choice, len(ranking) - 1)]
+        chosen.append(best)
+        gained.append(len(members[best] & left))
+        left -= members[best]
+    return chosen, gained
+
+
+def smallest_by_trial(sets):
+    seen = sets.any(axis=0)
+    for size in range(len(sets) + 1):
+        for some in itertools.combinations(range(len(sets)), size):
+            if (sets[list(some)].any(axis=0) == seen).all():
+                return size
+    raise AssertionError
+
+
+# More elements than a word has bits.
+@given(families(12, 200), st.integers(0, 4))
+@settings(deadline=None, max_examples=150)
+def test_greedy_cover_is_that_of_the_algorithm(sets, choice):
+    found = greedy_cover(sets, choice)
+    chosen, gained = cover_by_sets(sets, choice)
+    assert found.chosen.tolist() == chosen
+    assert found.gained.tolist() == gained
+    assert (sets[found.chosen].any(axis=0) == sets.any(axis=0)).all()
+    np.testing.assert_array_equal(found.uncovered, np.flatnonzero(~sets.any(axis=0)))
+
+
+@given(families(7, 10))
+@settings(deadline=None, max_examples=60)
+def test_minimum_cover_is_the_smallest_of_all(sets):
+    found = minimum_cover(sets)
+    assert (sets[found.chosen].any(axis=0) == sets.any(axis=0)).all()
+    assert found.chosen.size == found.bound == smallest_by_trial(sets)
+    assert found.certificate.residual == 0
+    np.testing.assert_array_equal(found.uncovered, np.flatnonzero(~sets.any(axis=0)))
+
+
+@given(families(25, 25))
+@settings(deadline=None, max_examples=60)
+def test_greedy_cover_is_within_its_bound(sets):
+    harmonic = sum(Fraction(1, k) for k in range(1, int(sets.sum(axis=1).max()) + 1))
+    assert greedy_cover(sets).chosen.size <= harmonic * minimum_cover(sets).chosen.size
+
+
+@pytest.mark.parametrize("k", [3, 4, 6])
+def test_greedy_cover_at_its_worst(k):
+    # Two sets of 2**k - 1 elements cover all; across them lie sets of 2**k, 2**(k - 1), ..., 2
+    # elements, half from each, of which the next always gains one more.
+    half = 2**k - 1
+    sets = np.zeros((k + 2, 2 * half), bool)
+    start = 0
+    for row, size in enumerate(2 ** np.arange(k - 1, -1, -1)):
+        sets[row, start : start + size] = sets[row, half + start : half + start + size] = True
+        start += size
+    sets[k, :half] = sets[k + 1, half:] = True
+    assert greedy_cover(sets).chosen.tolist() == list(range(k))
+    assert minimum_cover(sets).chosen.tolist() == [k, k + 1]
+
+
+def test_equals_are_ranked_by_their_numbers():
+    sets = np.ones((4, 3), bool)
+    assert [greedy_cover(sets, i).chosen.tolist() for i in range(5)] == [[0], [1], [2], [3], [3]]
+
+
+def test_a_later_choice_where_one_set_is_left():
+    # In the second step only set 0 gains anything.
+    sets = np.array([[1, 1, 1, 0], [0, 1, 1, 1]], bool)
+    found = greedy_cover(sets, 1)
+    assert (found.chosen.tolist(), found.gained.tolist()) == ([1, 0], [3, 1])
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (3, 0), (3, 3)])
+@pytest.mark.parametrize("cover", [greedy_cover, minimum_cover])
+def test_nothing_to_cover_with(cover, shape):
+    found = cover(np.zeros(shape, bool))
+    assert found.chosen.size == 0
+    assert found.uncovered.tolist() == list(range(shape[1]))
+
+
+def test_out_of_time_there_is_a_cover_and_a_bound():
+    sets = np.random.default_rng(0).random((150, 150)) < 0.08
+    found = minimum_cover(sets, time_limit=0.0, throw=False)
+    assert sets[found.chosen].any(axis=0).all()
+    assert found.certificate.residual == found.chosen.size - found.bound > 0
+    with pytest.raises(RuntimeError, match="minimum_cover: the residual stayed above"):
+        minimum_cover(sets, time_limit=0.0)
+
+
+def test_refuses_a_negative_choice():
+    with pytest.raises(ValueError, match=r"choice: expected .* at least 0, got -1"):
+        greedy_cover(np.ones((2, 2), bool), -1)
