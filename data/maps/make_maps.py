@@ -129,6 +129,45 @@ def complex_room() -> Workspace:
     )
 
 
+def depot() -> Workspace:
+    racks = [box(2, 2, 3, 6), box(4, 2, 5, 6), box(6, 2, 7, 6), box(9, 2, 10, 5)]
+    walls = [
+        box(0, 8, 2, 9),
+        box(4, 8, 6, 9),
+        box(7, 8, 8, 10),
+        box(10, 7, 11, 11),
+        box(12, 6, 13, 8),
+        box(13, 10, 15, 11),
+        box(2, 11, 5, 12),
+        box(7, 13, 8, 15),
+    ]
+    pillars = [box(11, 3, 13, 4), box(11, 13, 12, 14)]
+    return Workspace(box(0, 0, 15, 15), racks + walls + pillars, name="Depot", cell=1, directions=8)
+
+
+def harbour() -> Workspace:
+    return Workspace(
+        box(0, 0, 18, 16),
+        [
+            box(3, 3, 6, 5),  # sheds
+            box(5, 8, 6, 10),
+            box(11, 11, 13, 12),
+            box(12, 12, 13, 14),
+            box(14, 7, 16, 9),
+            box(2, 8, 3, 12),  # stacks
+            box(5, 13, 8, 14),
+            box(11, 2, 12, 5),
+            box(12, 2, 15, 3),
+            box(16, 4, 17, 5),
+            box(8, 0, 9, 2),  # jetties
+            box(15, 12, 18, 13),
+        ],
+        name="Harbour",
+        cell=1,
+        directions=8,
+    )
+
+
 MAZE = """\
 ;; A row of text is a row of squares; the first is the top one.
 ; name Maze
@@ -191,7 +230,7 @@ free_thresh: 0.196
 
 
 def main(folder: Path) -> None:
-    for make in (lab_a, lab_b, cafe, room_200x125, arena):
+    for make in (lab_a, lab_b, cafe, room_200x125, arena, depot, harbour):
         make().save(folder / f"{make.__name__}.json")
     complex_room().save(folder / "complex.json")
     (folder / "maze.txt").write_bytes(MAZE.encode())
