@@ -11,11 +11,23 @@ probability 1 the chain ends in one of the groups or in the sink.
 - With `Q` the part of `P` among the transient cells and `R` that into the groups, *absorption
     probabilities* are `B = R + Q B`, and *absorption times* `t = 1 + Q t`.
 - *Hitting times* are the same for any set of cells, and `inf` where the chain may never arrive.
+    Their *law* is that of the *first passage*. Of several robots that move independently, none has
+    arrived with the product of the probabilities that each has not.
+- An irreducible chain, one with a single group and no transient cells, has a hitting time for every
+    pair of cells, there and back a *commute time*; *Kemeny's constant*, the hitting time of a cell
+    drawn from the stationary distribution; an *entropy rate*; and a *mixing time*.
 
 Every answer comes with a [`jaxcell.certificate.Certificate`][]: a residual that is computed from
 the answer and the full matrix, and says how good the answer is. All solves need 64-bit numbers.
 """
 
+from . import dense as dense
+from .arrival import (
+    Distinct as Distinct,
+    MeanArrival as MeanArrival,
+    first_arrival as first_arrival,
+    mean_first_arrival as mean_first_arrival,
+)
 from .hitting import (
     Absorption as Absorption,
     absorption_probabilities as absorption_probabilities,
@@ -26,3 +38,14 @@ from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
 )
+from .passage import first_passage as first_passage, survival as survival
+from .quantities import (
+    PairTimes as PairTimes,
+    commute_times as commute_times,
+    entropy_rate as entropy_rate,
+    hitting_matrix as hitting_matrix,
+    kemeny_constant as kemeny_constant,
+    mixing_time as mixing_time,
+    slem as slem,
+)
+from .simulation import Arrivals as Arrivals, simulate_arrival as simulate_arrival

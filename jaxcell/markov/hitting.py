@@ -106,7 +106,7 @@ def hitting_times(
     on the map.
     """
     require_x64("hitting_times")
-    there = target_mask(chain.cells, target)
+    there = cell_mask(chain.cells, target)
     matrix = chain.to_scipy()
     arrives = reaching(matrix, there)
     fails = ~there & (~arrives | (leaving_rows(matrix) > 0))
@@ -146,25 +146,27 @@ def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]
     return np.asarray(groups.group)
 
 
-def target_mask(cells: int, target: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
-    """A set of cells as a mask.
+def cell_mask(
+    cells: int, listed: npt.ArrayLike | int, name: str = "target"
+) -> Bool[np.ndarray, "cells"]:
+    """A set of cells as a mask; the name is that of the argument, for messages.
 
     **Raises:** `ValueError` for a set that is empty or holds a cell that does not exist.
     """
-    given = np.asarray(target)
+    given = np.asarray(listed)
     if given.dtype == bool:
         if given.shape != (cells,):
-            raise ValueError(f"target: expected a mask of {cells} cells, got {given.shape}")
+            raise ValueError(f"{name}: expected a mask of {cells} cells, got {given.shape}")
         mask = given
     else:
-        listed = np.atleast_1d(given)
-        if listed.size and not np.issubdtype(listed.dtype, np.integer):
-            raise ValueError(f"target: expected whole numbers of cells, got {listed.dtype}")
-        wrong = listed[(listed < 0) | (listed >= cells)]
+        members = np.atleast_1d(given)
+        if members.size and not np.issubdtype(members.dtype, np.integer):
+            raise ValueError(f"{name}: expected whole numbers of cells, got {members.dtype}")
+        wrong = members[(members < 0) | (members >= cells)]
         if wrong.size:
-            raise ValueError(f"target: cell {wrong[0]} does not exist; cells are 0 to {cells - 1}")
+            raise ValueError(f"{name}: cell {wrong[0]} does not exist; cells are 0 to {cells - 1}")
         mask = np.zeros(cells, bool)
-        mask[listed.astype(np.int64)] = True
+        mask[members.astype(np.int64)] = True
     if not mask.any():
-        raise ValueError("target: expected at least one cell, got none")
+        raise ValueError(f"{name}: expected at least one cell, got none")
     return mask

@@ -1,0 +1,164 @@
+"""Times the first of several robots to arrive: simulated, beside NumPy, and by the exact law.
+
+Run `python experiments/benchmarks/bench_arrival.py`; it takes about 30 s.
+
+Three robots patrol the graph of `bench_commute.py` with 188 vertices, each with an emphasis of its
+own, as in Alam 2018, section 4.5.3. They start in random cells, and 5,000 runs last until one of
+them is in one cell, or in one of ten. Of the two programs in NumPy, one moves all runs a step at a
+time, and those that have arrived no more; the other is a plain loop over runs, steps and robots,
+timed on fewer runs. `off` is the difference of the mean from the exact one in standard errors.
+"""
+
+import argparse
+import os
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from bench_commute import grid
+
+from jaxcell.mapping import Chain
+from jaxcell.markov.arrival import first_arrival, mean_first_arrival
+from jaxcell.markov.simulation import simulate_arrival
+from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.patrol.graph import random_walk
+from jaxcell.runtime import configure_jax
+
+
+RUNS = 5000
+PLAIN_RUNS = 50
+ROBOTS = 3
+
+
+def patrol() -> list[Chain]:
+    """A chain for each robot."""
+    graph = grid(15, 37)
+    emphases = np.random.default_rng(0).permutation(graph.vertices)[: 6 * ROBOTS]
+    found = [minimum_commute(graph, list(part)) for part in emphases.reshape(ROBOTS, 6)]
+    return [random_walk(graph, each.weights) for each in found]
+
+
+def tables(chains: list[Chain]) -> tuple[np.ndarray, np.ndarray]:
+    """The images and the cumulative probabilities, by robot, cell and branch."""
+    branches = max(len(chain.image) for chain in chains)
+    image = np.zeros((len(chains), chains[0].cells, branches), int)
+    total = np.ones((len(chains), chains[0].cells, branches))
+    for robot, chain in enumerate(chains):
+        some = len(chain.image)
+        image[robot, :, :some] = np.asarray(chain.image).T
+        total[robot, :, :some] = np.cumsum(np.asarray(chain.probability), axis=0).T
+        total[robot, :, some - 1 :] = 1
+        image[robot, :, some:] = image[robot, :, some - 1 : some]
+    return image, total
+
+
+def by_batch(
+    image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
+) -> np.ndarray:
+    """All runs side by side."""
+    draw = np.random.default_rng(seed)
+    place = draw.choice(outside, (RUNS, ROBOTS))
+    robot = np.arange(ROBOTS)
+    taken = np.zeros(RUNS)
+    left, step = np.arange(RUNS), 0
+    while left.size:
+        step += 1
+        bound = total[robot, place]
+        slot = (bound <= draw.random((left.size, ROBOTS, 1))).sum(axis=2)
+        place = image[robot, place, slot]
+        arrived = there[place].any(axis=1)
+        taken[left[arrived]] = step
+        left, place = left[~arrived], place[~arrived]
+    return taken
+
+
+def by_loop(
+    image: np.ndarray, total: np.ndarray, outside: np.ndarray, there: np.ndarray, seed: int
+) -> np.ndarray:
+    """One run after the other."""
+    draw = np.random.default_rng(seed)
+    taken = np.zeros(PLAIN_RUNS)
+    for run in range(PLAIN_RUNS):
+        place, step = draw.choice(outside, ROBOTS), 0
+        while not there[place].any():
+            for robot in range(ROBOTS):
+                slot = np.searchsorted(total[robot, place[robot]], draw.random(), side="right")
+                place[robot] = image[robot, place[robot], slot]
+            step += 1
+        taken[run] = step
+    return taken
+
+
+def timed(program: Callable[[], Any]) -> tuple[float, Any]:
+    began = time.perf_counter()
+    result = jax.block_until_ready(program())
+    return time.perf_counter() - began, result
+
+
+def row(
+    target: int, program: str, seconds: list[float], ratio: float, mean: float, off: str
+) -> None:
+    print(
+        f"| {target} | {program} | {min(seconds):.3f} | {statistics.median(seconds):.3f} | "
+        f"{ratio:.3g} | {mean:.2f} | {off} |",
+        flush=True,
+    )
+
+
+def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> None:
+    cells = chains[0].cells
+    there = np.isin(np.arange(cells), target)
+    outside = np.flatnonzero(~there)
+    starts = [outside] * ROBOTS
+    image, total = tables(chains)
+
+    def simulated(seed: int) -> Any:
+        return simulate_arrival(jax.random.key(seed), chains, starts, target, RUNS).time
+
+    cold, _ = timed(lambda: simulated(0))
+    ours = [timed(lambda seed=seed: simulated(seed)) for seed in range(1, repeats + 1)]
+    batch = [
+        timed(lambda seed=seed: by_batch(image, total, outside, there, seed))
+        for seed in range(min(repeats, 3))
+    ]
+    plain, few = timed(lambda: by_loop(image, total, outside, there, 0))
+    exact = mean_first_arrival(chains, starts, target).value
+    least = min(seconds for seconds, _ in ours)
+
+    def line(program: str, seconds: list[float], times: np.ndarray) -> None:
+        error = times.std(ddof=1) / np.sqrt(times.size)
+        off = f"{(times.mean() - exact) / error:+.1f}"
+        row(len(target), program, seconds, min(seconds) / least, times.mean(), off)
+
+    line("jaxcell, warm", [t for t, _ in ours], np.concatenate([found for _, found in ours]))
+    row(len(target), "jaxcell, first call", [cold], cold / least, exact, "")
+    line("NumPy, batch", [t for t, _ in batch], np.concatenate([found for _, found in batch]))
+    line(f"NumPy, loop (x {RUNS // PLAIN_RUNS})", [plain * RUNS / PLAIN_RUNS], few)
+    last = int(20 * exact)
+    for program, solve in (
+        ("exact mean", lambda: mean_first_arrival(chains, starts, target).value),
+        (f"exact law to {last}", lambda: first_arrival(chains, starts, target, last)),
+    ):
+        seconds = [timed(solve)[0] for _ in range(repeats)]
+        row(len(target), program, seconds, min(seconds) / least, exact, "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs of ours")
+    arguments = parser.parse_args()
+    configure_jax()
+    versions = f"jax {jax.__version__}, numpy {np.__version__}"
+    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n")
+    chains = patrol()
+    print("| targets | program | min, s | median, s | to ours | mean steps | off |")
+    print("|--:|---|--:|--:|--:|--:|--:|")
+    for target in (np.arange(1), np.arange(60, 70)):
+        side_by_side(chains, target, arguments.repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""What one asks of a small irreducible chain, as functions of its dense transition matrix.
+
+They work under `jit`, `vmap` and `grad`, and check nothing: rows must sum to 1, and all cells but
+transient ones must make one closed class. Derivatives are exact along changes of the matrix that
+keep its row sums, as those of any parametrisation of the transition probabilities do.
+
+All follow from one inverse, `G = (I - P + 1 u')^-1` with `u` the uniform distribution, which exists
+also where the chain is periodic. It is a generalized inverse of `I - P` with `G 1 = 1` that serves
+like the fundamental matrix of Kemeny and Snell, and it gives the stationary distribution as `u' G`
+instead of needing it (Hunter 1982).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
+    """The distribution with `pi P = pi`."""
+    cells = P.shape[-1]
+    return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
+
+
+def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
+    """The expected number of steps from cell `i` until first at cell `j`; 0 where `i = j`.
+
+    For an irreducible chain; from a transient cell the times are right, and to one they are not.
+    """
+    inverse = jnp.linalg.inv(_shifted(P))
+    return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
+
+
+def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
+    """Kemeny's constant: the expected number of steps to a cell drawn from `pi`, from any cell.
+
+    The cell may be drawn where the chain is already, which counts 0 steps.
+    """
+    return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
+
+
+def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
+    """The entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
+
+    An entry that is 0 is no edge: its own derivative there, which is infinite, counts as 0.
+    """
+    edge = P > 0
+    surprise = -jnp.log(jnp.where(edge, P, 1.0))
+    return jnp.sum(stationary(P) * jnp.sum(P * surprise, axis=1))
+
+
+def _shifted(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
+    cells = P.shape[-1]
+    return jnp.eye(cells, dtype=P.dtype) - P + 1 / cells

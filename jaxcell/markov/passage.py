@@ -1,0 +1,125 @@
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Bool, Float
+
+from ..mapping.generalized import Chain
+from ..precision import require_x64
+from .hitting import cell_mask
+
+
+# What rounding may leave of the sum of a distribution.
+_ROUNDING = 1e-9
+
+
+def first_passage(
+    chain: Chain, start: npt.ArrayLike | int, target: npt.ArrayLike | int, steps: int
+) -> Float[Array, "{steps}+1"]:
+    """The law of the number of steps until a chain is first in a set of cells.
+
+    Exactly, by moving the distribution of what has not arrived yet.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `start`: a cell; several, or a mask over the cells, of which one is drawn with equal
+        probability; or floating-point numbers, the probability of each cell.
+    - `target`: a cell, several, or a mask over the cells.
+    - `steps`: the last time that is asked for.
+
+    **Returns:** the probability that the first time is `0, 1, ..., steps`. What they lack of 1 has
+    not arrived by then, or has left the space and never will.
+
+    **Raises:** `ValueError` for a target or start that is empty or not on the map, for
+    probabilities that are negative or do not sum to 1, and for a negative number of steps.
+    """
+    require_x64("first_passage")
+    check_steps(steps)
+    distribution = start_distribution(chain.cells, start)
+    there = cell_mask(chain.cells, target)
+    return _law(chain, jnp.asarray(distribution), jnp.asarray(there), steps)
+
+
+def survival(
+    chain: Chain, target: npt.ArrayLike | int, steps: int
+) -> Float[Array, "{steps}+1 cells"]:
+    """The probability of not having been in a set of cells by a time, from every start at once.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `target`: a cell, several, or a mask over the cells.
+    - `steps`: the last time that is asked for.
+
+    **Returns:** the probability after `0, 1, ..., steps` steps, for a start in each cell. A chain
+    that has left the space never arrives.
+
+    **Raises:** `ValueError` for a target that is empty or not on the map, and for a negative number
+    of steps.
+    """
+    require_x64("survival")
+    check_steps(steps)
+    there = jnp.asarray(cell_mask(chain.cells, target))
+    return survivals(chain, there, jnp.where(there, 0.0, 1.0), steps + 1)[0]
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def survivals(
+    chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int
+) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
+    """Continues the probabilities of not having arrived, as a pure function of arrays.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `there`: the target.
+    - `value`: the probabilities for a start in each cell by some time; 1 off the target at time 0.
+    - `steps`: how many times to go through.
+
+    **Returns:** the probabilities by that time and the `steps - 1` after it, and by the next.
+    """
+    leaving = chain.leaving
+
+    def step(value, _):  # type: ignore[no-untyped-def]
+        return jnp.where(there, 0.0, chain.pull(value) + leaving), value
+
+    after, values = jax.lax.scan(step, value, length=steps)
+    return values, after
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def _law(
+    chain: Chain, start: Float[Array, "cells"], there: Bool[Array, "cells"], steps: int
+) -> Float[Array, "{steps}+1"]:
+    def step(now, _):  # type: ignore[no-untyped-def]
+        return chain.push(jnp.where(there, 0.0, now)), jnp.sum(now, where=there)
+
+    return jax.lax.scan(step, start, length=steps + 1)[1]
+
+
+def start_distribution(cells: int, start: npt.ArrayLike | int) -> Float[np.ndarray, "cells"]:
+    """The probability of starting in each cell; see [`first_passage`][].
+
+    **Raises:** `ValueError` if that is not understood.
+    """
+    given = np.asarray(start)
+    if not given.size or not np.issubdtype(given.dtype, np.floating):
+        mask = cell_mask(cells, given, "start")
+        return mask / mask.sum()
+    if given.shape != (cells,):
+        raise ValueError(f"start: expected {cells} probabilities, got shape {given.shape}")
+    if not (given.min() >= 0 and abs(given.sum() - 1) <= _ROUNDING):
+        raise ValueError(
+            f"start: expected probabilities that sum to 1, got the least {given.min()} and the sum "
+            f"{given.sum()}"
+        )
+    return given.astype(np.float64)
+
+
+def check_steps(steps: int) -> None:
+    """**Raises:** `ValueError` for a negative number of steps."""
+    if steps < 0:
+        raise ValueError(f"steps: expected 0 or more, got {steps}")

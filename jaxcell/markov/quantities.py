@@ -1,0 +1,216 @@
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..certificate import Certificate
+from ..mapping.classes import PersistentGroups, persistent_groups
+from ..mapping.generalized import Chain
+from ..precision import require_x64
+from . import dense
+from .limiting import limiting_distribution
+
+
+# A relative error of a time.
+_TIME_TOLERANCE = 1e-6
+# A matrix over so many cells takes 800 MB, and a solve holds a few.
+_LARGEST_MATRIX = 10_000
+# The mixing time needs up to `_SQUARINGS` of them at once.
+_LARGEST_POWER = 2_000
+# Past so many squarings, what is left of the spectral gap is rounding.
+_SQUARINGS = 50
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PairTimes:
+    """An expected number of steps for every pair of cells, and how good it is."""
+
+    value: Float[Array, "cells cells"]
+    "The number from the cell of the row to that of the column."
+    certificate: Certificate
+
+
+def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
+    """The expected number of steps from every cell until first at every other, by one inverse.
+
+    **Arguments:**
+
+    - `chain`: an irreducible chain. For others, and for one target of a large chain, there is
+        [`jaxcell.markov.hitting_times`][].
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`PairTimes`][]; 0 on the diagonal. The residual of its certificate bounds the
+    relative error of every time.
+
+    **Raises:** `ValueError` if the chain is not irreducible, naming a cell that it does not come
+    back to, or if it has more than 10,000 cells, whose matrices would take gigabytes;
+    `RuntimeError` if rounding spoils the answer, as where parts of the chain hardly ever meet.
+    """
+    _check_irreducible(chain, "hitting_matrix")
+    return _hitting(chain, "hitting_matrix", throw)
+
+
+def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
+    """The expected number of steps from every cell to every other and back (Alam 2018, Eq. 4.3).
+
+    **Arguments:**
+
+    - `chain`: an irreducible chain.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`PairTimes`][], symmetric. The residual of its certificate bounds the relative
+    error of every time.
+
+    **Raises:** as [`hitting_matrix`][].
+    """
+    _check_irreducible(chain, "commute_times")
+    there = _hitting(chain, "commute_times", throw)
+    return PairTimes(there.value + there.value.T, there.certificate)
+
+
+def kemeny_constant(chain: Chain) -> float:
+    """The expected number of steps to a cell drawn from the stationary distribution `pi`.
+
+    That is `sum_j pi_j h_ij`, the same from every cell `i`. Being there already counts 0 steps;
+    authors who count the return instead have 1 more.
+
+    **Arguments:**
+
+    - `chain`: an irreducible chain.
+
+    **Raises:** as [`hitting_matrix`][].
+    """
+    groups = _check_irreducible(chain, "kemeny_constant")
+    times = np.asarray(_hitting(chain, "kemeny_constant", True).value)
+    return float(times[0] @ np.asarray(limiting_distribution(chain, groups).value))
+
+
+def entropy_rate(chain: Chain) -> float:
+    """The entropy of a step in the long run, `-sum_ij pi_i p_ij log p_ij`, in nats.
+
+    **Arguments:**
+
+    - `chain`: an irreducible chain, of any size.
+
+    **Raises:** `ValueError` if the chain is not irreducible, naming a cell.
+    """
+    groups = _check_irreducible(chain, "entropy_rate")
+    share = np.asarray(limiting_distribution(chain, groups).value)
+    # Branches with the same image are one step.
+    steps = chain.to_scipy()
+    cell = np.repeat(np.arange(chain.cells), np.diff(steps.indptr))
+    return float(np.sum(share[cell] * steps.data * np.log(1 / steps.data)))
+
+
+def slem(chain: Chain) -> float:
+    """The second largest eigenvalue modulus of the transition matrix: how fast the start fades.
+
+    1 for a periodic chain, where it never does, and 0 for a chain of one cell.
+
+    **Arguments:**
+
+    - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s at 750
+        cells, and more with the cube of that number.
+
+    **Raises:** `ValueError` as [`hitting_matrix`][].
+    """
+    groups = _check_irreducible(chain, "slem")
+    if groups.period[0] > 1:
+        return 1.0
+    modulus = np.sort(np.abs(np.linalg.eigvals(_matrix(chain, "slem", _LARGEST_MATRIX))))
+    return float(modulus[-2]) if modulus.size > 1 else 0.0
+
+
+def mixing_time(chain: Chain, distance: float = 0.25) -> float:
+    """The steps after which a chain has forgotten its start, wherever that was.
+
+    That is the least `t` such that for every start, the distribution after `t` steps is within
+    `distance` of the stationary one in total variation, half the 1-norm of the difference. Powers
+    of the matrix are squared until one is as close, and `t` is found between the last two by
+    bisection, for the distance never grows.
+
+    **Arguments:**
+
+    - `chain`: an irreducible chain.
+    - `distance`: more than 0 and less than 1/2, within which no periodic chain ever comes.
+
+    **Returns:** a whole number; `inf` for a periodic chain.
+
+    **Raises:** `ValueError` for another distance, if the chain is not irreducible, or if it has
+    more than 2,000 cells; `RuntimeError` if it mixes so slowly that rounding hides it.
+    """
+    if not 0 < distance < 0.5:
+        raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
+    groups = _check_irreducible(chain, "mixing_time")
+    matrix = _matrix(chain, "mixing_time", _LARGEST_POWER)
+    if groups.period[0] > 1:
+        return math.inf
+    share = np.asarray(limiting_distribution(chain, groups).value)
+
+    def mixed(power: Float[np.ndarray, "cells cells"]) -> bool:
+        return bool(np.abs(power - share).sum(axis=1).max() <= 2 * distance)
+
+    if mixed(np.eye(chain.cells)):
+        return 0.0
+    powers = [matrix]
+    while not mixed(powers[-1]):
+        if len(powers) > _SQUARINGS:
+            raise RuntimeError(f"mixing_time: not mixed after 2**{_SQUARINGS} steps")
+        powers.append(_product(powers[-1], powers[-1]))
+    # The largest number of steps that is too few, one binary digit after the other.
+    time, power = 0, np.eye(chain.cells)
+    for digit in reversed(range(len(powers) - 1)):
+        longer = _product(power, powers[digit])
+        if not mixed(longer):
+            time, power = time + 2**digit, longer
+    return float(time + 1)
+
+
+def _product(
+    first: Float[np.ndarray, "cells cells"], second: Float[np.ndarray, "cells cells"]
+) -> Float[np.ndarray, "cells cells"]:
+    """A product of powers; rows sum to 1, lest rounding grow with the number of steps."""
+    product = first @ second
+    return product / product.sum(axis=1, keepdims=True)
+
+
+def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
+    value = np.array(_hitting_dense(_matrix(chain, what, _LARGEST_MATRIX)))
+    np.fill_diagonal(value, 0)
+    # With h = 1 + P h + r off the diagonal, the error is at most max |r| times the true time.
+    gap = 1 + chain.to_scipy() @ value - value
+    np.fill_diagonal(gap, 0)
+    certificate = Certificate(1, float(np.abs(gap).max()), _TIME_TOLERANCE)
+    certificate.check(what, throw)
+    return PairTimes(jnp.asarray(value), certificate)
+
+
+def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cells"]:
+    if chain.cells > most:
+        raise ValueError(
+            f"{what}: the chain has {chain.cells} cells, and the matrices of one of more than "
+            f"{most} take gigabytes; hitting_times and limiting_distribution are sparse"
+        )
+    return chain.to_scipy().toarray()
+
+
+def _check_irreducible(chain: Chain, what: str) -> PersistentGroups:
+    """**Raises:** `ValueError` that names a cell that the chain may never come back to."""
+    require_x64(what)
+    groups = persistent_groups(chain)
+    group = np.asarray(groups.group)
+    lost = np.flatnonzero(group != 0)
+    if lost.size:
+        cell = lost[0]
+        why = "is transient" if group[cell] < 0 else "is in another persistent group than cell 0"
+        raise ValueError(
+            f"{what}: expected an irreducible chain, but cell {cell} {why}; hitting_times "
+            "serves any chain"
+        )
+    return groups
+
+
+_hitting_dense = jax.jit(dense.hitting)

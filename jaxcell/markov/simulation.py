@@ -1,0 +1,254 @@
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Bool, Float, Int, UInt32
+
+from ..mapping.generalized import Chain
+from ..precision import require_x64
+from .arrival import Distinct, Race
+
+
+# Steps for which random numbers are drawn at once: few enough for them to stay in the cache.
+_CHUNK = 16
+# Runs that are made one after the other, while others are made beside them.
+_TURNS = 8
+# Steps are counted in 32 bits.
+_LONGEST = 2**30
+# Of a normal distribution, 95 % lies within so many standard deviations.
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Arrivals:
+    """When the first robot arrived, in many independent runs."""
+
+    time: Float[Array, "runs"]
+    "The number of steps that each run took; `inf` where it was given up."
+    horizon: int
+    "The number of steps after which a run was given up."
+
+    @property
+    def mean(self) -> float:
+        """The mean time; `inf` if a run was given up."""
+        return float(jnp.mean(self.time))
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """A confidence interval of 95 % for the expected time, by the central limit theorem.
+
+        It is open above if a run was given up, and as far below as if those had then arrived.
+        """
+        time = np.minimum(np.asarray(self.time), self.horizon)
+        error = _NORMAL_95 * float(time.std(ddof=1)) / math.sqrt(time.size)
+        return float(time.mean()) - error, self.mean + error
+
+
+def simulate_arrival(
+    key: jax.Array,
+    chains: Sequence[Chain],
+    starts: Sequence[npt.ArrayLike | int] | Distinct,
+    target: npt.ArrayLike | int,
+    runs: int = 5000,
+    *,
+    horizon: int = 100_000,
+) -> Arrivals:
+    """Moves robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
+
+    **Arguments:**
+
+    - `key`: of `jax.random`.
+    - `chains`, `starts`, `target`: as in [`jaxcell.markov.first_arrival`][], which gives the law
+        that this samples.
+    - `runs`: how many times to do so.
+    - `horizon`: the number of steps after which a run is given up.
+
+    **Returns:** [`Arrivals`][].
+
+    **Raises:** `ValueError` for fewer than two runs, a horizon that is not 1 to 2^30 steps, and as
+    [`jaxcell.markov.first_arrival`][].
+    """
+    require_x64("simulate_arrival")
+    if runs < 2:
+        raise ValueError(f"runs: expected 2 or more, got {runs}")
+    if not 1 <= horizon <= _LONGEST:
+        raise ValueError(f"horizon: expected 1 to {_LONGEST} steps, got {horizon}")
+    race = Race.of(chains, starts, target)
+    lanes = -(-runs // _TURNS)
+    placing, walking = jax.random.split(key)
+    if race.distinct:
+        choices = jnp.asarray(race.start, jnp.int32)
+        cells = _place_apart(placing, choices, race.robots, _TURNS * lanes)
+    else:
+        total = jnp.asarray(np.cumsum(race.start, axis=1))
+        cells = _place(placing, total, _TURNS * lanes)
+    cells = cells.reshape(-1, _TURNS, lanes)
+    time = _walk(walking, _Tables.of(race), cells, jnp.int32(horizon))
+    return Arrivals(time.ravel()[:runs], horizon)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Tables:
+    """The chains in a form that is fast to sample: Walker's alias tables, one after the other.
+
+    A *place* is a cell of a chain, a number over all chains; the last place of each chain is the
+    sink. Each place has `slots` slots of equal probability, and a slot holds two places, the first
+    of which is taken for a part of the slot in units of 2^-32. So one random number is enough for a
+    step, and the work does not depend on the number of branches.
+    """
+
+    first: Int[Array, "entries"]
+    second: Int[Array, "entries"]
+    part: UInt32[Array, "entries"]
+    there: Bool[Array, "places"]
+    "Whether the place is in the target."
+    offset: Int[Array, "robots"]
+    "The place of cell 0 of each robot's chain."
+
+    @classmethod
+    def of(cls, race: Race) -> "_Tables":
+        """Makes the tables of all chains."""
+        images, probabilities = [], []
+        slots = 1 + max(chain.image.shape[0] for chain in race.chains)
+        places = race.there.size + 1
+        for number, chain in enumerate(race.chains):
+            branches = chain.image.shape[0]
+            # One more branch leads to the sink, and the others, if any, stay.
+            image = np.tile(np.arange(places), (slots, 1))
+            image[:branches, :-1] = chain.image
+            image[branches] = places - 1
+            probability = np.zeros((slots, places))
+            probability[:branches, :-1] = chain.probability
+            probability[branches, :-1] = chain.leaving
+            probability[branches, -1] = 1
+            images.append(image + number * places)
+            probabilities.append(probability / probability.sum(axis=0))
+        image, probability = np.concatenate(images, axis=1), np.concatenate(probabilities, axis=1)
+        first, second, part = alias(image.T, probability.T)
+        there = np.tile(np.append(race.there, False), len(race.chains))
+        return cls(
+            jnp.asarray(first.ravel(), jnp.int32),
+            jnp.asarray(second.ravel(), jnp.int32),
+            jnp.asarray(np.minimum(part.ravel() * 2.0**32, 2.0**32 - 1), jnp.uint32),
+            jnp.asarray(there),
+            jnp.asarray(np.array(race.robot) * places, jnp.int32),
+        )
+
+    def step(
+        self, place: Int[Array, "robots runs"], bits: UInt32[Array, "robots runs"]
+    ) -> Int[Array, "robots runs"]:
+        """The places one step later."""
+        slots = self.first.size // self.there.size
+        # The random number, as a fraction of 1, times the slots: a slot, and where in it.
+        wide = bits.astype(jnp.uint64) * jnp.uint64(slots)
+        entry = place * slots + (wide >> jnp.uint64(32)).astype(jnp.int32)
+        within = wide.astype(jnp.uint32)
+        return jnp.where(within < self.part[entry], self.first[entry], self.second[entry])
+
+
+def alias(
+    image: Int[np.ndarray, "places slots"], probability: Float[np.ndarray, "places slots"]
+) -> tuple[
+    Int[np.ndarray, "places slots"],
+    Int[np.ndarray, "places slots"],
+    Float[np.ndarray, "places slots"],
+]:
+    """Walker's alias tables of many distributions at once (Walker 1977).
+
+    **Arguments:**
+
+    - `image`: the outcomes of each.
+    - `probability`: their probabilities.
+
+    **Returns:** the two outcomes of each slot, and the part of the slot that is the first's.
+    """
+    row = np.arange(len(image))
+    slots = image.shape[1]
+    left = probability * slots
+    second, part = image.copy(), np.ones(image.shape)
+    open_ = np.ones(image.shape, bool)
+    for _ in range(slots - 1):
+        # The least likely outcome fills up its slot with the most likely one, and is done.
+        least = np.where(open_, left, np.inf).argmin(axis=1)
+        most = np.where(open_, left, -np.inf).argmax(axis=1)
+        part[row, least] = np.minimum(left[row, least], 1)
+        second[row, least] = image[row, most]
+        left[row, most] -= 1 - part[row, least]
+        open_[row, least] = False
+    return image, second, part
+
+
+@functools.partial(jax.jit, static_argnames="runs")
+def _place(
+    key: jax.Array, total: Float[Array, "robots cells"], runs: int
+) -> Int[Array, "robots {runs}"]:
+    """Starts with the given cumulative probabilities."""
+    drawn = jax.random.uniform(key, (total.shape[0], runs), total.dtype) * total[:, -1:]
+    place = jax.vmap(functools.partial(jnp.searchsorted, side="right"))(total, drawn)
+    return place.astype(jnp.int32)
+
+
+@functools.partial(jax.jit, static_argnames=("robots", "runs"))
+def _place_apart(
+    key: jax.Array, choices: Int[Array, "choices"], robots: int, runs: int
+) -> Int[Array, "{robots} {runs}"]:
+    """Sets of different choices, by Floyd's method."""
+    size = choices.size
+    taken = jnp.full((robots, runs), -1, jnp.int32)
+
+    def take(robot, taken):  # type: ignore[no-untyped-def]
+        last = size - robots + robot
+        drawn = jax.random.randint(jax.random.fold_in(key, robot), (runs,), 0, last + 1, jnp.int32)
+        again = jnp.any(taken == drawn[None, :], axis=0)
+        return taken.at[robot].set(jnp.where(again, last, drawn))
+
+    return choices[jax.lax.fori_loop(0, robots, take, taken)]
+
+
+@jax.jit
+def _walk(
+    key: jax.Array,
+    tables: _Tables,
+    cells: Int[Array, "robots turns lanes"],
+    horizon: Int[Array, ""],
+) -> Float[Array, "turns lanes"]:
+    """Walks from the starts until all runs have arrived or are given up.
+
+    A lane makes its runs one after the other. That takes fewer steps than all runs side by side,
+    which would wait for the longest of them, several times the mean.
+    """
+    robots, turns, lanes = cells.shape
+    start = tables.offset[:, None, None] + cells
+    lane = jnp.arange(lanes)
+
+    def going_on(state):  # type: ignore[no-untyped-def]
+        return jnp.any(state[1] < turns)
+
+    def chunk(state):  # type: ignore[no-untyped-def]
+        drawn = jax.random.fold_in(key, state[-1])
+        bits = jax.random.bits(drawn, (_CHUNK, robots, lanes), jnp.uint32)
+        *state, count = state
+        return *jax.lax.scan(move, tuple(state), bits)[0], count + 1
+
+    def move(state, bits):  # type: ignore[no-untyped-def]
+        place, turn, step, time = state
+        arrived = jnp.any(tables.there[place], axis=0)
+        ends = arrived | (step >= horizon)
+        taken = jnp.where(arrived, step.astype(time.dtype), jnp.inf)
+        now = (jnp.arange(turns, dtype=jnp.int32)[:, None] == turn[None, :]) & ends[None, :]
+        time = jnp.where(now, taken[None, :], time)
+        turn = turn + ends.astype(jnp.int32)
+        place = jnp.where(
+            ends[None, :], start[:, jnp.minimum(turn, turns - 1), lane], tables.step(place, bits)
+        )
+        return (place, turn, jnp.where(ends, 0, step + 1), time), None
+
+    none = jnp.zeros(lanes, jnp.int32)
+    state = (start[:, 0], none, none, jnp.zeros((turns, lanes)), jnp.int32(0))
+    return jax.lax.while_loop(going_on, chunk, state)[3]

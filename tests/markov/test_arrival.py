@@ -1,0 +1,228 @@
+import functools
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_chains import matrices
+
+from jaxcell.certificate import Outcome
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov import arrival
+from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival, mean_product
+from jaxcell.markov.hitting import hitting_times
+from jaxcell.markov.passage import first_passage
+
+
+STEPS = 12
+
+
+def joint(walks, starts, there):
+    """The chain of all robots together, its start, and where one of them is on the target."""
+    matrix = functools.reduce(np.kron, walks)
+    start = functools.reduce(np.kron, starts)
+    away = functools.reduce(np.kron, [(~there).astype(float)] * len(walks))
+    return matrix, start, away == 0
+
+
+def joint_law(walks, starts, there, steps):
+    matrix, now, arrived = joint(walks, starts, there)
+    law = []
+    for _ in range(steps + 1):
+        law.append(now[arrived].sum())
+        now = np.where(arrived, 0, now) @ matrix
+    return np.array(law)
+
+
+def closed(matrix):
+    """With the sink as one more cell, for which robots that left do not stop the others."""
+    cells = len(matrix)
+    whole = np.zeros((cells + 1, cells + 1))
+    whole[:-1, :-1] = matrix
+    whole[:, -1] = 1 - whole.sum(axis=1)
+    return whole
+
+
+def random_walk(cells, seed):
+    return np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells)
+
+
+def complete(n):
+    return Chain.from_scipy((1 - np.eye(n)) / (n - 1))
+
+
+@given(matrices(), st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=50)
+def test_two_robots_equal_the_joint_chain(matrix, seed):
+    cells = len(matrix)
+    draw = np.random.default_rng(seed)
+    other = draw.permutation(cells)
+    walks = [matrix, matrix[other][:, other]]
+    starts = draw.dirichlet(np.ones(cells), 2)
+    there = draw.random(cells) < 0.4
+    there[draw.integers(cells)] = True
+    chains = [Chain.from_scipy(walk) for walk in walks]
+    found = np.asarray(first_arrival(chains, list(starts), there, STEPS))
+    padded = [np.append(start, 0) for start in starts]
+    expected = joint_law([closed(walk) for walk in walks], padded, np.append(there, False), STEPS)
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+    assert (found >= 0).all()
+
+
+def test_three_robots_equal_the_joint_chain():
+    walks = [random_walk(5, seed) for seed in range(3)]
+    there = np.arange(5) == 4
+    starts = [np.eye(5)[0], np.eye(5)[1], np.full(5, 0.2)]
+    chains = [Chain.from_scipy(walk) for walk in walks]
+    found = first_arrival(chains, [0, 1, range(5)], 4, 300)
+    np.testing.assert_allclose(found, joint_law(walks, starts, there, 300), atol=1e-14)
+    matrix, start, arrived = joint(walks, starts, there)
+    times = np.asarray(hitting_times(Chain.from_scipy(matrix), arrived).value)
+    mean = mean_first_arrival(chains, [0, 1, range(5)], 4)
+    assert mean.value == pytest.approx(start @ times, rel=1e-9)
+    assert mean.certificate.outcome is Outcome.CONVERGED
+
+
+def test_one_robot_is_a_first_passage():
+    chain = Chain.from_scipy(random_walk(6, 1))
+    found = first_arrival([chain], [[1, 2]], [0, 5], 500)
+    np.testing.assert_allclose(found, first_passage(chain, [1, 2], [0, 5], 500), atol=1e-15)
+
+
+@pytest.mark.parametrize("robots", [1, 2, 3])
+def test_distinct_starts_equal_all_sets_of_starts(robots):
+    matrix = random_walk(5, 7)
+    chain, there = Chain.from_scipy(matrix), np.arange(5) == 2
+    choices = [0, 2, 3, 4]
+    laws = [
+        joint_law([matrix] * robots, [np.eye(5)[cell] for cell in cells], there, STEPS)
+        for cells in itertools.combinations(choices, robots)
+    ]
+    found = first_arrival([chain] * robots, Distinct(choices), 2, STEPS)
+    np.testing.assert_allclose(found, np.mean(laws, axis=0), atol=1e-14)
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.data())
+@settings(deadline=None, max_examples=100)
+def test_the_mean_product(values, data):
+    count = data.draw(st.integers(1, len(values)))
+    sets = [math.prod(chosen) for chosen in itertools.combinations(values, count)]
+    found = mean_product(np.array([values, values[::-1]]), count)
+    np.testing.assert_allclose(found, np.mean(sets), rtol=1e-12, atol=1e-300)
+
+
+def test_the_mean_product_of_many():
+    # Among equal values it is a power, where the polynomial itself has 10^88 terms.
+    assert mean_product(np.full((1, 300), 0.9), 150)[0] == pytest.approx(0.9**150, rel=1e-11)
+
+
+@pytest.mark.parametrize("robots", [1, 2, 4, 8, 16, 64])
+def test_a_complete_graph(robots):
+    # Any robot off the target finds it with probability 1/63 a step (Alam 2018, Table 4.1).
+    found = mean_first_arrival([complete(64)] * robots, Distinct(range(64)), 5)
+    expected = (1 - robots / 64) / (1 - (62 / 63) ** robots)
+    assert found.value == pytest.approx(expected, rel=1e-10)
+
+
+@given(matrices(), st.data())
+@settings(deadline=None, max_examples=40)
+def test_the_mean_of_two_robots_equals_a_solve_of_the_joint_chain(matrix, data):
+    cells = len(matrix)
+    starts = [data.draw(st.integers(0, cells - 1)) for _ in range(2)]
+    target = data.draw(st.integers(0, cells - 1))
+    # To the joint chain, one that left is one that stays in a cell of its own.
+    walk = closed(matrix)
+    walk[-1, -1] = 1
+    there = np.arange(cells + 1) == target
+    whole, _, arrived = joint([walk, walk], [there, there], there)
+    times = np.asarray(hitting_times(Chain.from_scipy(whole), arrived).value)
+    expected = times[starts[0] * (cells + 1) + starts[1]]
+    chain = Chain.from_scipy(matrix)
+    found = mean_first_arrival([chain, chain], starts, target)
+    assert found.value == pytest.approx(expected, rel=1e-8)
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+def test_the_mean_of_one_robot_that_takes_long():
+    n = 100
+    step = np.full(n - 1, 0.5)
+    walk = np.diag(step, 1) + np.diag(step, -1)
+    walk[0, 1] = walk[-1, -2] = 1
+    found = mean_first_arrival([Chain.from_scipy(walk)], [0], n - 1)
+    assert found.value == pytest.approx((n - 1) ** 2, rel=1e-9)
+
+
+def test_the_tail_is_known_before_it_is_gone():
+    e = 1e-7
+    chain = Chain.from_scipy(np.array([[1 - e, 0, e], [0.5, 0.5, 0], [0, 0, 1]]))
+    found = mean_first_arrival([chain, chain], [0, 1], 2)
+    assert found.certificate.iterations < 1000
+    # After a step in which the first does not arrive, the second is in the same cell or is not.
+    together = 1 / (1 - (1 - e) ** 2)
+    expected = (1 + (1 - e) / 2 * together) / (1 - (1 - e) / 2)
+    assert found.value == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("starts", "expected"),
+    [([0, 0], math.inf), ([0, 1], 2.0), ([3, 0], 0.0), ([[0, 1], 0], math.inf), ([2, 2], math.inf)],
+)
+def test_one_robot_that_arrives_for_sure_is_enough(starts, expected):
+    # From cell 0 it may leave, in cell 2 it stays, and from cell 1 it takes two steps in the mean.
+    chain = Chain.from_scipy(
+        np.array([[0.5, 0, 0, 0], [0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+    )
+    assert mean_first_arrival([chain, chain], starts, 3).value == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("robots", "finite"), [(1, False), (2, False), (3, True)])
+def test_distinct_starts_of_which_some_never_arrive(robots, finite):
+    chain = Chain.from_scipy(np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 0, 1]]))
+    mean = mean_first_arrival([chain] * robots, Distinct([0, 1, 2, 3]), 3).value
+    assert math.isfinite(mean) == finite
+
+
+def test_a_mean_that_takes_too_many_steps_says_so(monkeypatch):
+    monkeypatch.setattr(arrival, "_MOST_STEPS", 500)
+    n = 200
+    chain = Chain.from_scipy((np.roll(np.eye(n), 1, axis=1) + np.roll(np.eye(n), -1, axis=1)) / 2)
+    found = mean_first_arrival([chain, chain], [1, 100], 0, throw=False)
+    assert found.certificate.outcome is Outcome.STALLED
+    with pytest.raises(RuntimeError, match="mean_first_arrival: the residual stayed"):
+        mean_first_arrival([chain, chain], [1, 100], 0)
+    # The residual bounds the error also then.
+    monkeypatch.undo()
+    truth = mean_first_arrival([chain, chain], [1, 100], 0).value
+    assert abs(found.value - truth) <= found.certificate.residual * found.value
+
+
+FOUR, FIVE = complete(4), complete(5)
+
+
+@pytest.mark.parametrize(
+    ("chains", "starts", "message"),
+    [
+        ([], [], "chains: expected one for each robot, got none"),
+        ([FOUR, FIVE], [0, 0], "that of robot 1 has 5 cells, and that of robot 0 has 4"),
+        ([FOUR, FOUR], [0], "starts: expected one for each of 2 robots, got 1"),
+        ([FOUR, FOUR], [0, 4], "robot 1: start: cell 4 does not exist"),
+        ([FOUR, complete(4)], Distinct([0, 1]), "distinct starts are for robots of one chain"),
+        ([FOUR] * 3, Distinct([0, 1]), "3 robots cannot begin in 2 different cells"),
+        ([FOUR], Distinct([]), "starts: expected at least one cell, got none"),
+        ([FOUR], Distinct([0.5, 0.5, 0.0, 0.0]), "starts: expected whole numbers of cells"),
+    ],
+)
+def test_bad_robots_are_refused(chains, starts, message):
+    for function in (functools.partial(first_arrival, steps=3), mean_first_arrival):
+        with pytest.raises(ValueError, match=message):
+            function(chains, starts, 0)
+
+
+def test_bad_targets_steps_and_tolerances_are_refused():
+    with pytest.raises(ValueError, match="target: cell 4 does not exist"):
+        first_arrival([FOUR], [0], 4, 3)
+    with pytest.raises(ValueError, match="steps: expected 0 or more, got -1"):
+        first_arrival([FOUR], [0], 1, -1)
+    with pytest.raises(ValueError, match="tolerance: expected a positive number, got 0"):
+        mean_first_arrival([FOUR], [0], 1, tolerance=0.0)

@@ -1,0 +1,134 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_chains import matrices
+
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov.hitting import hitting_times
+from jaxcell.markov.passage import first_passage, survival, survivals
+
+
+STEPS = 12
+
+
+def by_taboo(matrix, start, there, steps):
+    """The law from powers of the matrix without the target."""
+    inside = ~there
+    among, into = matrix[inside][:, inside], matrix[inside][:, there].sum(axis=1)
+    law = [start[there].sum()]
+    for time in range(steps):
+        law.append(start[inside] @ np.linalg.matrix_power(among, time) @ into)
+    return np.array(law)
+
+
+@given(matrices(), st.data())
+@settings(deadline=None, max_examples=50)
+def test_the_law_equals_powers_of_the_matrix(matrix, data):
+    cells = len(matrix)
+    target = sorted(data.draw(st.sets(st.integers(0, cells - 1), min_size=1)))
+    there = np.isin(np.arange(cells), target)
+    start = np.random.default_rng(data.draw(st.integers(0, 99))).dirichlet(np.ones(cells))
+    chain = Chain.from_scipy(matrix)
+    found = np.asarray(first_passage(chain, start, target, STEPS))
+    np.testing.assert_allclose(found, by_taboo(matrix, start, there, STEPS), atol=1e-14)
+    # What has arrived and what survives is everything, from each start and whatever leaves.
+    surviving = np.asarray(survival(chain, target, STEPS))
+    np.testing.assert_allclose(np.cumsum(found) + surviving @ start, 1, rtol=1e-12)
+    for cell in range(cells):
+        law = by_taboo(matrix, np.eye(cells)[cell], there, STEPS)
+        np.testing.assert_allclose(surviving[:, cell], 1 - np.cumsum(law), atol=1e-12)
+
+
+def test_a_geometric_law():
+    n = 10
+    chain = Chain.from_scipy((1 - np.eye(n)) / (n - 1))
+    time = np.arange(1, 31)
+    expected = (1 - 1 / (n - 1)) ** (time - 1) / (n - 1)
+    np.testing.assert_allclose(first_passage(chain, 3, 0, 30), [0, *expected], rtol=1e-13)
+    # The tail keeps its relative accuracy.
+    np.testing.assert_allclose(survival(chain, 0, 400)[-1, 3], (8 / 9) ** 400, rtol=1e-12)
+
+
+def test_the_mean_of_the_law_is_the_hitting_time():
+    draw = np.random.default_rng(3)
+    chain = Chain.from_scipy(draw.dirichlet(np.ones(6), 6))
+    law = np.asarray(first_passage(chain, 5, [0, 2], 2000))
+    assert law.sum() == pytest.approx(1, abs=1e-13)
+    mean = float(hitting_times(chain, [0, 2]).value[5])
+    assert law @ np.arange(2001) == pytest.approx(mean, rel=1e-12)
+
+
+def test_a_circle_arrives_at_one_time():
+    chain = Chain((np.arange(5)[None] + 1) % 5, np.ones((1, 5)))
+    assert first_passage(chain, 1, 0, 6).tolist() == [0, 0, 0, 0, 1, 0, 0]
+    assert first_passage(chain, 0, 0, 2).tolist() == [1, 0, 0]
+    assert first_passage(chain, 1, 0, 0).tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    "start", [[1, 3], np.array([3, 1, 3]), np.arange(4) % 2 == 1, [0.0, 0.5, 0.0, 0.5]]
+)
+def test_a_start_may_be_given_in_several_ways(start):
+    chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
+    assert first_passage(chain, start, 0, 3).tolist() == [0, 0.5, 0, 0.5]
+
+
+def test_what_leaves_never_arrives():
+    chain = Chain.from_scipy(np.array([[0, 0.5, 0.25], [0, 0, 1], [0, 0, 1]]))
+    assert first_passage(chain, 0, 2, 5).tolist() == [0, 0.25, 0.5, 0, 0, 0]
+    assert survival(chain, 2, 3)[:, 0].tolist() == [1, 0.75, 0.25, 0.25]
+
+
+def test_many_targets_at_once():
+    matrix = np.random.default_rng(4).dirichlet(np.ones(5), 5)
+    chain = Chain.from_scipy(matrix)
+    there = jnp.eye(5, dtype=bool)
+    go = jax.vmap(lambda there: survivals(chain, there, jnp.where(there, 0.0, 1.0), 8)[0])
+    found = go(there)
+    for target in range(5):
+        np.testing.assert_allclose(found[target], survival(chain, target, 7), rtol=1e-13)
+
+
+def test_derivatives_with_respect_to_the_probabilities():
+    matrix = np.random.default_rng(5).dirichlet(np.ones(4), 4)
+    chain = Chain.from_scipy(matrix)
+    there = jnp.arange(4) == 0
+    turn = jnp.asarray(np.random.default_rng(6).normal(size=(4, 4)))
+
+    def arrived(size):
+        probability = chain.probability * jnp.exp(size * turn)
+        moved = Chain(chain.image, probability / probability.sum(axis=0, keepdims=True))
+        return 1 - survivals(moved, there, jnp.where(there, 0.0, 1.0), 6)[0][-1, 2]
+
+    slope = (arrived(1e-5) - arrived(-1e-5)) / 2e-5
+    assert float(jax.grad(arrived)(0.0)) == pytest.approx(float(slope), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("start", "target", "steps", "message"),
+    [
+        (4, 0, 1, "start: cell 4 does not exist; cells are 0 to 3"),
+        ([], 0, 1, "start: expected at least one cell, got none"),
+        (np.zeros(4, bool), 0, 1, "start: expected at least one cell, got none"),
+        (np.ones(3) / 3, 0, 1, r"start: expected 4 probabilities, got shape \(3,\)"),
+        (np.ones(4), 0, 1, "sum to 1, got the least 1.0 and the sum 4.0"),
+        (np.array([1.5, -0.5, 0, 0]), 0, 1, "got the least -0.5"),
+        (np.full(4, np.nan), 0, 1, "got the least nan"),
+        (0, [1, 4], 1, "target: cell 4 does not exist"),
+        (0, 1, -1, "steps: expected 0 or more, got -1"),
+    ],
+)
+def test_bad_input_is_refused(start, target, steps, message):
+    chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
+    with pytest.raises(ValueError, match=message):
+        first_passage(chain, start, target, steps)
+
+
+def test_bad_input_of_survival_is_refused():
+    chain = Chain(np.array([[1, 2, 3, 0]]), np.ones((1, 4)))
+    with pytest.raises(ValueError, match="target: cell 4 does not exist"):
+        survival(chain, 4, 1)
+    with pytest.raises(ValueError, match="steps: expected 0 or more, got -1"):
+        survival(chain, 0, -1)

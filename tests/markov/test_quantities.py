@@ -1,0 +1,261 @@
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.special
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov import dense, quantities
+from jaxcell.markov.hitting import hitting_times
+from jaxcell.markov.quantities import (
+    commute_times,
+    entropy_rate,
+    hitting_matrix,
+    kemeny_constant,
+    mixing_time,
+    slem,
+)
+
+
+# The small example of Boyd's graph-Laplacian talk (ICM 2006).
+EDGES = np.stack(np.divmod([12, 23, 34, 15, 28, 24, 65, 57, 73, 84, 67, 78, 27], 10), axis=1)
+DEGREE = np.bincount(EDGES.ravel())
+WEIGHTS = {
+    "uniform": np.ones(13),
+    # The least total effective resistance and the fastest mixing, to six digits.
+    "resistance": ".115657 .052148 .069178 .103238 .052148 .068108 .080961 .068046 .093542 .069178 "
+    ".107600 .093542 .026655",
+    "mixing": ".498188 .061695 .183414 .466937 .061695 .378422 .164781 .122480 .259668 .183414 "
+    ".358185 .259668 0",
+    "Metropolis": 1 / DEGREE[EDGES].max(axis=1),
+}
+
+
+def walk(edges, weights):
+    matrix = np.zeros((edges.max() + 1,) * 2)
+    matrix[edges[:, 0], edges[:, 1]] = matrix[edges[:, 1], edges[:, 0]] = weights
+    return matrix / matrix.sum(axis=1, keepdims=True)
+
+
+def circle(n, stay=0.0):
+    return stay * np.eye(n) + (1 - stay) * np.roll(np.eye(n), 1, axis=1)
+
+
+def complete(n):
+    return (1 - np.eye(n)) / (n - 1)
+
+
+@st.composite
+def irreducible(draw):
+    """Matrices with few edges, among them those of a circle through all cells."""
+    n = draw(st.sampled_from([1, 2, 4, 6]))
+    matrix = np.roll(np.eye(n), 1, axis=1)
+    edges = draw(st.lists(st.tuples(*[st.integers(0, n - 1)] * 2, st.integers(1, 5)), max_size=12))
+    for i, j, weight in edges:
+        matrix[i, j] += weight
+    return matrix / matrix.sum(axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("weights", "commute", "farthest", "kemeny", "modulus"),
+    [
+        ("uniform", 19.611955, 30.978723, 7.551828, 0.662404),
+        ("resistance", 18.626151, 28.403869, 7.650517, 0.724303),
+        ("mixing", 20.305442, 27.943128, 8.311554, 0.845170),
+        ("Metropolis", 20.156150, 31.352139, 8.242442, 0.732399),
+    ],
+)
+def test_the_small_example(weights, commute, farthest, kemeny, modulus):
+    given_weights = WEIGHTS[weights]
+    if isinstance(given_weights, str):
+        given_weights = np.array(given_weights.split(), float)
+    chain = Chain.from_scipy(walk(EDGES - 1, given_weights))
+    found = np.asarray(commute_times(chain).value)
+    assert found.sum() / 56 == pytest.approx(commute, abs=2e-5)
+    assert found.max() == pytest.approx(farthest, rel=1e-5)
+    assert kemeny_constant(chain) == pytest.approx(kemeny, abs=5e-5)
+    assert slem(chain) == pytest.approx(modulus, abs=5e-6)
+
+
+@given(irreducible())
+@settings(deadline=None, max_examples=40)
+def test_quantities_equal_their_definitions(matrix):
+    n = len(matrix)
+    chain = Chain.from_scipy(matrix)
+    expected = np.zeros((n, n))
+    for j in range(n):
+        others = np.arange(n) != j
+        among = np.eye(n - 1) - matrix[others][:, others]
+        expected[others, j] = np.linalg.solve(among, np.ones(n - 1))
+    found = hitting_matrix(chain)
+    np.testing.assert_allclose(found.value, expected, rtol=1e-9)
+    assert found.certificate.residual < 1e-11
+    np.testing.assert_allclose(commute_times(chain).value, expected + expected.T, rtol=1e-9)
+    values, vectors = np.linalg.eig(matrix.T)
+    order = np.argsort(-values.real)
+    share = vectors[:, order[0]].real / vectors[:, order[0]].real.sum()
+    np.testing.assert_allclose(dense.stationary(jnp.asarray(matrix)), share, atol=1e-12)
+    others = values[order[1:]]
+    kemeny = np.sum(1 / (1 - others)).real
+    # Constant in the start, by two formulas.
+    np.testing.assert_allclose(np.asarray(found.value) @ share, kemeny, rtol=1e-9, atol=1e-12)
+    assert kemeny_constant(chain) == pytest.approx(kemeny, rel=1e-9, abs=1e-12)
+    assert dense.kemeny(jnp.asarray(matrix)) == pytest.approx(kemeny, rel=1e-9, abs=1e-12)
+    # Defective eigenvalues are known to a root of the rounding only.
+    assert slem(chain) == pytest.approx(np.abs(others).max(initial=0), abs=1e-7)
+    entropy = share @ scipy.special.entr(matrix).sum(axis=1)
+    assert entropy_rate(chain) == pytest.approx(entropy, abs=1e-12)
+    assert dense.entropy_rate(jnp.asarray(matrix)) == pytest.approx(entropy, abs=1e-12)
+
+
+@given(irreducible(), st.floats(0.02, 0.45))
+@settings(deadline=None, max_examples=40)
+def test_mixing_time_by_going_step_by_step(matrix, distance):
+    found = mixing_time(Chain.from_scipy(matrix), distance)
+    share = np.asarray(dense.stationary(jnp.asarray(matrix)))
+    power, time = np.eye(len(matrix)), 0
+    while (apart := np.abs(power - share).sum(axis=1).max() / 2) > distance and time < 2000:
+        power, time = power @ matrix, time + 1
+    if time == 2000:
+        assert found == math.inf
+        assert apart >= 0.5 - 1e-9
+    else:
+        assert found == time
+
+
+def test_a_complete_graph():
+    n = 12
+    chain = Chain.from_scipy(complete(n))
+    np.testing.assert_allclose(hitting_matrix(chain).value, (n - 1) * (1 - np.eye(n)), rtol=1e-13)
+    assert kemeny_constant(chain) == pytest.approx((n - 1) ** 2 / n)
+    assert slem(chain) == pytest.approx(1 / (n - 1))
+    assert entropy_rate(chain) == pytest.approx(math.log(n - 1))
+    # At once, the distance is 1 - 1/n; after a step, 1/n.
+    assert mixing_time(chain) == 1
+
+
+def test_a_circle():
+    n = 9
+    chain = Chain.from_scipy(circle(n))
+    i = np.arange(n)
+    expected = (i[None] - i[:, None]) % n
+    np.testing.assert_allclose(hitting_matrix(chain).value, expected, rtol=1e-12)
+    assert kemeny_constant(chain) == pytest.approx((n - 1) / 2)
+    assert (entropy_rate(chain), slem(chain), mixing_time(chain)) == (0, 1, math.inf)
+
+
+def test_a_slow_chain_mixes_late():
+    # The distance halves the same way for ever: |1 - 2 e|^t / 2.
+    e = 2.0**-30
+    chain = Chain.from_scipy(np.array([[1 - e, e], [e, 1 - e]]))
+    expected = math.ceil(math.log(0.5) / math.log1p(-2 * e))
+    assert mixing_time(chain) == pytest.approx(expected, rel=1e-7)
+
+
+def test_one_cell():
+    chain = Chain.from_scipy(np.ones((1, 1)))
+    assert hitting_matrix(chain).value.tolist() == [[0]]
+    assert (kemeny_constant(chain), entropy_rate(chain)) == (0, 0)
+    assert (slem(chain), mixing_time(chain)) == (0, 0)
+
+
+def test_branches_with_one_image_are_one_step():
+    chain = Chain(np.array([[1, 0], [1, 0]]), np.full((2, 2), 0.5))
+    assert entropy_rate(chain) == 0
+
+
+def test_the_matrix_agrees_with_one_target_at_a_time():
+    matrix = walk(EDGES - 1, np.arange(1.0, 14))
+    chain = Chain.from_scipy(matrix)
+    value = np.asarray(hitting_matrix(chain).value)
+    for target in range(8):
+        single = hitting_times(chain, target).value
+        np.testing.assert_allclose(value[:, target], single, rtol=1e-12)
+
+
+FUNCTIONS = {
+    "stationary": lambda P: dense.stationary(P)[3],
+    "hitting": lambda P: dense.hitting(P)[1, 5] + dense.hitting(P)[6, 2],
+    "kemeny": dense.kemeny,
+    "entropy_rate": dense.entropy_rate,
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_derivatives_where_many_entries_are_zero(name):
+    draw = np.random.default_rng(1)
+    start = jnp.asarray(draw.normal(size=(8, 8)))
+    graph = jnp.asarray(walk(EDGES - 1, np.ones(13)))
+
+    def value(x):
+        weights = graph * jnp.exp(x)
+        return FUNCTIONS[name](weights / weights.sum(axis=1, keepdims=True))
+
+    gradient = jax.jit(jax.grad(value))(start)
+    assert jnp.isfinite(gradient).all()
+    along = jnp.asarray(draw.normal(size=(8, 8)))
+    slope = (value(start + 1e-5 * along) - value(start - 1e-5 * along)) / 2e-5
+    assert jnp.sum(gradient * along) == pytest.approx(float(slope), rel=1e-6)
+
+
+def test_dense_functions_take_batches():
+    batch = np.stack([walk(EDGES - 1, WEIGHTS["uniform"]), walk(EDGES - 1, WEIGHTS["Metropolis"])])
+    for function in (dense.stationary, dense.hitting, dense.kemeny, dense.entropy_rate):
+        found = jax.vmap(function)(jnp.asarray(batch))
+        for k in range(2):
+            np.testing.assert_allclose(found[k], function(jnp.asarray(batch[k])), rtol=1e-12)
+
+
+ALL = [hitting_matrix, commute_times, kemeny_constant, entropy_rate, slem, mixing_time]
+
+
+@pytest.mark.parametrize("function", ALL)
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([[1, 0], [0, 1]], "cell 1 is in another persistent group than cell 0"),
+        ([[1, 0], [0.5, 0.5]], "cell 1 is transient"),
+        ([[0, 1], [0.5, 0]], "cell 0 is transient"),
+    ],
+)
+def test_a_chain_that_is_not_irreducible_is_refused(function, matrix, message):
+    with pytest.raises(ValueError, match=f"{function.__name__}: .* irreducible chain, .*{message}"):
+        function(Chain.from_scipy(np.array(matrix, float)))
+
+
+@pytest.mark.parametrize("function", [f for f in ALL if f is not entropy_rate])
+def test_a_chain_too_large_for_its_matrix_is_refused(function, monkeypatch):
+    monkeypatch.setattr(quantities, "_LARGEST_MATRIX", 4)
+    monkeypatch.setattr(quantities, "_LARGEST_POWER", 4)
+    with pytest.raises(ValueError, match=r"has 5 cells, .* more than 4 take gigabytes"):
+        function(Chain.from_scipy(complete(5)))
+
+
+@pytest.mark.parametrize("distance", [0.0, 0.5, -1.0, math.nan])
+def test_a_distance_that_makes_no_sense_is_refused(distance):
+    with pytest.raises(ValueError, match="distance: expected more than 0 and less than 1/2"):
+        mixing_time(Chain.from_scipy(complete(3)), distance)
+
+
+def test_rounding_that_spoils_the_answer_is_told():
+    # Two pairs of cells that meet once in 1e11 steps, where probabilities are rounded to 1e-16.
+    e = 1e-11
+    matrix = np.array(
+        [[0.3 - e, 0.7, e, 0], [0.6, 0.4, 0, 0], [0, 0, 0.1, 0.9], [e, 0, 0.7 - e, 0.3]]
+    )
+    chain = Chain.from_scipy(matrix)
+    found = hitting_matrix(chain, throw=False)
+    assert found.certificate.residual > 1e-6
+    for function in (hitting_matrix, commute_times, kemeny_constant):
+        with pytest.raises(RuntimeError, match=f"{function.__name__}: the residual stayed"):
+            function(chain)
+
+
+def test_mixing_too_slow_to_tell(monkeypatch):
+    monkeypatch.setattr(quantities, "_SQUARINGS", 5)
+    e = 2.0**-10
+    with pytest.raises(RuntimeError, match=r"not mixed after 2\*\*5 steps"):
+        mixing_time(Chain.from_scipy(np.array([[1 - e, e], [e, 1 - e]])))

@@ -1,0 +1,141 @@
+import itertools
+import math
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
+from jaxcell.markov.simulation import alias, simulate_arrival
+
+
+def random_chain(cells, seed):
+    return Chain.from_scipy(np.random.default_rng(seed).dirichlet(np.full(cells, 0.4), cells))
+
+
+def complete(n):
+    return Chain.from_scipy((1 - np.eye(n)) / (n - 1))
+
+
+def distance(time, law):
+    """Between the distribution function of samples and that of a law."""
+    count = np.bincount(time[np.isfinite(time)].astype(int), minlength=law.size)
+    assert count[law.size :].sum() == 0
+    return np.abs(np.cumsum(count[: law.size]) / time.size - np.cumsum(law)).max()
+
+
+def within(runs):
+    """A distance that samples of the law exceed once in 10^6 (Dvoretzky, Kiefer, Wolfowitz)."""
+    return math.sqrt(math.log(2e6) / (2 * runs))
+
+
+def test_different_robots_follow_the_exact_law():
+    chains = [random_chain(7, seed) for seed in range(3)]
+    starts = [1, [2, 3, 4], np.array([0.1, 0.2, 0.3, 0.1, 0.1, 0.1, 0.1])]
+    found = simulate_arrival(jax.random.key(1), chains, starts, [0, 5], 40_000)
+    law = np.asarray(first_arrival(chains, starts, [0, 5], 2000))
+    assert distance(np.asarray(found.time), law) < within(40_000)
+    mean = mean_first_arrival(chains, starts, [0, 5]).value
+    low, high = found.interval
+    assert low < found.mean < high
+    assert abs(found.mean - mean) < 2.5 * (high - found.mean)
+
+
+def test_distinct_starts_follow_the_exact_law():
+    chain = complete(10)
+    found = simulate_arrival(jax.random.key(2), [chain] * 4, Distinct(range(10)), 3, 40_000)
+    law = np.asarray(first_arrival([chain] * 4, Distinct(range(10)), 3, 500))
+    assert law[0] == pytest.approx(0.4)
+    assert distance(np.asarray(found.time), law) < within(40_000)
+
+
+def test_distinct_starts_are_all_sets_alike():
+    # Robots on a circle tell by their time which of them was nearest.
+    n, runs = 6, 60_000
+    chain = Chain((np.arange(n)[None] - 1) % n, np.ones((1, n)))
+    found = simulate_arrival(jax.random.key(3), [chain] * 3, Distinct(range(n)), 0, runs)
+    nearest = [min(cells) for cells in itertools.combinations(range(n), 3)]
+    law = np.bincount(nearest, minlength=n) / len(nearest)
+    assert distance(np.asarray(found.time), law) < within(runs)
+
+
+def test_what_leaves_never_arrives():
+    # From cell 0 to the target with probability 1/4, and else out.
+    chain = Chain.from_scipy(np.array([[0, 0.25], [0, 1.0]]))
+    found = simulate_arrival(jax.random.key(4), [chain, chain], [0, 0], 1, 20_000, horizon=20)
+    arrived = np.isfinite(np.asarray(found.time))
+    assert set(np.unique(found.time)) == {1.0, math.inf}
+    assert arrived.mean() == pytest.approx(7 / 16, abs=within(20_000))
+    assert found.mean == math.inf
+    low, high = found.interval
+    assert 1 < low < 20 * 9 / 16 + 1
+    assert high == math.inf
+
+
+@pytest.mark.parametrize("horizon", [1, 4, 5, 6])
+def test_a_run_past_the_horizon_is_given_up(horizon):
+    n = 9
+    chain = Chain((np.arange(n)[None] + 1) % n, np.ones((1, n)))
+    found = simulate_arrival(jax.random.key(0), [chain], [n - 5], 0, 3, horizon=horizon)
+    assert found.time.tolist() == [5 if horizon >= 5 else math.inf] * 3
+
+
+def test_robots_that_begin_there_arrive_at_once():
+    found = simulate_arrival(jax.random.key(0), [complete(3)] * 2, [1, 2], [0, 2], 4)
+    assert found.time.tolist() == [0] * 4
+    assert found.interval == (0, 0)
+
+
+def test_a_run_is_reproducible_from_its_key():
+    chain = random_chain(7, 0)
+    times = [
+        np.asarray(simulate_arrival(jax.random.key(key), [chain], [1], 0, 200).time)
+        for key in (5, 5, 6)
+    ]
+    np.testing.assert_array_equal(times[0], times[1])
+    assert (times[0] != times[2]).any()
+
+
+def test_a_cell_of_many_branches_beside_one_of_few():
+    matrix = np.zeros((12, 12))
+    matrix[0] = np.random.default_rng(8).dirichlet(np.full(12, 0.3))
+    matrix[np.arange(1, 12), 0] = 1
+    chain = Chain.from_scipy(matrix)
+    found = simulate_arrival(jax.random.key(9), [chain], [0], 5, 20_000)
+    law = np.asarray(first_arrival([chain], [0], 5, 20_000))
+    assert distance(np.asarray(found.time), law) < within(20_000)
+
+
+@given(st.integers(1, 9), st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=100)
+def test_alias_tables_hold_the_distributions(slots, seed):
+    draw = np.random.default_rng(seed)
+    image = draw.integers(0, 5, (4, slots))
+    probability = draw.dirichlet(np.full(slots, 0.5), 4) * (draw.random((4, slots)) < 0.7)
+    probability[:, 0] += 1 - probability.sum(axis=1)
+    first, second, part = alias(image, probability)
+    assert ((part >= 0) & (part <= 1)).all()
+    for row in range(4):
+        expected, found = np.zeros(5), np.zeros(5)
+        np.add.at(expected, image[row], probability[row])
+        np.add.at(found, first[row], part[row] / slots)
+        np.add.at(found, second[row], (1 - part[row]) / slots)
+        np.testing.assert_allclose(found, expected, atol=1e-15)
+        # What is impossible stays so.
+        assert (found[expected == 0] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("runs", "horizon", "message"),
+    [
+        (1, 9, "runs: expected 2 or more, got 1"),
+        (2, 0, "horizon: expected 1 to 1073741824 steps, got 0"),
+    ],
+)
+def test_too_little_is_refused(runs, horizon, message):
+    with pytest.raises(ValueError, match=message):
+        simulate_arrival(jax.random.key(0), [complete(3)], [1], 0, runs, horizon=horizon)
+    with pytest.raises(ValueError, match="robot 0: start: cell 3 does not exist"):
+        simulate_arrival(jax.random.key(0), [complete(3)], [3], 0)
