@@ -5,11 +5,13 @@ free space: the boundary minus the obstacles, less a margin of the robot's radiu
 `X` into cells and follows one representative, the centre, of each (Alam 2018, section 2.3; Hsu
 1980).
 
-`Workspace` is the map, in metres. `CellSpace` is its cells, and which of them a step leads to. No
-part of this package imports JAX.
+`Workspace` is the map, in metres. `CellSpace` is its cells, which of them a step leads to, and
+which are in sight of which. No part of this package imports JAX.
 """
 
 from .cells import CellSpace as CellSpace
 from .segments import free_steps as free_steps
+from .sight import visible_cells as visible_cells, visible_centres as visible_centres
 from .stencil import Stencil as Stencil, line_orders as line_orders, stencil as stencil
+from .view import visibility_polygon as visibility_polygon
 from .workspace import Workspace as Workspace

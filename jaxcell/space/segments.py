@@ -42,7 +42,7 @@ def free_steps(
         near = np.unique(near)
         blocked = _end_outside(cells, centres[near], steps)
     else:
-        near, blocked = _meets_wall(cells.walls, centres, steps, near, wall)
+        near, blocked = meets_wall(cells.walls, centres, steps, near, wall)
     targets[:, near] = np.where(blocked.T, here[near], targets[:, near])
     return targets
 
@@ -59,20 +59,23 @@ def _end_outside(
     return ~shapely.contains_xy(closed, ends[..., 0], ends[..., 1])
 
 
-def _meets_wall(
+def meets_wall(
     walls: Float[np.ndarray, "walls 3 2"],
     centres: Float[np.ndarray, "positions 2"],
     steps: Float[np.ndarray, "directions 2"],
     near: Int[np.ndarray, "pairs"],
     wall: Int[np.ndarray, "pairs"],
 ) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
-    """Whether each step meets a wall; `near` and `wall` are the pairs in reach."""
+    """Whether each step meets a wall; `near` and `wall` are the pairs in reach.
+
+    All is in units of a cell from the origin, and `walls` as those of the cell space.
+    """
     order = np.argsort(near, kind="stable")
     near, wall = near[order], wall[order]
     places, first = np.unique(near, return_index=True)
     corner, passes, leaves = _corners(walls, steps)
-    length = np.linalg.norm(steps[0])
-    unit = steps / length
+    length = np.linalg.norm(steps, axis=1)
+    unit = steps / length[:, None]
     # A corner at the end is not passed, unless the end cell lies beyond it: the upper right one of
     # four.
     beyond = (np.abs((steps + 0.5) % 1) < TOLERANCE).all(axis=1) & (steps > 0).all(axis=1)
@@ -80,16 +83,16 @@ def _meets_wall(
 
     blocked = np.empty((len(places), len(steps)), bool)
     chunks = -(-len(near) * len(steps) // _CHUNK)
-    for some in np.array_split(np.arange(len(places)), chunks):
+    for some in np.array_split(np.arange(len(places)), chunks) if chunks else ():
         pairs = slice(first[some[0]], first[some[-1] + 1] if some[-1] + 1 < len(first) else None)
         centre, w = centres[near[pairs]], wall[pairs]
         a, b = walls[w, 1] - centre, walls[w, 2] - centre
         along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
         # Signed distances: of both ends of the step from the line of the wall, positive on its free
         # side, and of both ends of the wall from the line of the step.
-        start = -_cross(along, a)[:, None]
-        stop = start + _cross(along[:, None], steps)
-        side_a, side_b = _cross(unit, a[:, None]), _cross(unit, b[:, None])
+        start = -cross(along, a)[:, None]
+        stop = start + cross(along[:, None], steps)
+        side_a, side_b = cross(unit, a[:, None]), cross(unit, b[:, None])
         meets = _opposite(start, stop) & _opposite(side_a, side_b)
         # A centre on a wall may not step through it, one on a corner has to step into the free
         # side.
@@ -151,7 +154,7 @@ def _turn(angle: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     return np.where(angle > 2 * np.pi - TOLERANCE, 0.0, angle)
 
 
-def _cross(
+def cross(
     u: Float[np.ndarray, "*#shape 2"], v: Float[np.ndarray, "*#shape 2"]
 ) -> Float[np.ndarray, "*shape"]:
     return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]

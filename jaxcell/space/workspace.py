@@ -112,7 +112,7 @@ class Workspace:
         float64, do touch and leave neither a sliver nor a gap between them.
         """
         union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
-        rounding = _rounding(self.boundary, self.obstacles)
+        rounding = coordinate_rounding(self.boundary, self.obstacles)
         # GEOS meets denormal numbers in slivers, of which NumPy would warn.
         with np.errstate(all="ignore"):
             return shapely.normalize(
@@ -128,7 +128,7 @@ class Workspace:
         into several pieces, and all are kept.
         """
         # A margin too small for float64 to hold makes GEOS turn the polygons inside out.
-        if self.robot_radius <= _rounding(self.boundary, self.obstacles):
+        if self.robot_radius <= coordinate_rounding(self.boundary, self.obstacles):
             return self.environment
         return shapely.normalize(self.environment.buffer(-self.robot_radius, quad_segs=16))
 
@@ -233,7 +233,7 @@ def _ring(field: str, ring: Ring) -> Float[np.ndarray, "vertices 2"]:
     return vertices
 
 
-def _rounding(
+def coordinate_rounding(
     boundary: Float[np.ndarray, "vertices 2"],
     obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
 ) -> float:
@@ -253,7 +253,7 @@ def _check_polygons(
     # The hull and not the polygon: the two halves of a bow tie have areas that cancel.
     hulls = shapely.convex_hull(polygons)
     flat = np.flatnonzero(
-        shapely.area(hulls) <= _rounding(boundary, obstacles) * shapely.length(hulls)
+        shapely.area(hulls) <= coordinate_rounding(boundary, obstacles) * shapely.length(hulls)
     )
     if flat.size:
         raise ValueError(f"{fields[flat[0]]}: zero area; all its vertices lie on one line")

@@ -1,0 +1,195 @@
+"""Times what cells see of each other beside shapely, and visibility polygons beside VisiLibity.
+
+Run `python experiments/benchmarks/bench_sight.py`; it takes about a minute. `--quick` leaves out
+the map of 10,000 cells.
+
+shapely answers the same question as users of it would ask it: for each pair of a viewer and a cell
+in range, whether the prepared environment covers the convex hull of the centre and each convex part
+of the cell, in batch. It gets the pairs in range for nothing (untimed), and the environment with a
+margin of 1e-9 of a cell, without which its exact predicates would refuse what touches a slanted
+wall. The script stops where the answers differ.
+
+VisiLibity (`pip install visilibity`, which needs SWIG and a C++ compiler) has visibility polygons
+of unlimited range; its rows appear where it can be imported.
+"""
+
+import argparse
+import math
+import os
+import pathlib
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+
+from jaxcell.space import CellSpace, Workspace
+from jaxcell.space.sight import visible_cells, visible_centres
+from jaxcell.space.view import visibility_polygon
+
+
+try:
+    import visilibity
+except ImportError:
+    visilibity = None
+
+MAPS = pathlib.Path(__file__).parents[2] / "data" / "maps"
+REACH = 6
+
+
+def large(slanted: bool) -> CellSpace:
+    """About 10,000 free cells among rectangles on the lines of the grid, or polygons off them."""
+    random = np.random.default_rng(0)
+    obstacles = []
+    for _ in range(200):
+        corner, size = random.integers(0, 105, 2), random.integers(1, 5, 2)
+        if slanted:
+            turn = np.sort(random.uniform(0, 2 * np.pi, 5))
+            ring = random.uniform(0.5, 2.5) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            obstacles.append(shapely.MultiPoint(corner + ring).convex_hull)
+        else:
+            obstacles.append(shapely.box(*corner, *(corner + size)))
+    side = 104 if slanted else 108
+    inside = [o for o in obstacles if o.bounds[0] < side and o.bounds[1] < side and o.bounds[2] > 0]
+    return CellSpace.of(Workspace(shapely.box(0, 0, side, side), inside), 1.0, 1)
+
+
+class Peer:
+    """The pairs in range, and what shapely says of them."""
+
+    def __init__(self, cells: CellSpace, reach: float) -> None:
+        assert cells.workspace is not None
+        self.cells = cells
+        x, y, _ = cells.centre(np.arange(cells.positions))
+        centre = np.stack([x, y], axis=1)
+        half = cells.cell / 2
+        squares = shapely.box(x - half, y - half, x + half, y + half)
+        margin = 1e-9 * cells.cell
+        self.free = cells.workspace.environment.buffer(margin, join_style="mitre")
+        shapely.prepare(self.free)
+        whole = shapely.covers(self.free, squares)
+        parts = np.where(whole, squares, shapely.intersection(cells.workspace.environment, squares))
+        parts[~whole] = shapely.constrained_delaunay_triangles(parts[~whole])
+        part, of = shapely.get_parts(parts, return_index=True)
+        ring = [shapely.get_coordinates(p)[[0, 1, 2, -2]] for p in part]
+        viewer, near = shapely.STRtree(part).query(
+            shapely.points(centre), predicate="dwithin", distance=reach
+        )
+        self.corners = np.concatenate([centre[viewer][:, None], np.array(ring)[near]], axis=1)
+        far = np.hypot(*np.moveaxis(self.corners - self.corners[:, :1], -1, 0)).max(axis=1)
+        beyond = far > reach + margin
+        # A cell that has a part out of range is not asked for.
+        out = np.zeros((cells.positions, cells.positions), bool)
+        out[viewer[beyond], of[near][beyond]] = True
+        keep = ~out[viewer, of[near]]
+        self.viewer, self.target = viewer[keep], of[near][keep]
+        self.corners, self.count = self.corners[keep], np.bincount(of)
+
+    def visible(self) -> np.ndarray:
+        hulls = shapely.convex_hull(shapely.multipoints(self.corners))
+        covered = shapely.covers(self.free, hulls)
+        seen = np.zeros((self.cells.positions, self.cells.positions), np.int32)
+        np.add.at(seen, (self.viewer[covered], self.target[covered]), 1)
+        return seen == self.count
+
+
+def timed(program: Callable[[], Any], repeats: int) -> tuple[list[float], Any]:
+    seconds = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        result = program()
+        seconds.append(time.perf_counter() - began)
+    return seconds, result
+
+
+def row(*entries: object) -> None:
+    print("| " + " | ".join(map(str, entries)) + " |", flush=True)
+
+
+def cells_of(name: str) -> CellSpace:
+    workspace = Workspace.load(MAPS / name)
+    assert workspace.cell is not None
+    return CellSpace.of(workspace, workspace.cell, 1)
+
+
+def side_by_side(name: str, cells: CellSpace, repeats: int) -> None:
+    reach = REACH * cells.cell
+    peer = Peer(cells, reach)
+    theirs, expected = timed(peer.visible, max(1, repeats // 2))
+    ours, found = timed(lambda: visible_cells(cells, reach), repeats)
+    centres, _ = timed(lambda: visible_centres(cells, reach), repeats)
+    if (found != expected).any():
+        raise SystemExit(f"{name}: {np.count_nonzero(found != expected)} pairs differ")
+    least = [min(times) for times in (ours, theirs, centres)]
+    ratio = statistics.median(theirs) / statistics.median(ours)
+    row(
+        name,
+        f"{cells.positions:,}",
+        f"{np.count_nonzero(found):,}",
+        *(f"{seconds:.3f}" for seconds in least),
+        f"{ratio:.0f}",
+    )
+
+
+def polygons(name: str, cells: CellSpace) -> None:
+    """All viewers of a map, unlimited range, ours and VisiLibity's."""
+    workspace = cells.workspace
+    assert workspace is not None
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    points = np.stack([x, y], axis=1).tolist()
+    ours, found = timed(lambda: [visibility_polygon(workspace, p).area for p in points], 1)
+    entries = [name, len(points), f"{1000 * ours[0] / len(points):.2f}"]
+    if visilibity is None:
+        return row(*entries, "", "", "")
+    free = shapely.orient_polygons(workspace.environment)
+    if free.geom_type != "Polygon":
+        return row(*entries, "not one polygon", "", "")
+    # Walls that are corners in a straight line are not valid for it.
+    free = shapely.simplify(free, 0)
+    rings = [shapely.get_coordinates(r)[:-1].tolist() for r in shapely.get_rings(free)]
+    walls = visilibity.Environment(
+        [visilibity.Polygon([visilibity.Point(*p) for p in ring]) for ring in rings]
+    )
+    if not walls.is_valid(1e-9):
+        return row(*entries, "not valid for it", "", "")
+
+    def area(point: list[float]) -> float:
+        polygon = visilibity.Visibility_Polygon(visilibity.Point(*point), walls, 1e-9)
+        ring = [(polygon[i].x(), polygon[i].y()) for i in range(polygon.n())]
+        return shapely.Polygon(ring).area
+
+    theirs, expected = timed(lambda: [area(p) for p in points], 1)
+    differ = sum(not math.isclose(a, b, rel_tol=1e-6) for a, b in zip(found, expected, strict=True))
+    return row(
+        *entries, f"{1000 * theirs[0] / len(points):.2f}", f"{theirs[0] / ours[0]:.1f}", differ
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5, help="timed runs of ours")
+    parser.add_argument("--quick", action="store_true", help="leave out 10,000 cells")
+    arguments = parser.parse_args()
+    print(
+        f"numpy {np.__version__}, shapely {shapely.__version__}, GEOS "
+        f"{shapely.geos_version_string}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n"
+    )
+    print(f"Wholly visible cells, range {REACH} cells; least seconds, ratio of medians\n")
+    row("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
+    row("---", *["--:"] * 6)
+    for name in ("depot.json", "harbour.json", "arena.json", "office.yaml"):
+        side_by_side(name, cells_of(name), arguments.repeats)
+    if not arguments.quick:
+        side_by_side("10^4, on the grid", large(slanted=False), 3)
+        side_by_side("10^4, slanted", large(slanted=True), 3)
+    print("\nVisibility polygons, unlimited range; milliseconds each\n")
+    row("map", "points", "jaxcell", "VisiLibity", "ratio", "areas that differ")
+    row("---", *["--:"] * 5)
+    for name in ("depot.json", "harbour.json", "arena.json"):
+        polygons(name, cells_of(name))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+import math
+import numbers
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from jaxtyping import Float, Int
+
+from .cells import TOLERANCE
+from .segments import cross
+from .workspace import Workspace, coordinate_rounding
+
+
+def visibility_polygon(
+    workspace: Workspace,
+    point: Sequence[float | int] | Float[np.ndarray, "xy"],
+    reach: float | int = math.inf,
+    *,
+    field_of_view: float | int = 2 * math.pi,
+    heading: float | int = 0.0,
+    quad_segs: int = 16,
+) -> shapely.Polygon | shapely.MultiPolygon:
+    """What is visible from a point, as a polygon (Alam 2018, Eq. 4.1).
+
+    It is what [`visible_cells`][] looks at: the environment, without a margin for the radius of the
+    robot. It falls into pieces only where the point is one in which obstacles meet.
+
+    **Arguments:**
+
+    - `workspace`: the map.
+    - `point`: where the viewer is, in metres.
+    - `reach`: range of sight, in metres; may be infinite.
+    - `field_of_view`, `heading`: what a camera sees, and where its middle points, in radians.
+    - `quad_segs`: chords for a quarter of the circle of radius `reach`. The chords lie within the
+        circle; 16 of them miss 0.16 percent of its area.
+
+    **Raises:** `ValueError` if a number is out of range, or if the point lies in an obstacle or
+    outside the boundary.
+    """
+    reach = check_reach(reach)
+    field_of_view = check_view(field_of_view)
+    here = np.array(point, float)
+    if here.shape != (2,) or not np.isfinite(here).all():
+        raise ValueError(f"point: expected two finite numbers (x, y), got {point!r}")
+    if not math.isfinite(heading):
+        raise ValueError(f"heading: expected a finite number, got {heading!r}")
+    if type(quad_segs) is not int or quad_segs < 1:
+        raise ValueError(f"quad_segs: expected a whole number from 1, got {quad_segs!r}")
+    size = float(np.hypot(*np.ptp(workspace.boundary, axis=0)))
+    if workspace.environment.distance(shapely.Point(here)) > TOLERANCE * size:
+        raise ValueError(
+            f"point: ({here[0]:g}, {here[1]:g}) lies in an obstacle or outside the boundary"
+        )
+    chords = math.ceil(round(quad_segs * field_of_view / (math.pi / 2), 9))
+    turn = field_of_view / 2 * np.linspace(-1, 1, chords + 1)
+    rim = min(reach, 2 * size) * np.stack([np.cos(heading + turn), np.sin(heading + turn)], axis=1)
+    sector = shapely.Polygon(rim[:-1] if sees_all_around(field_of_view) else [*rim, (0.0, 0.0)])
+    # The sector holds all of the way to each of its points, so that nothing else has to be known
+    # of the range and the field of view.
+    around = shapely.transform(workspace.environment, lambda xy: xy - here)
+    walls = edges(shapely.intersection(around, sector))
+    if not len(walls):
+        return shapely.Polygon()
+    ring = _star(walls, TOLERANCE * size)
+    polygon = shapely.make_valid(
+        shapely.Polygon(ring + here), method="structure", keep_collapsed=False
+    )
+    # What is left of spikes as thin as a rounding error would make it invalid again.
+    rounding = coordinate_rounding(workspace.boundary, workspace.obstacles)
+    return shapely.set_precision(polygon, rounding)
+
+
+def _star(
+    walls: Float[np.ndarray, "walls 3 2"], tolerance: float
+) -> Float[np.ndarray, "corners 2"]:
+    """The ring around what is visible from the origin, which lies in what the walls enclose.
+
+    Between the directions of two successive corners, sight ends on one wall.
+    """
+    a, b = walls[:, 1], walls[:, 2]
+    angle = np.unique(np.arctan2(a[:, 1], a[:, 0]))
+    opens, closes = angle, np.append(angle[1:], angle[0] + 2 * np.pi)
+    opens, closes = (x[closes - opens > 1e-12] for x in (opens, closes))
+    middle, *ends = (
+        np.stack([np.cos(x), np.sin(x)], axis=1) for x in ((opens + closes) / 2, opens, closes)
+    )
+    side = cross(a, b)
+    side[np.abs(side) <= tolerance * np.hypot(*(b - a).T)] = 0
+    across = cross(middle[:, None], a) * cross(middle[:, None], b) <= 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = side / cross(middle[:, None], b - a)
+    distance[~(across & (distance > 0))] = np.inf
+    nearest = distance.argmin(axis=1)
+    # Behind the wall that it would meet first, or with none to meet, sight starts in an obstacle.
+    seen = np.isfinite(distance.min(axis=1)) & (side[nearest] > 0)
+    a, b = a[nearest], b[nearest]
+    ring = np.zeros((len(middle), 2, 2))
+    for corner, end in zip(ring.swapaxes(0, 1), ends, strict=True):
+        from_a, to_b = cross(a, end), cross(end, b)
+        share = np.clip(from_a / np.where(seen, from_a + to_b, 1.0), 0, 1)[:, None]
+        corner[seen] = (a + share * (b - a))[seen]
+    return ring.reshape(-1, 2)
+
+
+def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
+    """The polygons that geometries are made of, and which geometry each is from."""
+    parts, of = shapely.get_parts(geometries, return_index=True)
+    polygonal = shapely.area(parts) > 0
+    return parts[polygonal], of[polygonal]
+
+
+def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
+    """The corner before each edge, its start and its end; what is free lies to its left."""
+    pieces, _ = polygons(np.array([environment]))
+    rings = shapely.get_rings(shapely.orient_polygons(pieces))
+    corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]
+    found = [np.stack([np.roll(c, 1, 0), c, np.roll(c, -1, 0)], axis=1) for c in corners]
+    return np.concatenate([np.empty((0, 3, 2)), *found])
+
+
+def check_reach(reach: float | int) -> float:
+    if not (isinstance(reach, numbers.Real) and reach > 0):
+        raise ValueError(f"reach: expected more than 0 m, got {reach!r}")
+    return float(reach)
+
+
+def check_view(field_of_view: float | int) -> float:
+    if not (isinstance(field_of_view, numbers.Real) and 0 < field_of_view <= 2 * math.pi):
+        raise ValueError(
+            f"field_of_view: expected more than 0 and at most 2 pi radians, got {field_of_view!r}"
+        )
+    return float(field_of_view)
+
+
+def sees_all_around(field_of_view: float) -> bool:
+    return field_of_view >= 2 * math.pi - TOLERANCE

@@ -1,0 +1,308 @@
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxcell.space import CellSpace, Workspace, visible_cells, visible_centres
+
+
+ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
+
+
+def square(x, y):
+    return [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)]
+
+
+def cells_of(*obstacles, boundary=ROOM, cell=1.0):
+    return CellSpace.of(Workspace(boundary, obstacles), cell, 1)
+
+
+def sees(cells, start, end, reach=20.0, **camera):
+    matrix = visible_cells(cells, reach, **camera)
+    return bool(matrix[cells.index(*start), cells.index(*end)])
+
+
+@st.composite
+def rooms(draw):
+    """Rooms with slanted obstacles, some of them overlapping, hollow, or across the boundary."""
+    # Multiples of 1/100, so that what is hidden is either nothing or no sliver.
+    number = st.integers(0, 600).map(lambda n: n / 100)
+    obstacles = []
+    for _ in range(draw(st.integers(0, 4))):
+        corners = draw(st.lists(st.tuples(number, number), min_size=3, max_size=5))
+        hull = shapely.MultiPoint(corners).convex_hull
+        if hull.geom_type == "Polygon" and hull.area > 0.01:
+            obstacles.append(shapely.get_coordinates(hull)[:-1])
+    return [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], obstacles, draw(st.sampled_from([0.0, 0.3]))
+
+
+def parts_of(cells):
+    """What of each cell lies in the environment, as triangles: of which cell, and their corners."""
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    half = cells.cell / 2
+    boxes = shapely.box(x - half, y - half, x + half, y + half)
+    free = shapely.intersection(cells.workspace.environment, boxes)
+    triangles, of = shapely.get_parts(
+        shapely.constrained_delaunay_triangles(free), return_index=True
+    )
+    return of, shapely.get_coordinates(triangles).reshape(-1, 4, 2)
+
+
+def sector(x, y, reach, view, heading):
+    turn = np.linspace(-view / 2, view / 2, 20)
+    rim = [(x + reach * np.cos(heading + t), y + reach * np.sin(heading + t)) for t in turn]
+    return shapely.Polygon([(x, y), *rim])
+
+
+@given(rooms(), st.floats(0.7, 7), st.floats(0.3, 6.2), st.floats(-7, 7))
+@settings(deadline=None, max_examples=40)
+def test_a_cell_is_visible_if_the_hull_of_its_parts_and_the_centre_is_free(
+    room, reach, view, heading
+):
+    try:
+        cells = CellSpace.of(Workspace(*room), 1.1, 1)
+    except ValueError:
+        return
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    of, corners = parts_of(cells)
+    found = visible_cells(cells, reach)
+    camera = visible_cells(cells, reach, field_of_view=view, heading=heading)
+    assert not (camera & ~found).any()
+    for i in range(cells.positions):
+        here = np.broadcast_to([x[i], y[i]], (len(of), 1, 2))
+        hulls = shapely.convex_hull(shapely.multipoints(np.concatenate([here, corners], axis=1)))
+        hidden = shapely.area(shapely.difference(hulls, cells.workspace.environment))
+        beside = shapely.area(
+            shapely.difference(shapely.polygons(corners), sector(x[i], y[i], 50, view, heading))
+        )
+        hidden, beside = (np.bincount(of, area) for area in (hidden, beside))
+        far = np.full(cells.positions, -np.inf)
+        np.maximum.at(far, of, np.hypot(*np.moveaxis(corners - here, -1, 0)).max(axis=1) - reach)
+        # What a rounding error decides is told apart in the tests below.
+        clear = ((hidden < 1e-12) | (hidden > 1e-6)) & (np.abs(far) > 1e-6)
+        expected = (hidden < 1e-6) & (far < 0)
+        np.testing.assert_array_equal(found[i][clear], expected[clear])
+        clear &= (beside < 1e-12) | (beside > 1e-6)
+        expected &= beside < 1e-6
+        np.testing.assert_array_equal(camera[i][clear], expected[clear])
+
+
+@given(
+    hnp.arrays(bool, (6, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
+    st.sampled_from([0.6, 1.0, 1.6, 2.9, 3.6, np.inf]),
+)
+@settings(deadline=None, max_examples=60)
+def test_squares_are_exact(free, reach):
+    # All coordinates are halves, so that shapely's predicates are exact.
+    cells = CellSpace.of_grid(free, 1)
+    squares = [shapely.box(c, r, c + 1, r + 1) for r, c in np.argwhere(free)]
+    environment = shapely.union_all(squares)
+    found = visible_cells(cells, reach)
+    for i, here in enumerate(squares):
+        for j, there in enumerate(squares):
+            hull = shapely.union(here.centroid, there).convex_hull
+            x, y = shapely.get_coordinates(there).T
+            near = np.hypot(x - here.centroid.x, y - here.centroid.y).max() <= reach
+            assert found[i, j] == (near and environment.covers(hull))
+
+
+@given(
+    hnp.arrays(bool, (4, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
+    st.floats(0.05, 20),
+)
+@settings(deadline=None, max_examples=30)
+def test_a_map_of_any_scale_is_as_its_grid(free, side):
+    rows, columns = free.shape
+    grid = CellSpace.of_grid(free, 1, cell=side, origin=(-7.3, 2.1))
+    obstacles = [
+        [(-7.3 + (c + i) * side, 2.1 + (r + j) * side) for i, j in square(0, 0)]
+        for r, c in np.argwhere(~free)
+    ]
+    corners = [(0, 0), (columns, 0), (columns, rows), (0, rows)]
+    boundary = [(-7.3 + i * side, 2.1 + j * side) for i, j in corners]
+    cells = cells_of(*obstacles, boundary=boundary, cell=side)
+    np.testing.assert_array_equal(cells.free, free)
+    for reach in (2.0 * side, 3.2 * side):
+        np.testing.assert_array_equal(visible_cells(cells, reach), visible_cells(grid, reach))
+        np.testing.assert_array_equal(visible_centres(cells, reach), visible_centres(grid, reach))
+
+
+@given(rooms(), st.floats(0.5, 7))
+@settings(deadline=None, max_examples=40)
+def test_centres_see_each_other_if_the_segment_is_free(room, reach):
+    try:
+        cells = CellSpace.of(Workspace(*room), 0.7, 1)
+    except ValueError:
+        return
+    found = visible_centres(cells, reach)
+    np.testing.assert_array_equal(found, found.T)
+    assert found.diagonal().all()
+    surely, maybe = (cells.workspace.environment.buffer(margin) for margin in (-1e-6, 1e-6))
+    x, y, _ = cells.centre(np.arange(cells.positions))
+    i, j = np.nonzero(~np.eye(cells.positions, dtype=bool))
+    ends = np.stack([x[i], y[i], x[j], y[j]], axis=1).reshape(-1, 2, 2)
+    distance = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+    lines = shapely.linestrings(ends)
+    covered = shapely.covers(surely, lines)
+    clear = (covered == shapely.covers(maybe, lines)) & (np.abs(distance - reach) > 1e-6)
+    expected = covered & (distance <= reach)
+    np.testing.assert_array_equal(found[i, j][clear], expected[clear])
+
+
+@given(rooms(), st.floats(0.5, 4), st.floats(0, 3))
+@settings(deadline=None, max_examples=30)
+def test_who_sees_farther_sees_no_less(room, reach, more):
+    try:
+        cells = CellSpace.of(Workspace(*room), 0.8, 1)
+    except ValueError:
+        return
+    for visible in (visible_cells, visible_centres):
+        near, far = visible(cells, reach), visible(cells, reach + more)
+        assert not (near & ~far).any()
+        assert not (far & ~visible(cells, np.inf)).any()
+
+
+def test_all_of_a_cell_has_to_be_in_range():
+    cells = cells_of()
+    here, beside, across = (cells.index(*p) for p in ((0.5, 0.5), (1.5, 0.5), (1.5, 1.5)))
+    own, next_to, corner = np.sqrt(0.5), np.sqrt(2.5), np.sqrt(4.5)
+    for reach, seen in ((own, 1), (next_to, 3), (corner, 4)):
+        assert visible_cells(cells, reach)[here].sum() == seen
+        assert visible_cells(cells, reach - 1e-6)[here].sum() < seen
+    assert visible_cells(cells, next_to)[here, beside]
+    assert visible_cells(cells, corner)[here, across]
+    # A number that is a multiple of the side only up to rounding.
+    fine = cells_of(boundary=[(0, 0), (0.6, 0), (0.6, 0.6), (0, 0.6)], cell=0.1)
+    assert visible_centres(fine, 0.1 * 3)[0].sum() == 11
+
+
+def test_sight_runs_along_a_wall():
+    low = [(1, 1), (5, 1), (5, 2), (1, 2)]
+    assert sees(cells_of(low), (0.5, 0.5), (5.5, 0.5))
+    assert sees(cells_of(low), (0.5, 2.5), (5.5, 2.5))
+    # Through the centres: a wall from 0 to 2.5, over which the row of centres is level.
+    halved = cells_of([(1, 0), (5, 0), (5, 2.5), (1, 2.5)])
+    assert visible_centres(halved, 20.0)[halved.index(0.5, 2.5), halved.index(5.5, 2.5)]
+    assert sees(halved, (0.5, 2.5), (4.5, 2.5))
+    assert not sees(halved, (0.5, 2.5), (5.5, 2.5))
+
+
+def test_sight_grazes_a_corner_and_the_cell_behind_it_is_hidden():
+    cells = cells_of(square(2, 1))
+    # The line from (1.5, 0.5) to the corner (2, 1) goes on along the diagonal.
+    assert sees(cells, (1.5, 1.5), (1.5, 3.5))
+    assert visible_centres(cells, 20.0)[cells.index(1.5, 1.5), cells.index(2.5, 2.5)]
+    assert not sees(cells, (1.5, 1.5), (2.5, 2.5))
+    assert sees(cells, (1.5, 2.5), (2.5, 2.5))
+    assert not sees(cells, (1.5, 1.5), (3.5, 1.5))
+    assert not sees(cells, (0.5, 1.5), (5.5, 1.5))
+
+
+def test_sight_does_not_slip_between_two_obstacles_that_meet_in_a_point():
+    for pair in (
+        (square(2, 1), square(1, 2)),
+        ([(2, 2), (3, 1), (3.5, 1.2)], [(2, 2), (1, 3), (1.2, 3.5)]),
+    ):
+        for obstacles, free in ((pair, False), (pair[:1], True), (pair[1:], True)):
+            cells = cells_of(*obstacles)
+            ends = cells.index(1.5, 1.5), cells.index(2.5, 2.5)
+            assert visible_centres(cells, 20.0)[ends] == free
+            assert visible_centres(cells, 20.0)[ends[::-1]] == free
+
+
+def test_the_blocked_part_of_a_cell_need_not_be_seen():
+    # The wall leaves three quarters of each square of the column from 2 to 3.
+    cells = cells_of([(2.75, 0), (6, 0), (6, 6), (2.75, 6)])
+    assert cells.positions == 18
+    assert visible_cells(cells, 20.0).all()
+    # The range, too, counts to what is free.
+    assert sees(cells, (0.5, 0.5), (2.5, 0.5), np.hypot(2.25, 0.5))
+    assert not sees(cells, (0.5, 0.5), (2.5, 0.5), np.hypot(2.25, 0.5) - 1e-6)
+
+
+def test_nobody_sees_a_cell_that_a_wall_cuts_in_two():
+    cells = cells_of([(2.6, 0), (2.7, 0), (2.7, 6), (2.6, 6)])
+    found = visible_cells(cells, 20.0)
+    cut = cells.index(2.5, np.arange(6) + 0.5)
+    assert not found[:, cut].any()
+    assert np.delete(found, cut, axis=1).any(axis=0).all()
+
+
+def test_a_centre_on_a_wall_sees_its_free_side():
+    cells = cells_of([(1.5, 1.5), (3.5, 1.5), (3.5, 3.5), (1.5, 3.5)])
+    for wall, seen, hidden in (
+        ((1.5, 2.5), (0.5, 2.5), (4.5, 2.5)),
+        ((2.5, 1.5), (2.5, 0.5), (2.5, 4.5)),
+        ((1.5, 1.5), (0.5, 0.5), (4.5, 4.5)),
+        ((1.5, 1.5), (5.5, 0.5), (4.5, 3.5)),
+    ):
+        assert sees(cells, wall, wall)
+        assert sees(cells, wall, seen)
+        assert not sees(cells, wall, hidden)
+        ends = cells.index(*wall), cells.index(*hidden)
+        assert not visible_centres(cells, 20.0)[ends]
+
+
+def test_the_radius_of_the_robot_is_no_wall():
+    pillar = [(2.9, 2.9), (3.1, 2.9), (3.1, 3.1), (2.9, 3.1)]
+    point, disc = (CellSpace.of(Workspace(ROOM, [pillar], radius), 0.5, 1) for radius in (0.0, 0.4))
+    same = point.position_of_square.ravel()[disc.square]
+    assert disc.positions < point.positions
+    for visible in (visible_cells, visible_centres):
+        np.testing.assert_array_equal(visible(disc, 3.0), visible(point, 3.0)[np.ix_(same, same)])
+
+
+def test_a_camera_sees_what_is_wholly_in_its_cone():
+    cells = cells_of()
+    seen = visible_cells(cells, 20.0, field_of_view=np.pi / 2, heading=np.pi / 4)
+    here = cells.index(2.5, 2.5)
+    x, y, _ = cells.centre(np.flatnonzero(seen[here]))
+    assert len(x) == 9
+    assert min(x.min(), y.min()) == 3.5
+    half = visible_cells(cells, 20.0, field_of_view=np.pi, heading=0.0)
+    assert half[here].sum() == 3 * 6
+    most = visible_cells(cells, 20.0, field_of_view=1.5 * np.pi, heading=np.pi / 4)
+    # All but the own row and column to the left and below, and what lies between these.
+    assert most[here].sum() == 36 - 3 * 3
+    assert not most.diagonal().any()
+    full = visible_cells(cells, 20.0, field_of_view=2 * np.pi, heading=1.0)
+    np.testing.assert_array_equal(full, visible_cells(cells, 20.0))
+
+
+def test_headings_are_views():
+    cells = cells_of(square(2, 2), [(4, 4), (5, 4.5), (4.2, 5)])
+    headings = 2 * np.pi * np.arange(4)[:, None] / 4
+    views = visible_cells(cells, 4.0, field_of_view=2.0, heading=headings)
+    assert views.shape == (4, cells.positions, cells.positions)
+    for heading, view in zip(headings[:, 0].tolist(), views, strict=True):
+        np.testing.assert_array_equal(
+            view, visible_cells(cells, 4.0, field_of_view=2.0, heading=heading)
+        )
+    which = np.arange(cells.positions) % 4
+    own = visible_cells(cells, 4.0, field_of_view=2.0, heading=headings[which, 0])
+    np.testing.assert_array_equal(own, views[which, np.arange(cells.positions)])
+
+
+@pytest.mark.parametrize("reach", [0, -1.0, float("nan")])
+def test_refuses_a_range_that_is_none(reach):
+    for visible in (visible_cells, visible_centres):
+        with pytest.raises(ValueError, match="reach: expected more than 0 m, got"):
+            visible(cells_of(), reach)
+
+
+@pytest.mark.parametrize("view", [0.0, -1.0, 6.3, float("nan"), float("inf")])
+def test_refuses_a_field_of_view_that_is_none(view):
+    with pytest.raises(ValueError, match="field_of_view: expected more than 0 and at most 2 pi"):
+        visible_cells(cells_of(), 1.0, field_of_view=view, heading=0.0)
+
+
+def test_refuses_half_a_camera_and_headings_that_do_not_fit():
+    cells = cells_of()
+    for camera in ({"field_of_view": 1.0}, {"heading": 1.0}):
+        with pytest.raises(ValueError, match="both or neither"):
+            visible_cells(cells, 1.0, **camera)
+    with pytest.raises(ValueError, match="a last axis of 1 or 36"):
+        visible_cells(cells, 1.0, field_of_view=1.0, heading=np.zeros(35))
+    with pytest.raises(ValueError, match="heading: expected finite numbers, got nan"):
+        visible_cells(cells, 1.0, field_of_view=1.0, heading=np.full((2, 1), np.nan))
