@@ -4,6 +4,8 @@
     the `a_i`, found exactly by an active set.
 - The walk on a graph with the *minimum commute* time has edge weights that are an A-optimal design,
     found by an interior-point method.
+- The *fastest mixing* chain has the least second largest eigenvalue modulus, and *fastest averaging*
+    may give edges negative weights. Both are semidefinite programs.
 - A *cover* is a choice of sets that together hold every element, greedily or with the fewest sets.
 - A *Stackelberg* leader mixes its strategies, knowing that the follower answers best.
 
@@ -11,6 +13,11 @@ Every answer comes with a [`jaxcell.certificate.Certificate`][] of how far from 
 be.
 """
 
+from .commute_sweep import (
+    CommuteSweep as CommuteSweep,
+    commute_weights as commute_weights,
+    minimum_commute_sweep as minimum_commute_sweep,
+)
 from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
 from .cover import (
     Cover as Cover,
@@ -20,5 +27,11 @@ from .cover import (
 )
 from .game import Commitment as Commitment, payoffs as payoffs, stackelberg as stackelberg
 from .graph import Graph as Graph
+from .mixing import (
+    FastestAveraging as FastestAveraging,
+    FastestMixing as FastestMixing,
+    fastest_averaging as fastest_averaging,
+    fastest_mixing as fastest_mixing,
+)
 from .mixture import Mixture as Mixture, mixture as mixture
 from .tour import shortest_tour as shortest_tour

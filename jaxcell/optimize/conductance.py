@@ -78,7 +78,7 @@ def minimum_commute(
         raise ValueError(f"share: expected 0 to 1, got {share}")
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    _check_connected(graph)
+    check_connected(graph)
     tour, emphasised = None, np.ones(len(graph.edges), bool)
     if emphasis is not None:
         try:
@@ -300,7 +300,8 @@ def _length(
     return min(1.0, 1 / shrink) if shrink > 0 else 1.0
 
 
-def _check_connected(graph: Graph) -> None:
+def check_connected(graph: Graph) -> None:
+    """**Raises:** `ValueError` that names vertices of each of two parts that are not connected."""
     parts, part = scipy.sparse.csgraph.connected_components(
         graph.matrix(np.ones(len(graph.edges))), directed=False
     )

@@ -1,0 +1,281 @@
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.linalg
+import numpy as np
+import scipy.sparse.csgraph
+from jaxtyping import Array, Bool, Float, Int
+
+from ..certificate import Certificate
+from ..precision import require_x64
+from .graph import Graph
+from .tour import on_walk, shortest_tour
+
+
+_STEPS = 60
+# Below this, the distance from the central path is rounding.
+_ROUNDING = 1e-16
+# Of the way to the nearest bound, so that weights stay positive.
+_SHORT_OF_THE_BOUND = 0.99
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class CommuteSweep:
+    """The weights with which a walk commutes fastest, for many problems on one graph."""
+
+    weights: Float[Array, "*batch edges"]
+    "The weight of each edge; they are not negative and sum to 1, or not numbers."
+    commute_time: Float[Array, "*batch"]
+    "The mean over pairs of vertices of the expected number of steps there and back."
+    gap: Float[Array, "*batch"]
+    "The relative duality gap: no weights bring a time below `(1 - gap) commute_time`."
+    iterations: Int[Array, "*batch"]
+    "The steps that were taken."
+
+
+def minimum_commute_sweep(
+    graph: Graph,
+    *,
+    allowed: Any = None,
+    emphasis: Sequence[Sequence[int]] | None = None,
+    share: Any = 0.8,
+    tolerance: float = 1e-8,
+    throw: bool = True,
+) -> CommuteSweep:
+    """[`minimum_commute`][jaxcell.optimize.minimum_commute] for many problems, in one batch.
+
+    A problem is a set of edges, an emphasis and a share. Whichever are given as many must be
+    equally many, and what is given once is the same for all.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `allowed`: boolean array `[problems, edges]`, the edges that may have weight; all by default.
+    - `emphasis`: for each problem, vertices to be visited more often, two or more. Their closed
+        tour is the shortest along the edges that are allowed.
+    - `share`: the least sum of the weights on the edges of that tour, 0 or more and less than 1;
+        array `[problems]`, or one number.
+    - `tolerance`: of the relative gaps.
+    - `throw`: whether to raise when an answer is not good enough.
+
+    **Returns:** [`CommuteSweep`][] with the axis of the problems. Where the allowed edges do not
+    connect all vertices, the time is `inf`, with gap 0, and weights are not numbers.
+
+    **Raises:** `ValueError` for arrays of other shapes, a share out of range, and an emphasis that
+    is not two or more different vertices, naming the problem; `RuntimeError` if a gap does not
+    close, or where JAX is set to 32 bits.
+    """
+    edges = len(graph.edges)
+    allowed = np.ones((1, edges), bool) if allowed is None else np.asarray(allowed)
+    if allowed.ndim != 2 or allowed.shape[1] != edges or allowed.dtype != np.bool_:
+        raise ValueError(
+            f"allowed: expected booleans [problems, {edges}], got {allowed.dtype} "
+            f"{list(allowed.shape)}"
+        )
+    share = np.atleast_1d(np.asarray(share, np.float64))
+    if share.ndim != 1 or not ((share >= 0) & (share < 1)).all():
+        raise ValueError(f"share: expected numbers of 0 or more and less than 1, got {share}")
+    if not tolerance > 0:
+        raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
+    counts = {"allowed": len(allowed), "share": len(share)}
+    if emphasis is not None:
+        counts["emphasis"] = len(emphasis)
+    problems = max(counts.values())
+    for name, count in counts.items():
+        if count not in (1, problems):
+            raise ValueError(f"{name}: expected one problem, or {problems}, got {count}")
+    allowed = np.broadcast_to(allowed, (problems, edges))
+    on_tour = np.ones((problems, edges), bool)
+    share = np.broadcast_to(0.0 if emphasis is None else share, problems)
+    if emphasis is not None:
+        for problem in range(problems):
+            stops = emphasis[problem % len(emphasis)]
+            on_tour[problem] = _on_tour(graph, stops, allowed[problem], problem)
+    found = _solve_all(graph.vertices, jnp.asarray(graph.edges), on_tour, allowed, share, tolerance)
+    worst = int(np.argmax(np.nan_to_num(np.asarray(found.gap), nan=np.inf)))
+    certificate = Certificate(int(found.iterations[worst]), float(found.gap[worst]), tolerance)
+    certificate.check(f"minimum_commute_sweep, problem {worst}", throw)
+    return found
+
+
+def _on_tour(
+    graph: Graph, stops: Sequence[int], allowed: Bool[np.ndarray, "edges"], problem: int
+) -> Bool[np.ndarray, "edges"]:
+    """The edges of a tour along those allowed; all of them, if no walk reaches all vertices."""
+    matrix = graph.matrix(allowed.astype(np.float64))
+    matrix.eliminate_zeros()
+    if scipy.sparse.csgraph.connected_components(matrix, directed=False)[0] > 1:
+        return allowed
+    part = Graph(graph.edges[allowed], graph.vertices, graph.xy)
+    try:
+        tour = shortest_tour(part, stops)
+    except ValueError as error:
+        raise ValueError(f"emphasis[{problem}]: {error}") from None
+    return on_walk(graph, tour)
+
+
+@functools.partial(jax.jit, static_argnames="vertices")
+def commute_weights(
+    vertices: int,
+    edges: Int[Array, "edges 2"],
+    on_tour: Bool[Array, "edges"],
+    allowed: Bool[Array, "edges"],
+    share: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> CommuteSweep:
+    """One problem of [`minimum_commute_sweep`][] on arrays only, under `jit` and `vmap`.
+
+    The method is that of [`minimum_commute`][jaxcell.optimize.minimum_commute], in dense linear
+    algebra of fixed shapes. What the tour has beyond its share is one more weight that is not
+    negative, so that the same steps find whether the bound is tight.
+
+    **Arguments:**
+
+    - `vertices`: how many.
+    - `edges`: the two ends of each edge.
+    - `on_tour`: the edges that are emphasised; all, and share 0, for no emphasis.
+    - `allowed`: the edges that may have weight.
+    - `share`: the least sum of the weights on the tour, less than 1.
+    - `tolerance`: of the relative gap.
+
+    **Returns:** [`CommuteSweep`][] without an axis for problems.
+
+    **Raises:** `RuntimeError` where JAX is set to 32 bits.
+    """
+    require_x64("commute_weights")
+    number = jnp.arange(edges.shape[0])
+    differences = jnp.zeros((edges.shape[0], vertices))
+    differences = differences.at[number, edges[:, 0]].set(1.0).at[number, edges[:, 1]].set(-1.0)
+    differences = jnp.where(allowed[:, None], differences, 0.0)
+    connected = _connected(differences)
+    on_tour = on_tour & allowed
+    # The last weight is what the tour has beyond its share.
+    live = jnp.append(allowed, True)
+    ones, tour = live.astype(float).at[-1].set(0.0), jnp.append(on_tour.astype(float), -1.0)
+    sums, totals = jnp.stack([ones, tour], axis=1), jnp.stack([jnp.ones(()), share])
+
+    def gap_of(design):  # type: ignore[no-untyped-def]
+        resistance, gain, _ = design
+        most = share * jnp.max(jnp.where(on_tour, gain, 0.0)) + (1 - share) * jnp.max(gain)
+        return jnp.maximum(0.0, 1 - resistance / most)
+
+    # Even weights, but for the share.
+    even = allowed.astype(float) / jnp.sum(allowed, dtype=float)
+    on_tour_even = jnp.sum(jnp.where(on_tour, even, 0.0))
+    of_tour = share + (1 - share) * on_tour_even
+    weights = (1 - share) * even + jnp.where(on_tour, share * even / on_tour_even, 0.0)
+    design = _design(differences, weights)
+    unit = design[0]
+    highest = jnp.max(design[1]) / unit
+    prices = jnp.stack([1.4 * highest, -0.2 * highest])
+    x = jnp.append(weights, of_tour - share)
+    pressure = jnp.where(live, sums @ prices - jnp.append(design[1], 0.0) / unit, 0.0)
+
+    def go_on(state):  # type: ignore[no-untyped-def]
+        (x, pressure, _), _, gap, steps, fine = state
+        far = (gap > tolerance / 2) & (x @ pressure > _ROUNDING)
+        return connected & fine & far & (steps < _STEPS)
+
+    def go(state):  # type: ignore[no-untyped-def]
+        point, best, gap, steps, _ = state
+        point = _step(differences, sums, totals, live, unit, point)
+        found = gap_of(_design(differences, point[0][:-1]))
+        best = jnp.where(found < gap, point[0], best)
+        fine = jnp.isfinite(found)
+        return point, best, jnp.where(fine, jnp.minimum(found, gap), gap), steps + 1, fine
+
+    start = (x, pressure, prices), x, gap_of(design), jnp.zeros((), jnp.int32), jnp.array(True)
+    _, best, gap, steps, _ = jax.lax.while_loop(go_on, go, start)
+    weights = best[:-1]
+    resistance, _, _ = _design(differences, weights)
+    time = 4 * resistance / (vertices - 1)
+    return CommuteSweep(
+        weights=jnp.where(connected, weights, jnp.nan),
+        commute_time=jnp.where(connected, time, jnp.inf),
+        gap=jnp.where(connected, gap, 0.0),
+        iterations=steps,
+    )
+
+
+def _connected(differences: Float[Array, "edges vertices"]) -> Bool[Array, ""]:
+    """Whether edges connect all vertices, by squaring the relation of being adjacent."""
+    vertices = differences.shape[1]
+    near = (jnp.abs(differences.T @ differences) + jnp.eye(vertices)) > 0
+    for _ in range(max(1, (vertices - 1).bit_length())):
+        near = near.astype(float) @ near.astype(float) > 0
+    return jnp.all(near)
+
+
+def _design(
+    differences: Float[Array, "edges vertices"], weights: Float[Array, "edges"]
+) -> tuple[Float[Array, ""], Float[Array, "edges"], Float[Array, "edges vertices"]]:
+    """The sum of the reciprocal eigenvalues of the Laplacian, and what its derivatives are made of.
+
+    **Returns:** the sum, by how much each weight lowers it, and the columns `X b_e` of the
+    pseudo-inverse for the differences `b_e` of the ends of edges.
+    """
+    vertices = differences.shape[1]
+    laplacian = differences.T @ (weights[:, None] * differences)
+    # A constant turns the eigenvalue 0 into one within the range of the others.
+    shift = jnp.trace(laplacian) / vertices
+    factor = jnp.linalg.cholesky(laplacian + shift / vertices)
+    inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(vertices))
+    columns = differences @ inverse
+    return jnp.trace(inverse) - 1 / shift, jnp.sum(columns**2, axis=1), columns
+
+
+def _step(
+    differences: Float[Array, "edges vertices"],
+    sums: Float[Array, "weights 2"],
+    totals: Float[Array, "2"],
+    live: Bool[Array, "weights"],
+    unit: Float[Array, ""],
+    point: tuple[Float[Array, "weights"], Float[Array, "weights"], Float[Array, "2"]],
+) -> tuple[Float[Array, "weights"], Float[Array, "weights"], Float[Array, "2"]]:
+    """One step of Mehrotra's predictor and corrector.
+
+    It goes towards `gain / unit + pressure = sums prices`, `sums' x = totals` and `x pressure = 0`.
+    Weights that are not live stay 0.
+    """
+    x, pressure, prices = point
+    _, gain, columns = _design(differences, x[:-1])
+    safe = jnp.where(live, x, 1.0)
+    stiffness = jnp.where(live, pressure / safe, 1.0)
+    hessian = 2 / unit * (columns @ columns.T) * (columns @ differences.T)
+    factor = jnp.linalg.cholesky(jnp.diag(stiffness) + jnp.pad(hessian, (0, 1)))
+    residual = jnp.where(live, sums @ prices - jnp.append(gain, 0.0) / unit - pressure, 0.0)
+    missing = totals - sums.T @ x
+    moved = jax.scipy.linalg.cho_solve((factor, True), sums)
+
+    def solve(aim):  # type: ignore[no-untyped-def]
+        along = jax.scipy.linalg.cho_solve((factor, True), aim / safe - residual)
+        d_prices = jnp.linalg.solve(sums.T @ moved, sums.T @ along - missing)
+        d_x = along - moved @ d_prices
+        return d_x, (aim - pressure * d_x) / safe, d_prices
+
+    def length(d_x, d_pressure):  # type: ignore[no-untyped-def]
+        """The longest step, of at most 1, after which nothing is negative."""
+        shrink = jnp.where(live, jnp.maximum(-d_x / safe, -d_pressure / pressure), 0.0)
+        return 1 / jnp.maximum(1.0, jnp.max(shrink))
+
+    product = x * pressure
+    count = jnp.sum(live, dtype=float)
+    mean = jnp.sum(product) / count
+    d_x, d_pressure, _ = solve(-product)
+    ahead = length(d_x, d_pressure)
+    after = (x + ahead * d_x) @ (pressure + ahead * d_pressure) / count
+    centre = (after / mean) ** 3 * mean
+    aim = jnp.where(live, centre - product - d_x * d_pressure, 0.0)
+    d_x, d_pressure, d_prices = solve(aim)
+    ahead = _SHORT_OF_THE_BOUND * length(d_x, d_pressure)
+    return x + ahead * d_x, pressure + ahead * d_pressure, prices + ahead * d_prices
+
+
+_solve_all = jax.jit(
+    jax.vmap(commute_weights, in_axes=(None, None, 0, 0, 0, None)), static_argnums=0
+)

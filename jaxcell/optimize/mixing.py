@@ -1,0 +1,162 @@
+import dataclasses
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float
+
+from ..certificate import Certificate
+from ..mapping import Chain
+from .conductance import check_connected
+from .graph import Graph
+from .spectral import SpectralProblem, least_norm
+
+
+# A distribution whose sum differs from 1 by no more has sum 1.
+_ROUNDING = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FastestMixing:
+    """The reversible chain on a graph that forgets fastest where it started."""
+
+    weights: Float[np.ndarray, "edges"]
+    "The probability of a step along each edge one way, in the long run: `pi_i p_ij = pi_j p_ji`."
+    holding: Float[np.ndarray, "vertices"]
+    "The probability of a step that stays at each vertex, in the long run: `pi_i p_ii`."
+    transition: Float[np.ndarray, "vertices vertices"]
+    "The probability `p_ij` of a step from the first vertex to the second."
+    rate: float
+    "The second largest modulus of an eigenvalue of `transition`."
+    certificate: Certificate
+
+    @property
+    def chain(self) -> Chain:
+        """The chain of a patroller, [`jaxcell.mapping.Chain`][], whose cells are the vertices."""
+        return Chain.from_scipy(self.transition)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FastestAveraging:
+    """The weights with which neighbours that average their numbers agree fastest."""
+
+    weights: Float[np.ndarray, "edges"]
+    "The weight of each edge, of either sign."
+    matrix: Float[np.ndarray, "vertices vertices"]
+    "What a round of averaging multiplies by: 1 minus the weighted Laplacian."
+    rate: float
+    "The factor by which a round shrinks the distance from the average, in the worst case."
+    certificate: Certificate
+
+
+def fastest_mixing(
+    graph: Graph, stationary: Any = None, *, tolerance: float = 1e-7, throw: bool = True
+) -> FastestMixing:
+    """The fastest mixing Markov chain on a graph, FMMC (Boyd, Diaconis and Xiao 2004).
+
+    Of the reversible chains that step along edges or stay, and that have a given stationary
+    distribution, it is the one whose second largest eigenvalue modulus is least. That is a
+    semidefinite program, which an interior-point method solves.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `stationary`: array `[vertices]`, the share of the time to spend at each vertex, positive and
+        with sum 1; by default the same at all.
+    - `tolerance`: of the relative gap.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`FastestMixing`][]. The residual of its certificate is how far the spectral gap,
+    `1 - rate`, can be below the largest, as a part of itself. It comes from a dual solution: no
+    chain has a rate below `tr Y - sqrt(pi)' Y sqrt(pi) - pi' z`, for a symmetric `Y` whose
+    eigenvalues have moduli with sum 1, and `z >= 0` with `z_i + z_j >= s' Y s` for each edge, where
+    `s = e_i / sqrt(pi_i) - e_j / sqrt(pi_j)`.
+
+    **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part, and a
+    `stationary` that is not such a distribution; `RuntimeError` if the gap does not close.
+    """
+    stationary = (
+        np.full(graph.vertices, 1 / graph.vertices)
+        if stationary is None
+        else _checked(stationary, graph.vertices)
+    )
+    # Weights are not negative, and those at a vertex leave something for staying.
+    edges = len(graph.edges)
+    ends = (np.ones(2 * edges), (graph.edges.ravel(), np.repeat(np.arange(edges), 2)))
+    at = scipy.sparse.csr_array(ends, shape=(graph.vertices, edges))
+    bounds = scipy.sparse.vstack([-scipy.sparse.eye_array(edges), at], format="csr")
+    limits = np.append(np.zeros(edges), stationary)
+    weights, rate, certificate = _fastest(graph, stationary, bounds, limits, tolerance)
+    certificate.check("fastest_mixing", throw)
+    flow = graph.matrix(weights).toarray()
+    holding = np.maximum(0, stationary - flow.sum(axis=0))
+    transition = (flow + np.diag(holding)) / stationary[:, None]
+    return FastestMixing(weights, holding, transition, rate, certificate)
+
+
+def fastest_averaging(
+    graph: Graph, *, tolerance: float = 1e-7, throw: bool = True
+) -> FastestAveraging:
+    """The fastest distributed linear averaging on a graph, FDLA (Xiao and Boyd 2004).
+
+    All vertices hold a number and replace it, round by round, by `x_i + sum_j w_ij (x_j - x_i)`,
+    the sum over their neighbours. They agree on the average in the end, and these weights make them
+    do so fastest. As those of [`fastest_mixing`][] do, but a weight may be negative, and then there
+    is no chain.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `tolerance`: of the relative gap.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`FastestAveraging`][]. The residual of its certificate is how far `1 - rate` can
+    be below the largest, as a part of itself.
+
+    **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part;
+    `RuntimeError` if the gap does not close.
+    """
+    n = graph.vertices
+    even = np.full(n, 1 / n)
+    nothing = scipy.sparse.csr_array((0, len(graph.edges)), dtype=np.float64)
+    weights, rate, certificate = _fastest(graph, even, nothing, np.zeros(0), tolerance)
+    certificate.check("fastest_averaging", throw)
+    weights = n * weights
+    off = graph.matrix(weights).toarray()
+    matrix = np.eye(n) + off - np.diag(off.sum(axis=0))
+    return FastestAveraging(weights, matrix, rate, certificate)
+
+
+def _fastest(
+    graph: Graph,
+    stationary: Float[np.ndarray, "vertices"],
+    bounds: scipy.sparse.csr_array,
+    limits: Float[np.ndarray, "bounds"],
+    tolerance: float,
+) -> tuple[Float[np.ndarray, "edges"], float, Certificate]:
+    """Starts where every vertex stays half of the time or more, which no bound touches."""
+    if not tolerance > 0:
+        raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
+    check_connected(graph)
+    problem = SpectralProblem(graph.edges, np.sqrt(stationary), bounds, limits)
+    degree = np.bincount(graph.edges.ravel(), minlength=graph.vertices)
+    start = (stationary / (2 * degree))[graph.edges].min(axis=1)
+    weights, rate, bound, steps = least_norm(problem, start, tolerance)
+    gap = max(0.0, (rate - bound) / (1 - rate))
+    return weights, rate, Certificate(steps, gap, tolerance)
+
+
+def _checked(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
+    given = np.array(stationary, np.float64)
+    if given.shape != (vertices,):
+        raise ValueError(
+            f"stationary: expected {vertices} numbers, one a vertex, got {list(given.shape)}"
+        )
+    wrong = np.flatnonzero(~((given > 0) & np.isfinite(given)))
+    if wrong.size:
+        raise ValueError(
+            f"stationary[{wrong[0]}] is {given[wrong[0]]}; expected a finite positive number"
+        )
+    if abs(given.sum() - 1) > _ROUNDING:
+        raise ValueError(f"stationary: expected numbers with sum 1, got {given.sum()}")
+    return given / given.sum()

@@ -1,0 +1,256 @@
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+from jaxtyping import Float, Int
+
+
+_STEPS = 100
+# Of the edges in `level I - M` and in `level I + M`.
+_SIGNS = np.array([1.0, -1.0])[:, None, None]
+# What makes a Hessian of size 1 positive definite in spite of rounding.
+_RIDGE = 1e-12
+# Of the way to the nearest bound, so that nothing becomes singular.
+_SHORT_OF_THE_BOUND = 0.95
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SpectralProblem:
+    """The least spectral norm of `M(w) = I - r r' - sum_e w_e s_e s_e'` over `limits >= bounds w`.
+
+    For an edge `e` between `i` and `j`, `s_e = e_i / r_i - e_j / r_j`, so that all `s_e` are
+    orthogonal to `r`, whose norm is 1. With `L(w)` the sum over the edges, `M` is similar to a
+    transition matrix without its eigenvalue 1.
+    """
+
+    edges: Int[np.ndarray, "edges 2"]
+    root: Float[np.ndarray, "vertices"]
+    "The vector `r`, positive."
+    bounds: scipy.sparse.csr_array
+    limits: Float[np.ndarray, "bounds"]
+
+    def matrix(self, weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "vertices vertices"]:
+        """The matrix `M(w)`."""
+        return self.centred - self.laplacian(weights)
+
+    def shifted(
+        self, weights: Float[np.ndarray, "edges"], level: float
+    ) -> Float[np.ndarray, "2 vertices vertices"]:
+        """The matrices `level I - M(w)` and `level I + M(w)`."""
+        return level * np.eye(self.root.size) - _SIGNS * self.matrix(weights)
+
+    @property
+    def centred(self) -> Float[np.ndarray, "vertices vertices"]:
+        """The projection `I - r r'`."""
+        return np.eye(self.root.size) - np.outer(self.root, self.root)
+
+    def laplacian(
+        self, weights: Float[np.ndarray, "edges"]
+    ) -> Float[np.ndarray, "vertices vertices"]:
+        """The sum `L(w)` of the `w_e s_e s_e'`."""
+        tail, head = self.edges.T
+        matrix = np.zeros((self.root.size, self.root.size))
+        matrix[tail, head] = matrix[head, tail] = -weights
+        matrix[np.diag_indices_from(matrix)] = -matrix.sum(axis=0)
+        return matrix / np.outer(self.root, self.root)
+
+    def along(self, matrix: Float[np.ndarray, "vertices vertices"]) -> Float[np.ndarray, "edges"]:
+        """The number `s_e' A s_e` of each edge, for a symmetric matrix."""
+        tail, head = self.edges.T
+        scaled = matrix / np.outer(self.root, self.root)
+        own = np.diag(scaled)
+        return own[tail] + own[head] - 2 * scaled[tail, head]
+
+    def between(
+        self, matrix: Float[np.ndarray, "vertices vertices"]
+    ) -> Float[np.ndarray, "edges edges"]:
+        """The number `s_e' A s_f` of each two edges."""
+        tail, head = self.edges.T
+        scaled = matrix / np.outer(self.root, self.root)
+        rows = scaled[tail] - scaled[head]
+        return rows[:, tail] - rows[:, head]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Point:
+    """Weights, a level above the norm, and forces that hold them within their bounds.
+
+    It is a change of these as well. A matrix that stays positive definite has a matrix as its
+    force, and a number that stays positive has a number.
+    """
+
+    weights: Float[np.ndarray, "edges"]
+    level: float
+    forces: Float[np.ndarray, "2 vertices vertices"]
+    "Those on `level I - M` and `level I + M`."
+    pressure: Float[np.ndarray, "bounds"]
+    "Those on `limits - bounds w`."
+
+    def moved(self, change: "_Point", primal: float, dual: float) -> "_Point":
+        return _Point(
+            self.weights + primal * change.weights,
+            self.level + primal * change.level,
+            self.forces + dual * change.forces,
+            self.pressure + dual * change.pressure,
+        )
+
+
+def least_norm(
+    problem: SpectralProblem, weights: Float[np.ndarray, "edges"], tolerance: float
+) -> tuple[Float[np.ndarray, "edges"], float, float, int]:
+    """Follows the central path of the semidefinite program with a predictor and a corrector.
+
+    The direction is that of Helmberg, Rendl, Vanderbei and Wolkowicz (1996). Because an edge
+    changes the matrices by one of rank 1, its Hessian is a product of matrices, entry by entry.
+
+    **Arguments:**
+
+    - `problem`: the problem.
+    - `weights`: where to start, within the limits and not on them, and with a norm below 1.
+    - `tolerance`: of the norm above the least one, as a part of 1 minus the norm.
+
+    **Returns:** the best weights that were found, their norm, a bound that no norm is below, and
+    the number of steps.
+    """
+    inverse = np.linalg.inv(problem.shifted(weights, 1.0))
+    unit = 1 / float(np.trace(inverse, axis1=1, axis2=2).sum())
+    pressure = unit / (problem.limits - problem.bounds @ weights)
+    point = _Point(weights, 1.0, unit * inverse, pressure)
+    best, norm, bound, steps = weights, math.inf, -math.inf, 0
+    while True:
+        found = float(np.linalg.norm(problem.matrix(point.weights), 2))
+        if found < norm:
+            best, norm = point.weights, found
+        bound = max(bound, _bound(problem, point))
+        if norm - bound <= tolerance / 2 * (1 - norm) or steps == _STEPS:
+            break
+        try:
+            point = _step(problem, point)
+        except np.linalg.LinAlgError:
+            break
+        steps += 1
+    return best, norm, bound, steps
+
+
+def _bound(problem: SpectralProblem, point: _Point) -> float:
+    """A norm that no weights are below.
+
+    For a symmetric `Y` whose eigenvalues have moduli with sum 1 or less, the norm of `M(w)` is at
+    least `tr Y M(w) = tr Y C - sum_e w_e s_e' Y s_e`, with `C = I - r r'`. Where `z >= 0` and
+    `s_e' Y s_e = (bounds' z)_e` for all edges, what is subtracted is `z' bounds w`, at most
+    `z' limits`. A `Y` that is near to that is moved there along the `s_e s_e'`, which are
+    independent: no two have an entry off the diagonal in common.
+    """
+    centred = problem.centred
+    Y = centred @ (point.forces[0] - point.forces[1]) @ centred
+    excess = problem.along(Y) - problem.bounds.T @ point.pressure
+    inner = problem.between(np.eye(problem.root.size)) ** 2
+    Y -= problem.laplacian(np.linalg.solve(inner, excess))
+    # That of the forces is the larger one where the least norm is 0, and then Y is only rounding.
+    size = max(np.abs(np.linalg.eigvalsh(Y)).sum(), np.trace(point.forces.sum(axis=0)))
+    return max(0.0, float((np.trace(Y) - problem.limits @ point.pressure) / size))
+
+
+def _step(problem: SpectralProblem, point: _Point) -> _Point:
+    """One step towards forces that add up to 0 along every edge and do no work.
+
+    **Raises:** `numpy.linalg.LinAlgError` where a matrix is singular to rounding.
+    """
+    slack = problem.limits - problem.bounds @ point.weights
+    shifted = problem.shifted(point.weights, point.level)
+    root = np.linalg.inv(np.linalg.cholesky(shifted))
+    forces_root = np.linalg.inv(np.linalg.cholesky(point.forces))
+    # Symmetric to the last digit, without which the gap closes only to 1e-6.
+    inverse = root.transpose(0, 2, 1) @ root
+    solve = _hessian_solve(problem, point, inverse, slack)
+
+    def change(forces, pressure):  # type: ignore[no-untyped-def]
+        """The change after which forces balance, and what they hold then."""
+        weights, level = solve(_balance(problem, forces, pressure))
+        opened = level * np.eye(root.shape[-1]) + _SIGNS * problem.laplacian(weights)
+        widened = -(problem.bounds @ weights)
+        forces = forces - point.forces - _symmetric(point.forces @ opened @ inverse)
+        pressure = pressure - point.pressure - point.pressure * widened / slack
+        primal = min(_length(root, opened), _ratio(slack, widened))
+        dual = min(_length(forces_root, forces), _ratio(point.pressure, pressure))
+        return _Point(weights, level, forces, pressure), opened, widened, primal, dual
+
+    work = np.sum(point.forces * shifted) + point.pressure @ slack
+    count = 2 * root.shape[-1] + slack.size
+    ahead, opened, widened, primal, dual = change(0 * inverse, 0 * slack)
+    there = point.moved(ahead, primal, dual)
+    left = np.sum(there.forces * (shifted + primal * opened))
+    left += there.pressure @ (slack + primal * widened)
+    centre = (left / work) ** 3 * work / count
+    ahead, _, _, primal, dual = change(
+        centre * inverse - _symmetric(ahead.forces @ opened @ inverse),
+        (centre - ahead.pressure * widened) / slack,
+    )
+    return point.moved(ahead, _SHORT_OF_THE_BOUND * primal, _SHORT_OF_THE_BOUND * dual)
+
+
+def _balance(
+    problem: SpectralProblem,
+    forces: Float[np.ndarray, "2 vertices vertices"],
+    pressure: Float[np.ndarray, "bounds"],
+) -> Float[np.ndarray, "unknowns"]:
+    """What forces add up to along each edge and, last, on the level, where 1 balances."""
+    along = problem.along(forces[0] - forces[1]) - problem.bounds.T @ pressure
+    return np.append(along, np.trace(forces[0] + forces[1]))
+
+
+def _hessian_solve(
+    problem: SpectralProblem,
+    point: _Point,
+    inverse: Float[np.ndarray, "2 vertices vertices"],
+    slack: Float[np.ndarray, "bounds"],
+) -> Callable[[Float[np.ndarray, "unknowns"]], tuple[Float[np.ndarray, "edges"], float]]:
+    """The change of weights and level that answers forces which do not balance."""
+    stiff = scipy.sparse.diags_array(point.pressure / slack)
+    hessian = np.empty((len(point.weights) + 1,) * 2)
+    hessian[:-1, :-1] = (problem.bounds.T @ stiff @ problem.bounds).toarray()
+    for force, inner in zip(point.forces, inverse, strict=True):
+        hessian[:-1, :-1] += problem.between(force) * problem.between(inner)
+    hessian[-1] = hessian[:, -1] = _balance(
+        problem, _symmetric(point.forces @ inverse), np.zeros_like(slack)
+    )
+    scale = 1 / np.sqrt(np.diag(hessian))
+    hessian *= np.outer(scale, scale)
+    try:
+        factor = scipy.linalg.cho_factor(hessian)
+    except np.linalg.LinAlgError:
+        # Near the end it may be singular to rounding, where many weights are as good.
+        factor = scipy.linalg.cho_factor(hessian + _RIDGE * np.eye(len(hessian)))
+
+    def solve(total):  # type: ignore[no-untyped-def]
+        total = total.copy()
+        total[-1] -= 1
+        change = scale * scipy.linalg.cho_solve(factor, scale * total)
+        return change[:-1], float(change[-1])
+
+    return solve
+
+
+def _symmetric(
+    matrices: Float[np.ndarray, "2 vertices vertices"],
+) -> Float[np.ndarray, "2 vertices vertices"]:
+    return (matrices + matrices.transpose(0, 2, 1)) / 2
+
+
+def _length(
+    inverse_root: Float[np.ndarray, "2 vertices vertices"],
+    change: Float[np.ndarray, "2 vertices vertices"],
+) -> float:
+    """The longest step, of at most 1, after which both matrices are positive semidefinite."""
+    relative = inverse_root @ change @ inverse_root.transpose(0, 2, 1)
+    shrink = -float(np.linalg.eigvalsh(relative).min())
+    return min(1.0, 1 / shrink) if shrink > 0 else 1.0
+
+
+def _ratio(values: Float[np.ndarray, "bounds"], change: Float[np.ndarray, "bounds"]) -> float:
+    """The longest step, of at most 1, after which nothing is negative."""
+    shrink = float((-change / values).max(initial=0))
+    return min(1.0, 1 / shrink) if shrink > 0 else 1.0

@@ -1,0 +1,204 @@
+import itertools
+
+import cvxpy
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.certificate import Outcome
+from jaxcell.optimize.graph import Graph
+from jaxcell.optimize.mixing import fastest_averaging, fastest_mixing
+
+
+# The small example of Boyd, "Convex optimization of graph Laplacian eigenvalues" (2006).
+TAILS = [1, 2, 3, 1, 2, 2, 6, 5, 7, 8, 6, 7, 2]
+HEADS = [2, 3, 4, 5, 8, 4, 5, 7, 3, 4, 7, 8, 7]
+SMALL = Graph(np.array([TAILS, HEADS]).T - 1)
+
+
+def graph_of(network):
+    return Graph(np.array(network.edges), network.number_of_nodes())
+
+
+def random_graph(vertices, edges, seed):
+    network = nx.random_labeled_tree(vertices, seed=seed)
+    random = np.random.default_rng(seed)
+    while network.number_of_edges() < edges:
+        network.add_edge(*random.choice(vertices, 2, replace=False).tolist())
+    return graph_of(network)
+
+
+def second_modulus(matrix):
+    """Of a matrix with eigenvalue 1, from its eigenvalues."""
+    return float(np.sort(np.abs(np.linalg.eigvals(matrix)))[-2])
+
+
+def averaging(graph, weights):
+    off = graph.matrix(weights).toarray()
+    return np.eye(graph.vertices) + off - np.diag(off.sum(axis=0))
+
+
+def check_chain(graph, found, stationary):
+    np.testing.assert_allclose(found.transition.sum(axis=1), 1, atol=1e-12)
+    assert found.transition.min() >= 0
+    flow = stationary[:, None] * found.transition
+    np.testing.assert_allclose(flow, flow.T, atol=1e-14)
+    tail, head = graph.edges.T
+    np.testing.assert_allclose(flow[tail, head], found.weights, atol=1e-14)
+    np.testing.assert_allclose(np.diag(flow), found.holding, atol=1e-14)
+    joined = graph.matrix(np.ones(len(tail))).toarray() + np.eye(graph.vertices)
+    assert not found.transition[joined == 0].any()
+    assert found.rate == pytest.approx(second_modulus(found.transition), abs=1e-9)
+
+
+def least_by_cvxpy(graph, stationary, chain):
+    n, q = graph.vertices, len(graph.edges)
+    w = cvxpy.Variable(q)
+    incidence = np.zeros((n, q))
+    incidence[graph.edges[:, 0], np.arange(q)] = 1
+    incidence[graph.edges[:, 1], np.arange(q)] = -1
+    root = np.sqrt(stationary)
+    scaled = incidence / root[:, None]
+    matrix = np.eye(n) - np.outer(root, root) - scaled @ cvxpy.diag(w) @ scaled.T
+    limits = [w >= 0, np.abs(incidence) @ w <= stationary] if chain else []
+    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sigma_max(matrix)), limits)
+    return float(problem.solve(solver="CLARABEL"))
+
+
+def test_the_small_graph():
+    # Published with the example; the weights also by another interior-point method.
+    found = fastest_averaging(SMALL)
+    assert found.rate == pytest.approx(0.6433314, abs=5e-8)
+    expected = (
+        ".502549 .075022 .219020 .432255 .075022 .342904 .243913 .145120 .338115 .219020 .419336 "
+        ".338115 -.034178"
+    )
+    np.testing.assert_allclose(found.weights, np.array(expected.split(), float), atol=2e-5)
+    np.testing.assert_allclose(found.matrix, averaging(SMALL, found.weights), atol=1e-15)
+    assert second_modulus(found.matrix) == pytest.approx(found.rate, abs=1e-9)
+    chain = fastest_mixing(SMALL)
+    assert chain.rate == pytest.approx(0.6809607, abs=5e-8)
+    expected = (
+        ".498188 .061695 .183414 .466937 .061695 .378422 .164781 .122480 .259668 .183414 .358185 "
+        ".259668 0"
+    )
+    np.testing.assert_allclose(8 * chain.weights, np.array(expected.split(), float), atol=2e-5)
+    check_chain(SMALL, chain, np.full(8, 1 / 8))
+    # Vertices 3 and 8 have the same neighbours.
+    for weights in (found.weights, chain.weights):
+        np.testing.assert_allclose(weights[[1, 2, 8]], weights[[4, 9, 11]], atol=1e-6)
+
+
+def test_simpler_weights_are_slower_by_as_much_as_published():
+    degree = np.bincount(SMALL.edges.ravel())
+    metropolis = 1 / degree[SMALL.edges].max(axis=1)
+    laplacian = np.linalg.eigvalsh(np.eye(8) - averaging(SMALL, np.ones(13)))
+    constant = np.full(13, 2 / (laplacian[1] + laplacian[-1]))
+    for weights, rate in ((metropolis, 0.7743), (np.full(13, 1 / 5), 0.7793), (constant, 0.7119)):
+        assert second_modulus(averaging(SMALL, weights)) == pytest.approx(rate, abs=5e-5)
+
+
+def test_the_wheel():
+    # A hub and a rim of four. With probabilities a along the rim and b along the spokes, the
+    # eigenvalues are 1 - 5 b, 1 - 2 a - b twice and 1 - 4 a - b, and b is at most 1/4.
+    found = fastest_mixing(graph_of(nx.wheel_graph(5)))
+    assert found.rate == pytest.approx(1 / 4, abs=1e-7)
+    expected = np.where(nx.to_numpy_array(nx.wheel_graph(5)) > 0, 1 / 4, 0)
+    np.testing.assert_allclose(found.transition, expected + np.diag([0, 1, 1, 1, 1]) / 4, atol=1e-6)
+
+
+@pytest.mark.parametrize("n", [2, 3, 8, 30])
+def test_paths_and_complete_graphs(n):
+    path = fastest_mixing(graph_of(nx.path_graph(n)))
+    assert path.rate == pytest.approx(np.cos(np.pi / n), abs=1e-7)
+    np.testing.assert_allclose(n * path.weights, 1 / 2, atol=1e-5)
+    inner = np.zeros(n)
+    inner[[0, -1]] = 1 / 2
+    np.testing.assert_allclose(n * path.holding, inner, atol=1e-5)
+    complete = graph_of(nx.complete_graph(n))
+    found = fastest_mixing(complete)
+    assert found.rate == pytest.approx(0, abs=1e-7)
+    np.testing.assert_allclose(found.transition, 1 / n, atol=1e-6)
+    assert fastest_averaging(complete).rate == pytest.approx(0, abs=1e-7)
+
+
+@given(st.integers(2, 9), st.integers(0, 12), st.integers(0, 10_000), st.booleans())
+@settings(deadline=None, max_examples=40)
+def test_no_chain_is_faster(n, more, seed, even):
+    random = np.random.default_rng(seed)
+    graph = random_graph(n, min(n - 1 + more, n * (n - 1) // 2), seed)
+    pi = np.full(n, 1 / n) if even else random.dirichlet(np.full(n, 5.0))
+    found = fastest_mixing(graph, None if even else pi)
+    assert found.certificate.outcome is Outcome.CONVERGED
+    check_chain(graph, found, pi)
+    free = fastest_averaging(graph)
+    if even:
+        assert free.rate <= found.rate + 1e-7
+    # Others, near and far, are no faster than the certificate allows.
+    least = found.rate - found.certificate.residual * (1 - found.rate)
+    slack = free.rate - free.certificate.residual * (1 - free.rate)
+    for scale in (1e-3, 1e-1, 1):
+        for _ in range(5):
+            other = random.uniform(0, 1, len(graph.edges))
+            at = np.bincount(graph.edges.ravel(), np.repeat(other, 2), n)
+            other *= np.minimum(1, pi / at)[graph.edges].min(axis=1)
+            mixed = found.weights + scale * (other - found.weights)
+            flow = graph.matrix(mixed).toarray()
+            np.fill_diagonal(flow, pi - flow.sum(axis=0))
+            assert second_modulus(flow / pi[:, None]) >= least - 1e-9
+            moved = free.weights + scale * random.normal(size=len(graph.edges))
+            assert np.linalg.norm(averaging(graph, moved) - 1 / n, 2) >= slack - 1e-9
+
+
+@pytest.mark.parametrize(("vertices", "edges", "seed"), [(6, 9, 0), (12, 20, 1), (20, 35, 2)])
+def test_equals_cvxpy(vertices, edges, seed):
+    graph = random_graph(vertices, edges, seed)
+    even = np.full(vertices, 1 / vertices)
+    pi = np.random.default_rng(seed).dirichlet(np.full(vertices, 5.0))
+    for stationary in (even, pi):
+        expected = least_by_cvxpy(graph, stationary, chain=True)
+        assert fastest_mixing(graph, stationary).rate == pytest.approx(expected, abs=1e-6)
+    expected = least_by_cvxpy(graph, even, chain=False)
+    assert fastest_averaging(graph).rate == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_given_distribution_is_that_of_the_chain():
+    pi = np.array([0.1, 0.2, 0.3, 0.4])
+    graph = Graph(list(itertools.combinations(range(4), 2)))
+    found = fastest_mixing(graph, pi)
+    # Independent draws are possible, and nothing forgets faster.
+    np.testing.assert_allclose(found.transition, np.tile(pi, (4, 1)), atol=1e-6)
+    later = found.chain.push(np.array([1.0, 0, 0, 0]))
+    np.testing.assert_allclose(later, pi, atol=1e-6)
+
+
+def test_a_tolerance_below_rounding_is_not_met():
+    with pytest.raises(RuntimeError, match="fastest_mixing: the residual stayed above"):
+        fastest_mixing(SMALL, tolerance=1e-300)
+    with pytest.raises(RuntimeError, match="fastest_averaging: the residual stayed above"):
+        fastest_averaging(SMALL, tolerance=1e-300)
+    found = fastest_mixing(SMALL, tolerance=1e-300, throw=False)
+    assert found.certificate.outcome is Outcome.STALLED
+    assert found.certificate.residual < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"stationary": [0.5, 0.5]}, r"stationary: expected 3 numbers, one a vertex, got \[2\]"),
+        ({"stationary": [0.5, 0.5, 0.0]}, r"stationary\[2\] is 0.0; expected a finite positive"),
+        ({"stationary": [0.5, np.nan, 0.5]}, r"stationary\[1\] is nan"),
+        ({"stationary": [0.5, 0.5, 0.5]}, "stationary: expected numbers with sum 1, got 1.5"),
+        ({"tolerance": 0.0}, "tolerance: expected a positive number, got 0.0"),
+    ],
+)
+def test_refuses_problems(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        fastest_mixing(Graph([[0, 1], [1, 2]]), **arguments)
+
+
+@pytest.mark.parametrize("function", [fastest_mixing, fastest_averaging])
+def test_refuses_a_graph_in_parts(function):
+    with pytest.raises(ValueError, match="expected all vertices connected"):
+        function(Graph([[0, 1], [2, 3]]))
