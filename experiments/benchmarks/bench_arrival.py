@@ -21,10 +21,9 @@ import numpy as np
 from bench_commute import grid
 
 from jaxcell.mapping import Chain
-from jaxcell.markov.arrival import first_arrival, mean_first_arrival
-from jaxcell.markov.simulation import simulate_arrival
-from jaxcell.optimize.conductance import minimum_commute
-from jaxcell.patrol.graph import random_walk
+from jaxcell.markov import first_arrival, mean_first_arrival, simulate_arrival
+from jaxcell.optimize import minimum_commute
+from jaxcell.patrol import random_walk
 from jaxcell.runtime import configure_jax
 
 

@@ -13,6 +13,7 @@ from .export import Export
 from .groups import Groups
 from .localize import Localize
 from .navigate import Navigate
+from .patrol_graph import PatrolGraph
 from .team import Team
 
 
@@ -23,6 +24,7 @@ _COMMANDS = {
     "groups": Groups,
     "localize": Localize,
     "navigate": Navigate,
+    "patrol graph": PatrolGraph,
     "team": Team,
 }
 
@@ -37,6 +39,10 @@ def run(args: Sequence[str]) -> int:
 
         print(f"jaxcell {__version__}")
         return 0
+    # Some names are of two words, of which the first is that of a group.
+    words = " ".join(args[:2])
+    if words in _COMMANDS:
+        args = [words, *args[2:]]
     choices: Any = functools.reduce(
         operator.or_,
         (
@@ -59,10 +65,8 @@ def run(args: Sequence[str]) -> int:
         return 0
     except (ValueError, OSError) as error:
         # One line, whatever the message: scripts read it.
-        print(
-            f"jaxcell {type(command).__name__.lower()}: {' '.join(str(error).split())}",
-            file=sys.stderr,
-        )
+        name = next(name for name, kind in _COMMANDS.items() if type(command) is kind)
+        print(f"jaxcell {name}: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

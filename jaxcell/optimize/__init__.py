@@ -4,8 +4,8 @@
     the `a_i`, found exactly by an active set.
 - The walk on a graph with the *minimum commute* time has edge weights that are an A-optimal design,
     found by an interior-point method.
-- The *fastest mixing* chain has the least second largest eigenvalue modulus, and *fastest averaging*
-    may give edges negative weights. Both are semidefinite programs.
+- The *fastest mixing* chain has the least second largest eigenvalue modulus; *fastest averaging*
+    may use negative weights. Both are semidefinite programs.
 - A *cover* is a choice of sets that together hold every element, greedily or with the fewest sets.
 - A *Stackelberg* leader mixes its strategies, knowing that the follower answers best.
 

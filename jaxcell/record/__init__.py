@@ -19,6 +19,7 @@ from .dataset import (
     save_dataset as save_dataset,
 )
 from .navigation_dataset import navigation_dataset as navigation_dataset
+from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
 from .team_dataset import team_dataset as team_dataset
 
 
@@ -27,10 +28,11 @@ if TYPE_CHECKING:
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
     from .navigation import log_navigation as log_navigation
+    from .patrol_graph import log_patrol_graph as log_patrol_graph
     from .team import log_team as log_team
 
 
-_LOGGED = ("coverage", "groups", "localization", "navigation", "team")
+_LOGGED = ("coverage", "groups", "localization", "navigation", "patrol_graph", "team")
 
 
 def __getattr__(name: str) -> Any:

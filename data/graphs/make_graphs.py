@@ -1,0 +1,88 @@
+"""Makes the graphs of this folder: `python data/graphs/make_graphs.py [FOLDER]`.
+
+The same bytes come out on every machine. README.md says what each graph is.
+"""
+
+import itertools
+import math
+import random
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol.graph_files import save_graph
+
+
+def eight() -> Graph:
+    edges = [(1, 2), (2, 3), (3, 4), (1, 5), (2, 8), (2, 4), (6, 5), (5, 7), (7, 3), (8, 4)]
+    edges += [(6, 7), (7, 8), (2, 7)]
+    xy = [(1, 3), (2, 2.5), (3, 3), (3, 2), (1, 2), (1, 1), (2, 1.5), (3, 1)]
+    return Graph(np.array(edges) - 1, xy=xy)
+
+
+def line() -> Graph:
+    return Graph([(v, v + 1) for v in range(19)], xy=[(v, 0) for v in range(20)])
+
+
+def tree() -> Graph:
+    """Each vertex hangs below an earlier one, chosen at random, with at most three below it."""
+    draw = random.Random(4)
+    below: list[list[int]] = [[] for _ in range(30)]
+    edges, depth = [], [0]
+    for v in range(1, 30):
+        free = [u for u in range(v) if len(below[u]) < 3]
+        # Only random() itself draws the same numbers in every version of Python.
+        above = free[math.floor(draw.random() * len(free))]
+        below[above].append(v)
+        edges.append((above, v))
+        depth.append(depth[above] + 1)
+    # Leaves stand side by side, and any other vertex in the middle of those below it.
+    x: dict[int, float] = {}
+    leaves = itertools.count()
+
+    def place(v: int) -> None:
+        for u in below[v]:
+            place(u)
+        ends = [x[u] for u in (below[v][:1] + below[v][-1:])]
+        x[v] = sum(ends) / 2 if ends else float(next(leaves))
+
+    place(0)
+    return Graph(edges, xy=[(x[v], -1.5 * depth[v]) for v in range(30)])
+
+
+def complete() -> Graph:
+    """On a circle, to the millimetre, for the last digits of a cosine differ between machines."""
+    angles = [math.pi / 2 + 2 * math.pi * v / 8 for v in range(8)]
+    xy = [(round(2 * math.cos(a), 3), round(2 * math.sin(a), 3)) for a in angles]
+    return Graph(list(itertools.combinations(range(8), 2)), xy=xy)
+
+
+def random_50() -> Graph:
+    """50 places in a square, at least 0.6 m apart, and the 200 shortest edges between them."""
+    draw = random.Random(0)
+    places: list[tuple[int, int]] = []
+    while len(places) < 50:
+        # Millimetres in whole numbers, so that no machine finds another distance shorter.
+        x, y = math.floor(draw.random() * 10000), math.floor(draw.random() * 10000)
+        if all((x - a) ** 2 + (y - b) ** 2 >= 600**2 for a, b in places):
+            places.append((x, y))
+
+    def squared(pair: tuple[int, int]) -> int:
+        return sum((a - b) ** 2 for a, b in zip(*(places[v] for v in pair), strict=True))
+
+    pairs = sorted(itertools.combinations(range(50), 2), key=squared)
+    return Graph(pairs[:200], xy=[(x / 1000, y / 1000) for x, y in places])
+
+
+def main(folder: Path) -> None:
+    graphs = {"line": line, "tree": tree, "complete": complete, "random": random_50, "eight": eight}
+    for name, make in graphs.items():
+        graph = make()
+        names = [str(v + 1) for v in range(graph.vertices)]
+        save_graph(graph, folder / f"{name}.json", names)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

@@ -1,0 +1,270 @@
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse.csgraph
+from jaxtyping import Array, Float, Int
+
+from ..certificate import Certificate
+from ..mapping import Chain
+from ..optimize import Graph
+from ..precision import require_x64
+from .descent import descend
+from .linear_steps import raised
+from .strategies import Strategies
+
+
+# Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
+# it lacks of the minimum is left to linear programs.
+_HARDNESS = 50.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MaximinCapture:
+    """Chains for some robots, and the least probability that they capture an adversary."""
+
+    matrices: Float[np.ndarray, "robots vertices vertices"]
+    "The transition matrix of each robot."
+    value: float
+    "The least probability over the target and the positions of the robots as the attack begins."
+    start: int
+    "The start that led to it; 0 is the default one, which is not random."
+    certificate: Certificate
+
+    @property
+    def chains(self) -> list[Chain]:
+        """The chain of each robot, whose cells are the vertices."""
+        return [Chain.from_scipy(scipy.sparse.csr_array(matrix)) for matrix in self.matrices]
+
+
+def maximin_capture(
+    graph: Graph,
+    attack_time: Any,
+    *,
+    travel_times: Any = None,
+    robots: int = 1,
+    stationary: Any = None,
+    stay: bool = False,
+    starts: int = 8,
+    seed: int = 0,
+    tolerance: float = 1e-4,
+    throw: bool = True,
+) -> MaximinCapture:
+    """Chains that make the least probability of capture great, whatever the adversary knows.
+
+    The adversary strikes at a vertex when a robot leaves another or the same one, and is captured
+    if a robot comes to it within the attack time. It knows the chains and sees the robots, so it
+    strikes where, and when, the probability of [`walk_capture_probabilities`][] is least. Several
+    robots move independently, each with a chain of its own, and all are where they are worst at the
+    same time: with `F_r` the probabilities of robot `r`, the value is `min_j (1 - prod_r (1 - min_i
+    F_r[i, j]))`.
+
+    The problem is not convex: the answer is a local optimum, the best that several starts lead to.
+    Gradients of a soft minimum of logarithms lead near it; on logarithms, because a probability
+    that is a product of many would leave a gradient of almost 0. Linear programs then finish it.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `attack_time`: how long an attack takes, a whole number, or array `[vertices]` of one for each
+        target.
+    - `travel_times`: array `[edges]`, how long each edge takes, whole numbers; by default 1.
+    - `robots`: how many.
+    - `stationary`: array `[vertices]`, the share of the moves of each robot to begin at each
+        vertex, positive.
+    - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
+    - `starts`: how many chains to start from. The first goes along a short closed tour.
+    - `seed`: of the other starts, which are random.
+    - `tolerance`: of the residual.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`MaximinCapture`][]. The residual of its certificate is by what share of itself
+    the value gets greater, to first order, at most, whatever the chains are changed to. The
+    iterations are the gradient steps from all starts and the linear programs.
+
+    **Raises:** `ValueError` for a graph that is not connected; for times that are not whole
+    numbers of at least 1, and an attack that is over before a robot can come, naming the vertices;
+    for a stationary distribution that no chain on the graph has, naming the vertices at which too
+    much time would be spent; for fewer than 1 robot or start; `RuntimeError` if the residual stays
+    above the tolerance, or where JAX is set to 32 bits.
+    """
+    require_x64("maximin_capture")
+    for name, count in (("robots", robots), ("starts", starts)):
+        if count < 1:
+            raise ValueError(f"{name}: expected at least 1, got {count}")
+    attack = _attack_times(graph, attack_time)
+    delays = _delays(graph, travel_times)
+    _check_reach(delays, attack)
+    among = Strategies.on(graph, stationary, stay=stay)
+    slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
+    arguments = (jnp.asarray(delays), jnp.asarray(attack), *slots)
+    begin = among.starts(starts, robots, seed)
+    found, values, steps = descend(_missed, among, begin, arguments)
+    best = int(np.nanargmin(values))
+
+    def law(moves: Float[np.ndarray, "robots moves"]) -> tuple[Any, Any]:
+        where = jnp.asarray(among.tails), jnp.asarray(among.heads)
+        probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
+        return np.asarray(probability), np.asarray(slope)
+
+    moves, value, residual, programs = raised(law, among, found[best], tolerance)
+    certificate = Certificate(steps + programs, residual, tolerance)
+    certificate.check("maximin_capture", throw)
+    matrices = np.stack([among.matrix(robot) for robot in moves])
+    return MaximinCapture(matrices, value, best, certificate)
+
+
+def walk_capture_probabilities(
+    graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
+) -> Float[np.ndarray, "starts targets"]:
+    """The probability that a robot comes to a target within the attack time.
+
+    The attack begins as the robot leaves its start. It comes to the start itself when it is first
+    back there; a patroller that stays is back after a time of 1.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `matrix`: array `[vertices, vertices]`, the transition matrix of the robot.
+    - `attack_time`: how long an attack takes, a whole number, or array `[vertices]` of one for each
+        target.
+    - `travel_times`: array `[edges]`, how long each edge takes, whole numbers; by default 1.
+
+    **Returns:** array `[vertices, vertices]`, the start first.
+
+    **Raises:** `ValueError` for times that are not whole numbers of at least 1, and for a matrix
+    whose rows are not probabilities, or that has a move that is no edge.
+    """
+    attack = _attack_times(graph, attack_time)
+    delays = _delays(graph, travel_times)
+    given = np.array(matrix, np.float64)
+    if given.shape != delays.shape:
+        raise ValueError(f"matrix: expected {list(delays.shape)}, got {list(given.shape)}")
+    if not (given >= 0).all() or np.abs(given.sum(axis=1) - 1).max() > 1e-9:
+        raise ValueError("matrix: expected rows of numbers of at least 0 that sum to 1")
+    wrong = np.argwhere((given > 0) & (delays == 0))
+    if wrong.size:
+        raise ValueError(f"matrix{wrong[0].tolist()} is positive, but no edge of the graph")
+    slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
+    require_x64("walk_capture_probabilities")
+    return np.asarray(
+        _compiled(jnp.asarray(given), jnp.asarray(delays), jnp.asarray(attack), *slots)
+    )
+
+
+def _captured(
+    P: Float[Array, "vertices vertices"],
+    delays: Int[Array, "vertices vertices"],
+    attack: Int[Array, "vertices"],
+    longest: Float[Array, "delays"],
+    horizon: Float[Array, "times"],
+) -> Float[Array, "vertices vertices"]:
+    """The first passage `F_k(i, j) = sum_l p_il (t_il = k and l = j, or else F_(k - t_il)(l, j))`.
+
+    The sum goes over the `l != j`. The last arguments have the sizes of the loops, because the
+    shapes are what is compiled for.
+    """
+    n, slots = P.shape[0], longest.size
+    each = jnp.arange(1, slots + 1, dtype=delays.dtype)
+    moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
+
+    def step(state, time):  # type: ignore[no-untyped-def]
+        later, captured = state
+        first = jnp.where(delays == time, P, 0.0) + jnp.einsum("dil,dlj->ij", moves, later)
+        captured = captured + jnp.where((time <= attack)[None, :], first, 0.0)
+        onward = first - jnp.diag(jnp.diagonal(first))
+        return (jnp.concatenate([onward[None], later[:-1]]), captured), None
+
+    start = jnp.zeros((slots, n, n), P.dtype), jnp.zeros((n, n), P.dtype)
+    times = jnp.arange(1, horizon.size + 1, dtype=delays.dtype)
+    return jax.lax.scan(step, start, times)[0][1]
+
+
+_compiled = jax.jit(_captured)
+
+
+def _missed(
+    matrices: Float[Array, "robots vertices vertices"],
+    delays: Int[Array, "vertices vertices"],
+    attack: Int[Array, "vertices"],
+    longest: Float[Array, "delays"],
+    horizon: Float[Array, "times"],
+) -> Float[Array, ""]:
+    """Minus a soft minimum of the logarithm of the probability of capture."""
+    captured = jax.vmap(lambda P: _captured(P, delays, attack, longest, horizon))(matrices)
+    # What is lost in underflow has no gradient, and must not have one that is not a number.
+    logs = jnp.log(captured + jnp.finfo(captured.dtype).tiny)
+    worst = -jax.nn.logsumexp(-_HARDNESS * logs, axis=1) / _HARDNESS
+    if matrices.shape[0] > 1:
+        misses = jnp.sum(jnp.log1p(-jnp.exp(worst)), axis=0)
+        worst = jnp.log(-jnp.expm1(misses))[None]
+    return jax.nn.logsumexp(-_HARDNESS * worst) / _HARDNESS
+
+
+@functools.partial(jax.jit)
+def _with_slope(
+    moves: Float[Array, "robots moves"],
+    tails: Int[Array, "moves"],
+    heads: Int[Array, "moves"],
+    delays: Int[Array, "vertices vertices"],
+    attack: Int[Array, "vertices"],
+    longest: Float[Array, "delays"],
+    horizon: Float[Array, "times"],
+) -> tuple[
+    Float[Array, "robots vertices vertices"], Float[Array, "robots vertices vertices moves"]
+]:
+    """The probabilities of each robot, and their derivatives by its moves."""
+
+    def captured(robot):  # type: ignore[no-untyped-def]
+        P = jnp.zeros(delays.shape, robot.dtype).at[tails, heads].set(robot)
+        return _captured(P, delays, attack, longest, horizon)
+
+    return jax.vmap(captured)(moves), jax.vmap(jax.jacfwd(captured))(moves)
+
+
+def _attack_times(graph: Graph, attack_time: Any) -> Int[np.ndarray, "vertices"]:
+    return _whole("attack_time", attack_time, graph.vertices, "vertex")
+
+
+def _delays(graph: Graph, travel_times: Any) -> Int[np.ndarray, "vertices vertices"]:
+    """How long the move from one vertex to another takes; 0 where there is no edge."""
+    times = _whole(
+        "travel_times", 1 if travel_times is None else travel_times, len(graph.edges), "edge"
+    )
+    delays = np.eye(graph.vertices, dtype=np.int32)
+    tail, head = graph.edges.T
+    delays[tail, head] = delays[head, tail] = times
+    return delays
+
+
+def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "count"]:
+    numbers = np.asarray(given)
+    if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
+        raise ValueError(
+            f"{name}: expected a whole number, or {count}, one a {what}, got an array of "
+            f"{numbers.dtype} with shape {list(numbers.shape)}"
+        )
+    numbers = np.broadcast_to(numbers, count)
+    if numbers.min() < 1:
+        wrong = int(np.argmin(numbers))
+        raise ValueError(f"{name}: expected at least 1, got {numbers[wrong]} for {what} {wrong}")
+    return numbers.astype(np.int32)
+
+
+def _check_reach(
+    delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
+) -> None:
+    apart = scipy.sparse.csgraph.shortest_path(delays.astype(np.float64))
+    # A graph that is not connected is refused where the chains are made.
+    if not np.isfinite(apart).all():
+        return
+    late = apart - attack
+    start, target = np.unravel_index(np.argmax(late), late.shape)
+    if late[start, target] > 0:
+        raise ValueError(
+            f"attack_time: a robot at vertex {start} needs {apart[start, target]:.0f} to come to "
+            f"vertex {target}, where an attack takes {attack[target]}, so that nothing captures it"
+        )

@@ -1,0 +1,337 @@
+"""Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
+
+Every vertex has a name and a position, every edge joins two different vertices, once, and can be
+walked both ways. What else a file says of them is passed over.
+
+**Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
+and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
+`target`. In **GraphML** (`.graphml`) the vertices have attributes `x` and `y`. An **edge list**
+(`.edges`, `.txt`) is text; `#` begins a comment:
+
+```
+# A line of three is a vertex and its position in metres.
+hall 0 0
+yard 3.5 1
+# A line of two is an edge.
+hall yard
+```
+"""
+
+import contextlib
+import json
+import math
+import os
+import reprlib
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+from xml.parsers import expat
+
+from ..files import replacing
+from ..optimize import Graph
+
+
+_LIST_SUFFIXES = (".edges", ".txt")
+_SUFFIXES = ".json (node-link), .graphml, .edges or .txt (edge list)"
+_MOST_BYTES = 64 * 1024**2
+_LARGEST_COORDINATE = 1e9
+_DIRECTED = (
+    "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
+    "give each pair of neighbours once"
+)
+
+
+class _Vertex(NamedTuple):
+    """What a file says of a vertex, not yet checked."""
+
+    field: str
+    name: object
+    attributes: Mapping[str, Any]
+
+
+class _Edge(NamedTuple):
+    """What a file says of an edge, not yet checked."""
+
+    field: str
+    tail: object
+    head: object
+
+
+def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
+    """Reads a graph file.
+
+    **Arguments:**
+
+    - `path`: the file, of at most 64 MiB. Its suffix says the format: `.json` is node-link JSON,
+        `.graphml` is GraphML, and `.edges` or `.txt` is a list in which `name x y` is a vertex and
+        `name name` an edge.
+
+    **Returns:** the graph, and the names of its vertices, which it numbers in the order of the
+    file.
+
+    **Raises:** `ValueError` that names the file, the field, and what is wrong: text that is cut
+    short or in another format, a directed graph, a loop, parallel edges, a vertex that is named
+    twice or by an edge alone, or one without two finite coordinates; `FileNotFoundError`.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: expected a graph file, got a directory")
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".json":
+            found = _parse_json(_text(path))
+        elif suffix == ".graphml":
+            found = _parse_graphml(_text(path))
+        elif suffix in _LIST_SUFFIXES:
+            found = _parse_list(_text(path))
+        else:
+            raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
+        return _graph(*found)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def save_graph(
+    graph: Graph, path: str | os.PathLike[str], names: Sequence[str] | None = None
+) -> None:
+    """Writes a graph file, whole or not at all; reading it gives the same numbers.
+
+    **Arguments:**
+
+    - `graph`: a graph whose vertices have positions.
+    - `path`: the file to write or replace; its suffix says the format, as for [`load_graph`][].
+    - `names`: the name of each vertex; by default its number.
+
+    **Raises:** `ValueError` for an unknown suffix, a graph without positions, and names that are
+    not one a vertex, come twice, or cannot be written; `FileNotFoundError` if the folder does not
+    exist.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if names is None:
+        names = [str(vertex) for vertex in range(graph.vertices)]
+    try:
+        if graph.xy is None:
+            raise ValueError("the vertices have no positions, and a graph file has them")
+        if len(names) != graph.vertices:
+            raise ValueError(f"names: expected {graph.vertices}, one a vertex, got {len(names)}")
+        places = graph.xy.tolist()
+        pairs = graph.edges.tolist()
+        # What could not be read is not written.
+        _graph(
+            [_Vertex(f"names[{v}]", names[v], {"x": x, "y": y}) for v, (x, y) in enumerate(places)],
+            [_Edge(f"edges[{e}]", *(names[end] for end in ends)) for e, ends in enumerate(pairs)],
+        )
+        vertices = [(name, x, y) for name, (x, y) in zip(names, places, strict=True)]
+        edges = [(names[tail], names[head]) for tail, head in pairs]
+        if suffix == ".json":
+            text = _format_json(vertices, edges)
+        elif suffix == ".graphml":
+            text = _format_graphml(vertices, edges)
+        elif suffix in _LIST_SUFFIXES:
+            text = _format_list(vertices, edges)
+        else:
+            raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _parse_json(text: str) -> tuple[list[_Vertex], list[_Edge]]:
+    try:
+        document = json.loads(text)
+    except RecursionError:
+        raise ValueError("not a graph: its brackets are nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"not valid JSON, or cut short: {error}") from None
+    if not isinstance(document, dict):
+        raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
+    if document.get("directed"):
+        raise ValueError(f"directed: {_DIRECTED}")
+    # Until version 3.4, and in D3, the edges are "links".
+    key = "edges" if "edges" in document else "links"
+    return (
+        [
+            _Vertex(field, _member(field, one, "id"), one)
+            for field, one in _objects(document, "nodes")
+        ],
+        [
+            _Edge(field, _member(field, one, "source"), _member(field, one, "target"))
+            for field, one in _objects(document, key)
+        ],
+    )
+
+
+def _parse_graphml(text: str) -> tuple[list[_Vertex], list[_Edge]]:
+    import networkx as nx
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse_doctype
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"not valid XML, or cut short: {error}") from None
+    try:
+        with warnings.catch_warnings():
+            # Of ports and types, which do not matter here.
+            warnings.simplefilter("ignore")
+            graph = nx.parse_graphml(text, force_multigraph=True)
+    except (nx.NetworkXError, LookupError, TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"not GraphML that networkx reads: {error}") from None
+    if graph.is_directed():
+        raise ValueError(f"edgedefault: {_DIRECTED}")
+    return (
+        [_Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
+        [_Edge(f"edge {tail!r} to {head!r}", tail, head) for tail, head in graph.edges()],
+    )
+
+
+def _refuse_doctype(*_: object) -> NoReturn:
+    raise ValueError(
+        "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
+        "can grow without bounds; expected none"
+    )
+
+
+def _parse_list(text: str) -> tuple[list[_Vertex], list[_Edge]]:
+    vertices: list[_Vertex] = []
+    edges: list[_Edge] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        field, words = f"line {number}", line.partition("#")[0].split()
+        if len(words) == 3:
+            name, x, y = words
+            vertices.append(_Vertex(field, name, {"x": x, "y": y}))
+        elif len(words) == 2:
+            edges.append(_Edge(field, *words))
+        elif words:
+            raise ValueError(
+                f"{field}: expected a vertex (name x y) or an edge (name name), got "
+                f"{reprlib.repr(line.strip())}"
+            )
+    return vertices, edges
+
+
+def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[str, ...]]:
+    """Puts the parts of a file together, and says what is wrong in the words of the file."""
+    numbers: dict[str, int] = {}
+    xy = []
+    for field, name, attributes in vertices:
+        if type(name) not in (str, int) or not str(name).strip() or not str(name).isprintable():
+            raise ValueError(
+                f"{field}: expected a name, printable text or a number, got {reprlib.repr(name)}"
+            )
+        if str(name) in numbers:
+            raise ValueError(f"{field}: the vertex {reprlib.repr(name)} comes twice")
+        numbers[str(name)] = len(numbers)
+        xy.append(_position(field, attributes))
+    if len(numbers) < 2:
+        raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
+    if not edges:
+        raise ValueError("it has no edges")
+    before: dict[tuple[int, int], str] = {}
+    for field, *ends in edges:
+        for name in ends:
+            if str(name) not in numbers:
+                raise ValueError(f"{field}: there is no vertex {reprlib.repr(name)}")
+        tail, head = sorted(numbers[str(name)] for name in ends)
+        told = " and ".join(map(reprlib.repr, ends))
+        if tail == head:
+            raise ValueError(f"{field}: it is a loop, which joins {told}; expected two vertices")
+        if (tail, head) in before:
+            first = before[tail, head]
+            raise ValueError(
+                f"{field}: it joins {told}, as {first} does; expected no parallel edges"
+            )
+        before[tail, head] = field
+    pairs = [[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges]
+    return Graph(pairs, xy=xy), tuple(numbers)
+
+
+def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:
+    if "x" in attributes or "y" in attributes or "pos" not in attributes:
+        both = [(f"{field}.{axis}", _member(field, attributes, axis)) for axis in "xy"]
+    else:
+        pair = attributes["pos"]
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise ValueError(f"{field}.pos: expected a pair [x, y], got {reprlib.repr(pair)}")
+        both = [(f"{field}.pos[{i}]", value) for i, value in enumerate(pair)]
+    x, y = (_coordinate(*one) for one in both)
+    return x, y
+
+
+def _coordinate(field: str, value: object) -> float:
+    number = math.nan
+    # GraphML and lists have numbers as text.
+    if type(value) in (int, float, str):
+        with contextlib.suppress(ValueError, OverflowError):
+            number = float(value)  # type: ignore[arg-type]
+    if not abs(number) <= _LARGEST_COORDINATE:
+        raise ValueError(
+            f"{field}: expected a finite number of at most {_LARGEST_COORDINATE:g} m, got "
+            f"{reprlib.repr(value)}"
+        )
+    return number
+
+
+def _member(field: str, members: Mapping[str, Any], key: str) -> Any:
+    if key not in members:
+        raise ValueError(f"{field}.{key}: it is missing")
+    return members[key]
+
+
+def _objects(document: dict[str, Any], key: str) -> list[tuple[str, dict[str, Any]]]:
+    values = document.get(key)
+    if not isinstance(values, list):
+        raise ValueError(f"{key}: expected a list, got {reprlib.repr(values)}")
+    for i, value in enumerate(values):
+        if not isinstance(value, dict):
+            raise ValueError(f"{key}[{i}]: expected an object, got {reprlib.repr(value)}")
+    return [(f"{key}[{i}]", value) for i, value in enumerate(values)]
+
+
+def _format_json(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
+    nodes = [json.dumps({"id": name, "x": x, "y": y}) for name, x, y in vertices]
+    pairs = [json.dumps({"source": tail, "target": head}) for tail, head in edges]
+    members = [
+        '"directed": false',
+        '"multigraph": false',
+        '"graph": {}',
+        *(
+            f'"{key}": [\n    ' + ",\n    ".join(lines) + "\n  ]"
+            for key, lines in (("nodes", nodes), ("edges", pairs))
+        ),
+    ]
+    return "{\n  " + ",\n  ".join(members) + "\n}\n"
+
+
+def _format_graphml(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
+    import networkx as nx
+
+    graph = nx.Graph()
+    for name, x, y in vertices:
+        graph.add_node(name, x=x, y=y)
+    graph.add_edges_from(edges)
+    return "\n".join(nx.generate_graphml(graph)) + "\n"
+
+
+def _format_list(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
+    for name, _, _ in vertices:
+        if name.split() != [name] or "#" in name:
+            raise ValueError(f"an edge list has no place for spaces or # in a name: {name!r}")
+    lines = [f"{name} {x!r} {y!r}" for name, x, y in vertices]
+    lines += [f"{tail} {head}" for tail, head in edges]
+    return "\n".join(lines) + "\n"
+
+
+def _text(path: Path) -> str:
+    size = path.stat().st_size
+    if size > _MOST_BYTES:
+        raise ValueError(f"it has {size:,} bytes; expected a graph of at most {_MOST_BYTES:,}")
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"expected UTF-8 text; byte {error.start} is not") from None

@@ -1,0 +1,63 @@
+import numpy as np
+import scipy.special
+from jaxtyping import Float
+
+
+_STEPS = 500
+# Of all flow: sums that differ by no more are the same.
+_ROUNDING = 1e-15
+# From here on, what does not get better is rounding.
+_CLOSE = 1e-9
+
+
+def scaled(
+    weights: Float[np.ndarray, "vertices vertices"], share: Float[np.ndarray, "vertices"]
+) -> Float[np.ndarray, "vertices vertices"]:
+    """The chain `p_ij = a_i w_ij b_j` with a given stationary distribution.
+
+    That is Sinkhorn's problem for the flows `share_i p_ij`, whose rows and columns both sum to
+    `share`. Sinkhorn's own steps come near, and slowly where some flows almost vanish; Newton's, on
+    the same dual problem, then take over.
+
+    **Arguments:**
+
+    - `weights`: at least 0. Each positive one must be positive in some matrix of flows with these
+        sums, else its limit is only 0.
+    - `share`: the distribution, positive.
+
+    **Returns:** the transition matrix, whose rows sum to 1.
+
+    **Raises:** `RuntimeError` if the sums stay off by more than 1e-9.
+    """
+    with np.errstate(divide="ignore"):
+        kernel = np.log(weights)
+
+    def columns(a: Float[np.ndarray, "vertices"]) -> Float[np.ndarray, "vertices"]:
+        return np.log(share) - scipy.special.logsumexp(kernel + a[:, None], axis=0)
+
+    def flows(a: Float[np.ndarray, "vertices"]) -> Float[np.ndarray, "vertices vertices"]:
+        return np.exp(kernel + a[:, None] + columns(a))
+
+    def off(flow: Float[np.ndarray, "vertices vertices"]) -> float:
+        error = np.abs(flow.sum(axis=1) - share).sum()
+        return float(error) if np.isfinite(error) else np.inf
+
+    a = np.log(share)
+    flow = flows(a)
+    for _ in range(_STEPS):
+        rows = flow.sum(axis=1)
+        hessian = np.diag(rows) - (flow / share) @ flow.T
+        # Where starts share ends with no other start, adding one number to `a` changes nothing.
+        newton = a + np.linalg.lstsq(hessian, share - rows, rcond=1e-13)[0]
+        with np.errstate(over="ignore", invalid="ignore"):
+            candidates = [(to, flows(to)) for to in (newton, a - np.log(rows / share))]
+        better, there = min(candidates, key=lambda candidate: off(candidate[1]))
+        error = off(flow)
+        if error < _ROUNDING or (error < _CLOSE and off(there) >= error):
+            break
+        a, flow = better, there
+    if off(flow) > _CLOSE:
+        raise RuntimeError(
+            f"stationary: the flows could not be scaled to it; {off(flow):.3g} is missing"
+        )
+    return scipy.special.softmax(kernel + columns(a), axis=1)

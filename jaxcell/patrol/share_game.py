@@ -1,0 +1,121 @@
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..optimize import Commitment, Graph, stackelberg
+from .attack import capture_probabilities
+from .policy import Policy
+from .region import Regions
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ShareGame:
+    """Robots that mix policies of several shares against an adversary that attacks a cell."""
+
+    shares: Float[np.ndarray, "shares"]
+    "How much each strategy emphasises the covers."
+    attack_time: int
+    "The steps that an attack takes."
+    targets: Int[np.ndarray, "targets"]
+    "The cells that the adversary chooses from."
+    capture: Float[np.ndarray, "shares cells"]
+    "The probability that the robots catch an adversary that attacks a cell."
+    commitment: Commitment
+    "The best mixture of the shares; its answer is a place in `targets`."
+
+    @property
+    def mixed(self) -> Float[np.ndarray, "cells"]:
+        """The probability of capture by the mixture."""
+        return np.asarray(self.commitment.weights) @ self.capture
+
+    @property
+    def least(self) -> Float[np.ndarray, "shares"]:
+        """The probability of capture by each share alone, at the cell that is worst for it."""
+        return self.capture[:, self.targets].min(axis=1)
+
+    @property
+    def attacked(self) -> int:
+        """The cell that the adversary attacks."""
+        return int(self.targets[int(self.commitment.answer[0])])
+
+
+def share_game(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    policies: Callable[[float], Sequence[Policy]],
+    shares: Sequence[float],
+    attack_time: int,
+    targets: Int[np.ndarray, "targets"] | None = None,
+) -> ShareGame:
+    """The mixture of shares that is best against an adversary who knows it.
+
+    The source lets the user choose how much policies emphasise their covers (Alam 2018, section
+    4.4.4), and plays its game on the vertices of a graph (section 4.4.2). Here the robots draw one
+    share for all of them each time, and the adversary attacks the cell where it is caught least
+    likely, [`jaxcell.patrol.capture_probabilities`][]. It is paid the probability of success.
+
+    **Arguments:**
+
+    - `graph`, `visible`: as in [`jaxcell.patrol.capture_probabilities`][].
+    - `policies`: the policies of a share, such as
+        `lambda share: distributed_policies(graph, visible, 2, share)`.
+    - `shares`: the strategies.
+    - `attack_time`: the steps that an attack takes.
+    - `targets`: the cells that the adversary chooses from; all by default.
+
+    **Returns:** [`ShareGame`][].
+
+    **Raises:** `ValueError` for no shares, for no targets or one that does not exist, and as
+    `policies` and [`jaxcell.patrol.capture_probabilities`][]; `RuntimeError` as
+    [`jaxcell.optimize.stackelberg`][].
+    """
+    if not shares:
+        raise ValueError("shares: expected at least one, got none")
+    targets = np.arange(graph.vertices, dtype=np.int32) if targets is None else targets
+    if targets.size == 0 or targets.min() < 0 or targets.max() >= graph.vertices:
+        raise ValueError(
+            f"targets: expected some of the cells 0 to {graph.vertices - 1}, got {targets.tolist()}"
+        )
+    capture = np.concatenate(
+        [capture_probabilities(graph, visible, policies(share), [attack_time]) for share in shares]
+    )
+    # Each target is a linear program, and few are worth a thought.
+    kept = targets[_undominated(capture[:, targets])]
+    commitment = stackelberg(capture[:, kept], 1 - capture[:, kept])
+    return ShareGame(np.array(shares, float), attack_time, kept, capture, commitment)
+
+
+def _undominated(
+    capture: Float[np.ndarray, "shares targets"],
+) -> Bool[np.ndarray, "targets"]:
+    """The targets for which no other is at most as likely to be defended, whatever the share.
+
+    Of targets that are alike in this, the first is kept.
+    """
+    kept = np.ones(capture.shape[1], bool)
+    # What comes later in this order does not dominate what comes before it.
+    order = np.lexsort(capture[::-1])
+    for place, target in enumerate(order):
+        if kept[target]:
+            later = order[place + 1 :]
+            kept[later[(capture[:, later] >= capture[:, [target]]).all(axis=0)]] = False
+    return kept
+
+
+def contested(
+    visible: Bool[np.ndarray, "cells cells"],
+    policies: Sequence[Policy],
+    regions: Regions | None = None,
+) -> Int[np.ndarray, "targets"]:
+    """The cells where it depends on luck whether an attack succeeds.
+
+    These are not the cells that a base station has in view, which it always watches, nor those that
+    are out of sight wherever the robots walk, where an attack always succeeds.
+    """
+    walked = np.unique(np.concatenate([policy.cells for policy in policies]))
+    open_ = visible[:, walked].any(axis=1)
+    if regions is not None:
+        open_ &= ~regions.view
+    return np.flatnonzero(open_).astype(np.int32)

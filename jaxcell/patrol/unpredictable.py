@@ -1,0 +1,179 @@
+import math
+import numbers
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.special
+from jaxtyping import Array, Float
+
+from ..certificate import Certificate
+from ..markov import dense
+from ..optimize import Graph
+from .descent import Strategy, minimised
+from .scaling import scaled
+from .strategies import Strategies
+
+
+# Of an entropy, in nats.
+_TOLERANCE = 1e-8
+# Of a return that comes later than the horizon.
+_TAIL = 0.1
+
+
+def maximum_entropy_rate(
+    graph: Graph, stationary: Any = None, *, stay: bool = False, throw: bool = True
+) -> Strategy:
+    """The chain whose next step is hardest to predict.
+
+    Without a stationary distribution that is `p_ij = A_ij v_j / (lambda v_i)`, with `lambda` and
+    `v` the Perron root and vector of the adjacency matrix `A`: all walks of one length between two
+    vertices are then equally likely, and the entropy rate is `log lambda` (Shannon 1948). With one,
+    the problem is convex, and the optimum scales the rows and columns of `A` (George, Jafarpour and
+    Bullo 2019). Both chains are reversible.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `stationary`: array `[vertices]`, the share of the time to be spent at each vertex, positive.
+    - `stay`: whether the patroller may wait at a vertex.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`Strategy`][jaxcell.patrol.Strategy], with the entropy rate in nats a step. The
+    residual of its certificate is by how much, in nats, another chain can be above it.
+
+    **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
+    no chain on the graph has, naming the vertices at which too much time would be spent;
+    `RuntimeError` if rounding spoils the answer.
+    """
+    among = Strategies.on(graph, stationary, stay=stay)
+    ways = among.matrix(np.ones(among.tails.size))
+    if among.stationary is None:
+        vector = np.abs(np.linalg.eigh(ways)[1][:, -1])
+        follow = ways * vector
+        growth = follow.sum(axis=1) / vector
+        matrix = follow / follow.sum(axis=1, keepdims=True)
+        # A chain goes from i to j with a surprise of log growth_i + log v_i - log v_j under this
+        # one, whose mean bounds its own entropy, and over a long time the v cancel.
+        weight = growth * vector**2
+        value = float(weight @ scipy.special.entr(matrix).sum(axis=1) / weight.sum())
+        residual = math.log(growth.max()) - value
+    else:
+        matrix = scaled(ways, among.stationary)
+        value = float(among.stationary @ scipy.special.entr(matrix).sum(axis=1))
+        surprise = -np.log(matrix[among.tails, among.heads])
+        gap = among.gap(matrix[among.tails, among.heads], among.stationary[among.tails] * surprise)
+        residual = gap + float(np.abs(among.stationary @ matrix - among.stationary).sum())
+    certificate = Certificate(1, max(0.0, residual), _TOLERANCE)
+    certificate.check("maximum_entropy_rate", throw)
+    return Strategy(matrix, value, 0, certificate)
+
+
+def maximum_return_time_entropy(
+    graph: Graph,
+    stationary: Any = None,
+    *,
+    stay: bool = False,
+    horizon: int | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    tolerance: float = 1e-5,
+    throw: bool = True,
+) -> Strategy:
+    """A chain whose times of return are hard to predict (Duan, George and Bullo 2020).
+
+    The value is [`return_time_entropy`][jaxcell.patrol.return_time_entropy] up to the horizon. The
+    problem is not convex: the answer is a local optimum, the best that several starts lead to.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `stationary`: array `[vertices]`, the share of the time to be spent at each vertex, positive.
+    - `stay`: whether the patroller may wait at a vertex.
+    - `horizon`: the last number of steps that counts. By default, with a stationary distribution,
+        so many that no vertex has a return that is later with a probability of more than 0.1,
+        whatever the chain (by Markov's inequality); else as with the uniform one. The mass that a
+        chain has beyond is `1 - return_time_law(matrix, horizon).sum(axis=0)`.
+    - `starts`: how many chains to start from. The first goes along a short closed tour.
+    - `seed`: of the other starts, which are random.
+    - `tolerance`: of the residual.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`Strategy`][jaxcell.patrol.Strategy], with the entropy in nats. The residual of
+    its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is more: to first
+    order, no chain is better by a larger share.
+
+    **Raises:** as [`maximum_entropy_rate`][jaxcell.patrol.maximum_entropy_rate]; `ValueError` for a
+    horizon of less than 1 step.
+    """
+    among = Strategies.on(graph, stationary, stay=stay)
+    if horizon is None:
+        least = 1 / graph.vertices if among.stationary is None else float(among.stationary.min())
+        horizon = math.ceil(1 / (_TAIL * least)) - 1
+    _check_horizon(horizon)
+    found = minimised(
+        "maximum_return_time_entropy",
+        _predictable,
+        among,
+        (jnp.zeros(horizon),),
+        starts=starts,
+        seed=seed,
+        tolerance=tolerance,
+        throw=throw,
+    )
+    return Strategy(found.matrix, -found.value, found.start, found.certificate)
+
+
+def return_time_law(
+    P: Float[Array, "vertices vertices"], horizon: int
+) -> Float[Array, "steps vertices"]:
+    """The probability that a chain is first back at a vertex after 1, 2, ... steps.
+
+    **Arguments:**
+
+    - `P`: the transition matrix.
+    - `horizon`: the last number of steps that is asked for.
+
+    **Returns:** a row for each number of steps, a column for each vertex.
+
+    **Raises:** `ValueError` for a horizon of less than 1 step.
+    """
+    _check_horizon(horizon)
+
+    def step(first, _):  # type: ignore[no-untyped-def]
+        back = jnp.diagonal(first)
+        return P @ (first - jnp.diag(back)), back
+
+    return jax.lax.scan(step, P, None, length=horizon)[1]
+
+
+def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> Float[Array, ""]:
+    """The entropy of the time until a chain is first back at a vertex, in nats.
+
+    That is `-sum_i pi_i sum_k F_k(i, i) log F_k(i, i)`, with `F_k` the law of the first return and
+    `pi` the stationary distribution, as far as the horizon. With none, it is at least the entropy
+    rate and at most as many times that as there are vertices.
+
+    **Arguments:**
+
+    - `P`: the transition matrix of an irreducible chain.
+    - `horizon`: the last number of steps that counts.
+
+    **Raises:** `ValueError` for a horizon of less than 1 step.
+    """
+    law = return_time_law(P, horizon)
+    surprise = -jnp.log(jnp.where(law > 0, law, 1.0))
+    return jnp.sum(dense.stationary(P) * jnp.sum(law * surprise, axis=0))
+
+
+def _predictable(
+    matrices: Float[Array, "1 vertices vertices"], steps: Float[Array, "horizon"]
+) -> Float[Array, ""]:
+    """The horizon is the length of an array, because the shapes are what is compiled for."""
+    return -return_time_entropy(matrices[0], steps.size)
+
+
+def _check_horizon(horizon: int) -> None:
+    if not isinstance(horizon, numbers.Integral) or horizon < 1:
+        raise ValueError(f"horizon: expected a whole number of at least 1, got {horizon!r}")

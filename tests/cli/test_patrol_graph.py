@@ -1,0 +1,254 @@
+import ctypes
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.cli import main
+from jaxcell.optimize import Graph, minimum_commute
+from jaxcell.patrol import random_walk, walk_hitting_times
+from jaxcell.patrol.graph_files import load_graph, save_graph
+
+
+GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
+EIGHT = GRAPHS / "eight.json"
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+
+
+def run(capsys, *args, file=EIGHT):
+    """Exit status, the JSON object on standard output, and standard error."""
+    status = main(["patrol", "graph", str(file), *map(str, args), "--json"])
+    captured = capsys.readouterr()
+    return status, json.loads(captured.out) if captured.out else None, captured.err
+
+
+def transition(found):
+    """The matrix that the summary tells."""
+    names = [one["name"] for one in found["vertices"]]
+    matrix = np.diag([one["stay"] for one in found["vertices"]])
+    for edge in found["edges"]:
+        i, j = (names.index(end) for end in edge["ends"])
+        matrix[i, j], matrix[j, i] = edge["probabilities"]
+    return matrix
+
+
+def check_chain(found):
+    """The transition matrix, after a look at what is said of it."""
+    P = transition(found)
+    np.testing.assert_allclose(P.sum(axis=1), 1, atol=1e-9)
+    pi = np.array([one["stationary"] for one in found["vertices"]])
+    np.testing.assert_allclose(pi @ P, pi, atol=1e-9)
+    n = len(P)
+    fundamental = np.linalg.inv(np.eye(n) - P + pi)
+    times = (np.diag(fundamental) - fundamental) / pi
+    assert found["mean_commute_time"] == pytest.approx(2 * times.sum() / (n * (n - 1)))
+    assert found["kemeny_constant"] == pytest.approx((times @ pi)[0])
+    assert [one["mean_hitting_time"] for one in found["vertices"]] == pytest.approx(
+        (times.sum(axis=0) / (n - 1)).tolist()
+    )
+    return P
+
+
+def test_the_fastest_commute(capsys):
+    status, found, _ = run(capsys)
+    assert status == 0
+    assert found["mean_commute_time"] == pytest.approx(18.626151, abs=1e-6)
+    graph, _ = load_graph(EIGHT)
+    P = check_chain(found)
+    expected = random_walk(graph, minimum_commute(graph).weights).to_scipy().toarray()
+    np.testing.assert_allclose(P, expected, atol=1e-9)
+    assert found["certificate"]["residual"] <= found["certificate"]["tolerance"]
+    assert found["game"] is None
+    assert found["mixing_time"] >= 1
+
+
+def test_emphasis_is_by_name(capsys):
+    status, found, _ = run(capsys, "--emphasis", 2, 5, 8, "--share", 0.9)
+    assert status == 0
+    graph, _ = load_graph(EIGHT)
+    weights = minimum_commute(graph, [1, 4, 7], 0.9).weights
+    times = walk_hitting_times(graph, weights)
+    assert found["mean_hitting_time"] == pytest.approx(times.sum() / 56)
+    assert (found["emphasis"], found["share"]) == (["2", "5", "8"], 0.9)
+
+
+STRATEGIES = {
+    "toward": ("--vertex", 3),
+    "mixing": (),
+    "kemeny": (),
+    "entropy": (),
+    "return-time": (),
+    "capture": ("--attack-time", 4),
+}
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_every_strategy_is_a_walk(capsys, strategy):
+    status, found, _ = run(capsys, "--strategy", strategy, *STRATEGIES[strategy])
+    assert status == 0
+    check_chain(found)
+    if strategy == "mixing":
+        # Boyd, Diaconis and Xiao's published value.
+        assert found["slem"] == pytest.approx(0.6810, abs=5e-5)
+
+
+def test_each_strategy_is_best_at_what_it_is_for(capsys):
+    """Among the walks with the same measure, its own is the best."""
+    found = {
+        name: run(capsys, "--strategy", name, *args)[1]
+        for name, args in {"commute": (), **STRATEGIES}.items()
+    }
+    assert min(found, key=lambda name: found[name]["kemeny_constant"]) == "kemeny"
+    assert max(found, key=lambda name: found[name]["entropy_rate_nats"]) == "entropy"
+    assert min(found, key=lambda name: found[name]["mean_commute_time"]) in ("commute", "kemeny")
+    to_3 = {name: one["vertices"][2]["mean_hitting_time"] for name, one in found.items()}
+    assert to_3["toward"] < min(to_3["commute"], to_3["entropy"], to_3["mixing"])
+    assert found["capture"]["goal"].endswith("captures within 4 steps")
+    assert 0 < found["capture"]["value"] < 1
+
+
+def test_the_game(capsys):
+    status, found, _ = run(capsys, "--game", "--emphasis", 2, 5, 8)
+    assert status == 0
+    game = found["game"]
+    # Alam 2018, Tables 4.2 and 4.3.
+    assert game["value"] == pytest.approx(8)
+    names = [one["strategy"] for one in game["strategies"]]
+    assert names == [*(f"toward {v}" for v in range(1, 9)), "all vertices", "emphasis 2, 5, 8"]
+    orders = {one["strategy"]: "".join(one["order"]) for one in game["strategies"]}
+    assert orders["all vertices"] == "72538146"
+    assert orders["emphasis 2, 5, 8"] == "82517463"
+    assert sum(one["share"] for one in game["strategies"]) == pytest.approx(1)
+    assert game["attacked"] in "12345678"
+    without = run(capsys, "--game")[1]["game"]
+    assert len(without["strategies"]) == 9
+
+
+def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
+    from jaxcell.patrol import strategy_game
+
+    solve = strategy_game.stackelberg
+
+    def speaks(*args, **options):
+        os.write(1, b"the solver writes\n")
+        ctypes.CDLL(None).printf(b"the solver prints\n")
+        return solve(*args, **options)
+
+    monkeypatch.setattr(strategy_game, "stackelberg", speaks)
+    assert main(["patrol", "graph", str(EIGHT), "--game", "--json"]) == 0
+    ctypes.CDLL(None).fflush(None)
+    captured = capfd.readouterr()
+    assert json.loads(captured.out)["game"]["value"] == pytest.approx(8)
+    assert "the solver writes\n" in captured.err
+    assert "the solver prints\n" in captured.err
+
+
+def test_tables_for_people(capsys):
+    assert main(["patrol", "graph", str(EIGHT), "--game"]) == 0
+    out = capsys.readouterr().out
+    assert "18.6262 steps" in out
+    assert re.search(r"│ +7 │ +0\.194692 │ +4\.95 │", out)
+    assert re.search(r"what the patroller is paid +│ +8 │", out)
+    assert main(["patrol", "graph", str(GRAPHS / "random.json")]) == 0
+    assert "The first 30 of 50 vertices" in capsys.readouterr().out
+
+
+def test_a_periodic_walk_never_mixes(capsys):
+    status, found, _ = run(capsys, file=GRAPHS / "line.json")
+    assert (status, found["mixing_time"], found["slem"]) == (0, None, 1.0)
+    assert main(["patrol", "graph", str(GRAPHS / "line.json")]) == 0
+    assert "never: it is periodic" in capsys.readouterr().out
+
+
+def test_writes_its_results(capsys, tmp_path):
+    out = tmp_path / "new" / "out"
+    status, found, _ = run(capsys, "--game", "--robots", 2, "--out", out)
+    assert status == 0
+    assert {path.name for path in out.iterdir()} == {"patrol.nc", "patrol.rrd", "summary.json"}
+    assert json.loads((out / "summary.json").read_text()) == found
+    with xr.open_dataset(out / "patrol.nc") as dataset:
+        np.testing.assert_array_equal(dataset.transition, transition(found))
+        assert dataset.mixture.values.tolist() == [
+            one["share"] for one in found["game"]["strategies"]
+        ]
+        assert json.loads(dataset.attrs["spec"])["strategy"] == "commute"
+
+
+def test_other_formats_are_read(capsys, tmp_path):
+    graph, names = load_graph(EIGHT)
+    expected = run(capsys)[1]
+    for suffix in (".graphml", ".edges"):
+        save_graph(graph, tmp_path / f"eight{suffix}", names)
+        found = run(capsys, file=tmp_path / f"eight{suffix}")[1]
+        assert found["mean_commute_time"] == pytest.approx(expected["mean_commute_time"])
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--emphasis", 2, 9), "--emphasis: there is no vertex '9'; there are 1, 2, 3"),
+        (("--emphasis", 2), "--emphasis: expected two or more vertices, got one"),
+        (("--emphasis", 2, 5, 2), "--emphasis: vertex '2' comes twice"),
+        (("--emphasis", 2, 5, "--share", 1.5), "share: expected 0 to 1, got 1.5"),
+        (("--emphasis", 2, 5, "--strategy", "kemeny"), "--emphasis has no meaning for 'kemeny'"),
+        (("--strategy", "toward"), "'toward' needs --vertex"),
+        (("--strategy", "toward", "--vertex", 0), "--vertex: there is no vertex '0'"),
+        (("--strategy", "toward", "--vertex", 3, "--paths", 0), "paths: .* got 0"),
+        (("--vertex", 3), "--vertex has no meaning for 'commute'"),
+        (("--strategy", "capture"), "'capture' needs --attack-time"),
+        (
+            ("--strategy", "capture", "--attack-time", 2),
+            "--attack-time: 2 steps are over before .* from vertex '4' to '5', which takes 3",
+        ),
+        (("--attack-time", 3), "--attack-time has no meaning for 'commute'"),
+        (("--robots", 0), "--robots: expected at least 1, got 0"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(capsys, args, message):
+    status, found, error = run(capsys, *args)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert re.search(f"^jaxcell patrol graph: .*{message}", error), error
+
+
+def test_bad_files_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
+    apart = Graph([[0, 1], [2, 3]], xy=np.zeros((4, 2)))
+    save_graph(apart, tmp_path / "apart.json", ["a", "b", "c", "d"])
+    (tmp_path / "empty.json").write_text("")
+    for name, message in (
+        ("apart.json", "no walk leads from vertex 'a' to 'c'; expected a connected graph"),
+        ("empty.json", "not valid JSON, or cut short"),
+        ("none.json", "there is no such file"),
+    ):
+        status, found, error = run(capsys, file=tmp_path / name)
+        assert (status, found) == (2, None)
+        assert re.fullmatch(rf"jaxcell patrol graph: .*{name}: {message}.*\n", error), error
+    monkeypatch.setattr("jaxcell.cli.patrol_graph._MOST_VERTICES", 7)
+    status, _, error = run(capsys)
+    assert status == 2
+    assert "it has 8 vertices; the times between all pairs" in error
+
+
+def test_no_answer_is_status_1(capsys, monkeypatch):
+    def stalls(*args, **options):
+        raise RuntimeError("the residual stayed above the tolerance")
+
+    monkeypatch.setattr("jaxcell.optimize.minimum_commute", stalls)
+    status, found, error = run(capsys)
+    assert (status, found) == (1, None)
+    assert error == "jaxcell patrol graph: the residual stayed above the tolerance\n"
+
+
+def test_help_of_the_group(capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["patrol", "--help"])
+    assert stopped.value.code == 0
+    assert "patrol graph" in capsys.readouterr().out

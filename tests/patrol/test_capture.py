@@ -1,0 +1,191 @@
+import itertools
+
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.optimize
+
+from jaxcell.certificate import Outcome
+from jaxcell.optimize import Graph
+from jaxcell.patrol import capture
+from jaxcell.patrol.capture import maximin_capture, walk_capture_probabilities
+from jaxcell.patrol.strategies import Strategies
+
+
+PATH = Graph([[i, i + 1] for i in range(8)])
+STAR = Graph([[0, i] for i in range(1, 9)])
+GRID = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(3, 3)).edges))
+KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
+TIMES = np.array([1, 3, 2, 1])
+
+
+def by_walks(matrix, delays, attack):
+    """The probabilities of capture, summed over all walks."""
+    n = len(matrix)
+    captured = np.zeros((n, n))
+    for start, target in itertools.product(range(n), repeat=2):
+        walks = [(start, 0, 1.0)]
+        while walks:
+            here, time, chance = walks.pop()
+            for there in np.flatnonzero(matrix[here] > 0):
+                later = time + delays[here, there]
+                if later <= attack[target]:
+                    if there == target:
+                        captured[start, target] += chance * matrix[here, there]
+                    else:
+                        walks.append((there, later, chance * matrix[here, there]))
+    return captured
+
+
+def delays_of(graph, times):
+    delays = np.eye(graph.vertices, dtype=int)
+    delays[graph.edges[:, 0], graph.edges[:, 1]] = times
+    delays[graph.edges[:, 1], graph.edges[:, 0]] = times
+    return delays
+
+
+@pytest.mark.parametrize("stay", [False, True])
+@pytest.mark.parametrize("times", [None, TIMES])
+@pytest.mark.parametrize("attack", [6, np.array([3, 7, 1, 5])])
+def test_capture_against_all_walks(stay, times, attack):
+    among = Strategies.on(KITE, stay=stay)
+    matrix = among.matrix(among.starts(2, 1, 0)[1, 0])
+    found = walk_capture_probabilities(KITE, matrix, attack, times)
+    delays = delays_of(KITE, 1 if times is None else times)
+    expected = by_walks(matrix, delays, np.broadcast_to(attack, 4))
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("graph", "attack", "optimum"),
+    [
+        # From end to end all inner moves must go one way, and both directions share them.
+        (PATH, 8, 2.0**-7),
+        # From leaf to leaf, the one move from the centre must be right.
+        (STAR, 2, 1 / 8),
+    ],
+)
+def test_known_optima_from_the_default_start(graph, attack, optimum):
+    found = maximin_capture(graph, attack, starts=1)
+    assert found.value == pytest.approx(optimum, rel=1e-6)
+    assert found.start == 0
+    assert found.certificate.outcome is Outcome.CONVERGED
+    assert walk_capture_probabilities(graph, found.matrices[0], attack).min() == found.value
+    assert found.chains[0].cells == 9
+
+
+def test_the_grid_from_the_default_start():
+    # The best of five starts of another program is 0.1581.
+    assert maximin_capture(GRID, 4, starts=1).value > 0.15834
+
+
+def test_no_chain_of_another_solver_is_better():
+    attack = np.array([5, 6, 5, 7])
+    found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4)
+    delays = delays_of(KITE, TIMES)
+    least = by_walks(found.matrices[0], delays, attack).min()
+    assert found.value == pytest.approx(least, rel=1e-9)
+    among = Strategies.on(KITE)
+    sums, sides = among.equalities()
+    equal = {"type": "eq", "fun": lambda x: sums @ x[:-1] - sides}
+    above = {
+        "type": "ineq",
+        "fun": lambda x: by_walks(among.matrix(x[:-1]), delays, attack).ravel() - x[-1],
+    }
+    for start in among.starts(4, 1, 7)[:, 0]:
+        other = scipy.optimize.minimize(
+            lambda x: -x[-1],
+            np.append(start, 0.0),
+            bounds=[(0, 1)] * (start.size + 1),
+            constraints=[equal, above],
+            method="SLSQP",
+        )
+        if np.abs(equal["fun"](other.x)).max() < 1e-9 and above["fun"](other.x).min() > -1e-9:
+            assert found.value >= other.x[-1] * (1 - 1e-4)
+
+
+def test_robots_are_all_where_they_are_worst():
+    found = maximin_capture(KITE, 3, robots=2, starts=4)
+    each = [by_walks(matrix, delays_of(KITE, 1), np.full(4, 3)) for matrix in found.matrices]
+    least = min(
+        1 - (1 - each[0][first, target]) * (1 - each[1][second, target])
+        for first, second, target in itertools.product(range(4), repeat=3)
+    )
+    assert found.value == pytest.approx(least, rel=1e-9)
+    # Two that do the same are not better.
+    one = maximin_capture(KITE, 3, starts=4).value
+    assert found.value >= 1 - (1 - one) ** 2 - 1e-6
+
+
+def test_a_given_distribution_is_met():
+    share = np.array([0.2, 0.25, 0.4, 0.15])
+    found = maximin_capture(KITE, 4, stationary=share, stay=True, starts=3)
+    np.testing.assert_allclose(share @ found.matrices[0], share, atol=1e-8)
+    each = by_walks(found.matrices[0], delays_of(KITE, 1), np.full(4, 4))
+    assert found.value == pytest.approx(each.min(), rel=1e-9)
+
+
+def test_slopes_against_differences():
+    among = Strategies.on(KITE)
+    moves = among.starts(2, 2, 0)[1]
+    attack = np.array([5, 6, 5, 7])
+    arguments = (
+        jnp.asarray(among.tails),
+        jnp.asarray(among.heads),
+        jnp.asarray(delays_of(KITE, TIMES)),
+        jnp.asarray(attack),
+        jnp.zeros(3),
+        jnp.zeros(7),
+    )
+    _, slope = capture._with_slope(jnp.asarray(moves), *arguments)
+    for move in range(moves.shape[1]):
+        step = 1e-5 * (np.arange(moves.shape[1]) == move)
+        up, _ = capture._with_slope(jnp.asarray(moves + step), *arguments)
+        down, _ = capture._with_slope(jnp.asarray(moves - step), *arguments)
+        np.testing.assert_allclose(slope[..., move], (up - down) / 2e-5, atol=1e-9)
+
+
+def test_the_soft_minimum_is_nearly_the_least():
+    among = Strategies.on(KITE)
+    moves = among.starts(2, 2, 0)[1]
+    matrices = np.stack([among.matrix(robot) for robot in moves])
+    arguments = jnp.asarray(delays_of(KITE, 1)), jnp.full(4, 4), jnp.zeros(1), jnp.zeros(4)
+    miss = 1.0
+    for matrix in matrices:
+        miss = miss * (1 - walk_capture_probabilities(KITE, matrix, 4).min(axis=0))
+    soft = np.exp(-float(capture._missed(jnp.asarray(matrices), *arguments)))
+    assert soft == pytest.approx((1 - miss).min(), rel=0.2)
+    assert soft < (1 - miss).min()
+    # A move that is never made leaves targets out of reach, and the gradient finite.
+    matrices[0] = np.roll(np.eye(4), 1, axis=0)
+    gradient = jax.jit(jax.grad(capture._missed))(jnp.asarray(matrices), *arguments)
+    assert np.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"attack_time": 0}, "attack_time: expected at least 1, got 0 for vertex 0"),
+        ({"attack_time": [3, 3, 0, 3]}, "attack_time: expected at least 1, got 0 for vertex 2"),
+        ({"attack_time": 2.5}, "attack_time: expected a whole number, or 4, one a vertex, got an"),
+        ({"attack_time": 1}, "vertex 0 needs 2 to come to vertex 3, where an attack takes 1"),
+        ({"attack_time": 9, "travel_times": [1, 1]}, "travel_times: expected a whole number, or 4"),
+        ({"attack_time": 4, "travel_times": [1, 1, 1, 5]}, "needs 6 to come to vertex 3"),
+        ({"attack_time": 9, "robots": 0}, "robots: expected at least 1, got 0"),
+        ({"attack_time": 9, "starts": 0}, "starts: expected at least 1, got 0"),
+    ],
+)
+def test_refusals(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        maximin_capture(KITE, **arguments)
+
+
+def test_matrices_that_are_refused():
+    with pytest.raises(ValueError, match=r"matrix: expected \[4, 4\], got \[2, 2\]"):
+        walk_capture_probabilities(KITE, np.eye(2), 3)
+    with pytest.raises(ValueError, match="rows of numbers of at least 0 that sum to 1"):
+        walk_capture_probabilities(KITE, np.ones((4, 4)), 3)
+    with pytest.raises(ValueError, match=r"matrix\[0, 3\] is positive, but no edge"):
+        walk_capture_probabilities(KITE, np.tile([0, 0, 0, 1.0], (4, 1)), 3)

@@ -1,0 +1,69 @@
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
+from jaxcell.optimize import minimum_commute
+from jaxcell.patrol import (
+    Graph,
+    Movement,
+    Perimeter,
+    detection_polynomials,
+    maximin,
+    mean_hitting_times,
+    random_walk,
+)
+from jaxcell.patrol.graph_files import load_graph
+from jaxcell.patrol.strategy_game import strategy_game
+
+
+EIGHT = Path(__file__).parents[2] / "data" / "graphs" / "eight.json"
+
+
+@pytest.mark.parametrize(
+    ("robots", "uniform", "anywhere"),
+    [(2, 30.35, 30.58), (4, 14.22, 14.70), (8, 7.11, 7.30), (16, 3.21, 3.40)],
+)
+def test_first_arrivals_of_table_4_1(robots, uniform, anywhere):
+    # Alam 2018: means of 30 experiments with MAECT on the complete graph of 64 vertices.
+    graph = Graph(list(itertools.combinations(range(64), 2)))
+    walk = [random_walk(graph, minimum_commute(graph).weights)] * robots
+    mean = mean_first_arrival(walk, Distinct(range(64)), 5).value
+    law = np.asarray(first_arrival(walk, Distinct(range(64)), 5, 1200))
+    time = np.arange(1201)
+    assert law.sum() == pytest.approx(1, abs=1e-12)
+    assert law @ time == pytest.approx(mean, rel=1e-10)
+    error = math.sqrt(law @ (time - mean) ** 2 / 30)
+    # Placed at equal distances, robots arrive no later than at random: vertices are all alike.
+    even = [mean_first_arrival(walk, list(range(0, 64, 64 // robots)), v).value for v in (0, 5)]
+    assert (1 - robots / 64) * even[1] == pytest.approx(mean, rel=1e-9)
+    assert even[0] == 0
+    for published in (uniform, anywhere):
+        assert abs(published - mean) < error / 2
+
+
+def test_walkers_and_guards():
+    # Alam 2018, Figure 4.4: of four robots, those without synchrony are faster than BMP.
+    mean = {}
+    for movement in Movement:
+        ring = Perimeter(64, 4, movement)
+        p = maximin(detection_polynomials(ring, 12)).p
+        mean[movement] = float(mean_hitting_times(ring, p)[1:].sum()) / 16
+    walkers = (1 - 4 / 64) / (1 - (62 / 63) ** 4)
+    assert mean[Movement.BMP] == pytest.approx(42.5)
+    assert mean[Movement.DNCP] < walkers < mean[Movement.DCP] < mean[Movement.BMP]
+
+
+def test_the_game_of_the_small_graph():
+    # Alam 2018, Table 4.3: strategies 7 and 9 keep the adversary at vertex 7, where both pay most.
+    game = strategy_game(load_graph(EIGHT)[0], (1, 4, 7))
+    mixture = np.asarray(game.commitment.weights)
+    assert game.commitment.value == pytest.approx(8, abs=1e-9)
+    assert int(game.commitment.answer[0]) == 6
+    assert mixture[[6, 8]].sum() == pytest.approx(1, abs=1e-9)
+    # Neither does so alone.
+    assert game.adversary[6].argmax() != 6
+    assert game.adversary[8].argmax() != 6

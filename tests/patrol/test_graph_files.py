@@ -1,0 +1,281 @@
+import json
+import runpy
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol.graph_files import load_graph, save_graph
+
+
+GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
+SUFFIXES = (".json", ".graphml", ".edges", ".txt")
+NAMES = ("hall", "1", "Küche", "a&b<c>")
+
+
+def square():
+    return Graph([[0, 1], [2, 1], [2, 3], [0, 3]], xy=[[0, 0], [0.1, 1e-9], [-3, 1 / 3], [1e6, 2]])
+
+
+def text_of(suffix, tmp_path):
+    path = tmp_path / f"whole{suffix}"
+    save_graph(square(), path, NAMES)
+    return path.read_text(encoding="utf-8")
+
+
+def load_text(tmp_path, text, suffix=".json"):
+    path = tmp_path / f"graph{suffix}"
+    path.write_text(text, encoding="utf-8")
+    return load_graph(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_is_written_is_read(suffix, tmp_path):
+    path = tmp_path / f"square{suffix}"
+    save_graph(square(), path, NAMES)
+    graph, names = load_graph(path)
+    assert names == NAMES
+    np.testing.assert_array_equal(graph.xy, square().xy)
+    assert {frozenset(edge) for edge in graph.edges.tolist()} == {
+        frozenset(edge) for edge in square().edges.tolist()
+    }
+    save_graph(graph, path)
+    assert load_graph(path)[1] == ("0", "1", "2", "3")
+
+
+@st.composite
+def graphs(draw):
+    n = draw(st.integers(2, 8))
+    pairs = st.tuples(st.integers(0, n - 1), st.integers(0, n - 1)).filter(lambda e: e[0] != e[1])
+    edges = draw(st.lists(pairs, min_size=1, unique_by=frozenset))
+    coordinate = st.floats(-1e9, 1e9)
+    xy = draw(st.lists(st.tuples(coordinate, coordinate), min_size=n, max_size=n))
+    text = st.text(min_size=1, max_size=8).filter(
+        lambda name: name.isprintable() and name.split() == [name] and "#" not in name
+    )
+    names = draw(st.lists(text, min_size=n, max_size=n, unique=True))
+    return Graph(edges, xy=xy), tuple(names)
+
+
+@settings(max_examples=60, deadline=None)
+@given(graphs(), st.sampled_from(SUFFIXES))
+def test_any_graph_survives(tmp_path_factory, graph_and_names, suffix):
+    graph, names = graph_and_names
+    path = tmp_path_factory.getbasetemp() / f"any{suffix}"
+    save_graph(graph, path, names)
+    found, found_names = load_graph(path)
+    assert found_names == names
+    np.testing.assert_array_equal(found.xy, graph.xy)
+    assert {frozenset(e) for e in found.edges.tolist()} == {
+        frozenset(e) for e in graph.edges.tolist()
+    }
+
+
+def test_networkx_reads_and_writes_the_same(tmp_path):
+    save_graph(square(), tmp_path / "ours.json", NAMES)
+    ours = nx.node_link_graph(json.loads((tmp_path / "ours.json").read_text()), edges="edges")
+    assert set(map(frozenset, ours.edges)) == {
+        frozenset(NAMES[v] for v in edge) for edge in square().edges.tolist()
+    }
+    assert ours.nodes["hall"] == {"x": 0.0, "y": 0.0}
+
+    theirs = nx.random_geometric_graph(12, 0.5, seed=3)
+    for key in ("edges", "links"):
+        graph, names = load_text(tmp_path, json.dumps(nx.node_link_data(theirs, edges=key)))
+        assert names == tuple(map(str, range(12)))
+        np.testing.assert_array_equal(graph.xy, [theirs.nodes[v]["pos"] for v in range(12)])
+        assert set(map(tuple, graph.edges.tolist())) == set(theirs.edges)
+    for v in theirs:
+        theirs.nodes[v]["x"], theirs.nodes[v]["y"] = theirs.nodes[v].pop("pos")
+    nx.write_graphml(theirs, tmp_path / "theirs.graphml")
+    again, _ = load_graph(tmp_path / "theirs.graphml")
+    np.testing.assert_array_equal(again.xy, graph.xy)
+    np.testing.assert_array_equal(again.edges, graph.edges)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(directed=True), "directed: it is directed; .* both ways"),
+        (lambda d: d.pop("nodes"), r"nodes: expected a list, got None"),
+        (lambda d: d.pop("edges"), r"links: expected a list, got None"),
+        (lambda d: d.update(nodes={}), r"nodes: expected a list, got {}"),
+        (lambda d: d.update(nodes=[]), "expected at least 2 vertices, got 0"),
+        (lambda d: d.update(edges=[]), "it has no edges"),
+        (lambda d: d.update(edges=[3]), r"edges\[0\]: expected an object, got 3"),
+        (lambda d: d["nodes"][1].pop("id"), r"nodes\[1\].id: it is missing"),
+        (lambda d: d["nodes"][1].update(id=None), r"nodes\[1\]: expected a name"),
+        (lambda d: d["nodes"][1].update(id=[1]), r"nodes\[1\]: expected a name"),
+        (lambda d: d["nodes"][1].update(id=True), r"nodes\[1\]: expected a name"),
+        (lambda d: d["nodes"][1].update(id="a\nb"), r"nodes\[1\]: expected a name"),
+        (lambda d: d["nodes"][1].update(id=" "), r"nodes\[1\]: expected a name"),
+        (lambda d: d["nodes"][2].update(id=1), r"nodes\[2\]: the vertex 1 comes twice"),
+        (lambda d: d["nodes"][1].pop("y"), r"nodes\[1\].y: it is missing"),
+        (lambda d: d["nodes"][1].update(x=None), r"nodes\[1\].x: expected a finite number"),
+        (lambda d: d["nodes"][1].update(x="far"), r"nodes\[1\].x: expected .* got 'far'"),
+        (lambda d: d["nodes"][1].update(x=float("nan")), r"nodes\[1\].x: expected .* got nan"),
+        (lambda d: d["nodes"][1].update(x=10**400), r"nodes\[1\].x: expected a finite number"),
+        (lambda d: d["nodes"][1].update(x=1e300), r"nodes\[1\].x: .* at most 1e\+09 m, got 1e"),
+        (lambda d: d["nodes"].append({"id": "p", "pos": [1]}), r"nodes\[4\].pos: expected a pair"),
+        (
+            lambda d: d["nodes"].append({"id": "p", "pos": [1, "x"]}),
+            r"nodes\[4\].pos\[1\]: expected a finite number",
+        ),
+        (lambda d: d["edges"][1].pop("source"), r"edges\[1\].source: it is missing"),
+        (lambda d: d["edges"][1].update(target="attic"), r"edges\[1\]: there is no vertex 'attic'"),
+        (
+            lambda d: d["edges"][1].update(source="1", target="1"),
+            r"edges\[1\]: it is a loop, which joins '1' and '1'",
+        ),
+        (
+            lambda d: d["edges"].append({"source": "1", "target": "hall"}),
+            r"edges\[4\]: it joins '1' and 'hall', as edges\[0\] does; expected no parallel edges",
+        ),
+    ],
+)
+def test_bad_fields_of_json_are_named(change, message, tmp_path):
+    document = json.loads(text_of(".json", tmp_path))
+    change(document)
+    with pytest.raises(ValueError, match=rf"graph\.json: {message}"):
+        load_text(tmp_path, json.dumps(document))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "old", "new", "message"),
+    [
+        (".graphml", '"undirected"', '"directed"', "edgedefault: it is directed"),
+        (".graphml", "1e-09", "north", "not GraphML that networkx reads"),
+        (".graphml", "1e-09", "NaN", "node '1'.y: expected a finite number"),
+        (".graphml", 'target="1"', 'target="hall"', "edge 'hall' to 'hall': it is a loop"),
+        (
+            ".graphml",
+            "</graph>",
+            '<edge source="1" target="hall"/></graph>',
+            "edge .* it joins .* as edge 'hall' to '1' does",
+        ),
+        (".graphml", 'target="1"', 'target="attic"', "node 'attic'.x: it is missing"),
+        (".graphml", "</node>", "", "not valid XML, or cut short"),
+        (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
+        (".graphml", "graphml.graphdrawing.org", "example.org", "not GraphML"),
+        (".edges", "1000000.0 2.0", "1000000.0", "line 4: there is no vertex '3'"),
+        (".edges", "1e-09", "inf", "line 2.y: expected a finite number .* got 'inf'"),
+        (".edges", "hall 1\n", "hall attic\n", "line 5: there is no vertex 'attic'"),
+        (".edges", "hall 1\n", "hall 1 2 3\n", "line 5: expected a vertex .* or an edge"),
+        (".edges", "hall 1\n", "hall hall\n", "line 5: it is a loop"),
+        (".edges", "hall 1\n", "hall 1\n1 hall\n", "line 6: it joins .* as line 5 does"),
+        (".edges", "hall 1\n", "hall 1 0.5\n", "line 5: the vertex 'hall' comes twice"),
+    ],
+)
+def test_bad_parts_of_other_formats_are_named(suffix, old, new, message, tmp_path):
+    names = NAMES if suffix == ".graphml" else ("hall", "1", "2", "3")
+    path = tmp_path / f"graph{suffix}"
+    save_graph(square(), path, names)
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    with pytest.raises(ValueError, match=rf"graph\{suffix}: .*{message}"):
+        load_text(tmp_path, text.replace(old, new, 1), suffix)
+
+
+def test_entities_do_not_grow(tmp_path):
+    bomb = '<!DOCTYPE b [<!ENTITY a0 "aaaaaaaaaa">'
+    bomb += "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
+    with pytest.raises(ValueError, match="document type"):
+        load_text(tmp_path, f"{bomb}]><graphml>&a9;</graphml>", ".graphml")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_nothing_in_a_file_is_refused(suffix, tmp_path):
+    with pytest.raises(ValueError, match=rf"graph\{suffix}: "):
+        load_text(tmp_path, "", suffix)
+
+
+def test_nests_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"nested too deeply|not valid JSON"):
+        load_text(tmp_path, "[" * 200_000)
+    with pytest.raises(ValueError, match="expected an object with nodes and edges"):
+        load_text(tmp_path, "[]")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_file_that_is_cut_short_is_refused_or_is_a_graph(suffix, data, tmp_path_factory):
+    tmp_path = tmp_path_factory.getbasetemp()
+    names = ("hall", "1", "2", "3")
+    save_graph(square(), tmp_path / f"short{suffix}", names)
+    raw = (tmp_path / f"short{suffix}").read_bytes()
+    cut = raw[: data.draw(st.integers(0, len(raw) - 2))]
+    byte = data.draw(st.integers(0, 255))
+    at = data.draw(st.integers(0, max(len(cut) - 1, 0)))
+    cut = cut[:at] + bytes([byte]) + cut[at + 1 :] if data.draw(st.booleans()) else cut
+    (tmp_path / f"short{suffix}").write_bytes(cut)
+    try:
+        graph, found = load_graph(tmp_path / f"short{suffix}")
+    except ValueError as error:
+        assert f"short{suffix}: " in str(error)
+    else:
+        # A list may end after any edge.
+        assert suffix in (".edges", ".txt")
+        assert graph.vertices == len(found)
+
+
+def test_other_files_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(FileNotFoundError, match=r"none\.json: there is no such file"):
+        load_graph(tmp_path / "none.json")
+    with pytest.raises(ValueError, match="expected a graph file, got a directory"):
+        load_graph(tmp_path)
+    with pytest.raises(ValueError, match=r"graph\.gml: unknown format '\.gml'; expected \.json"):
+        load_text(tmp_path, "graph []", ".gml")
+    (tmp_path / "latin.txt").write_bytes(b"\xe9 0 0\n")
+    with pytest.raises(ValueError, match="expected UTF-8 text; byte 0 is not"):
+        load_graph(tmp_path / "latin.txt")
+    monkeypatch.setattr("jaxcell.patrol.graph_files._MOST_BYTES", 10)
+    with pytest.raises(ValueError, match="expected a graph of at most 10"):
+        load_text(tmp_path, "a 0 0\nb 1 1\na b\n", ".txt")
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path):
+    for graph, names, message in (
+        (Graph([[0, 1]]), None, "the vertices have no positions"),
+        (square(), NAMES[:3], "names: expected 4, one a vertex, got 3"),
+        (square(), ("a", "b", "a", "c"), r"names\[2\]: the vertex 'a' comes twice"),
+        (square(), ("a", "b", "\0", "c"), r"names\[2\]: expected a name"),
+        (Graph([[0, 1]], xy=[[0, 0], [1e12, 0]]), None, r"names\[1\].x: .* at most 1e\+09 m"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            save_graph(graph, tmp_path / "bad.json", names)
+    for name in ("a b", "a ", "#a"):
+        with pytest.raises(ValueError, match="no place for spaces or # in a name"):
+            save_graph(square(), tmp_path / "bad.edges", ("x", "y", "z", name))
+    with pytest.raises(ValueError, match="unknown format"):
+        save_graph(square(), tmp_path / "bad.gml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_bundled_graphs_are_made_by_their_script(tmp_path):
+    runpy.run_path(str(GRAPHS / "make_graphs.py"))["main"](tmp_path)
+    made = sorted(path.name for path in tmp_path.iterdir())
+    assert made == sorted(path.name for path in GRAPHS.glob("*.json"))
+    for name in made:
+        assert (tmp_path / name).read_bytes() == (GRAPHS / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "vertices", "edges"),
+    [
+        ("eight", 8, 13),
+        ("line", 20, 19),
+        ("tree", 30, 29),
+        ("complete", 8, 28),
+        ("random", 50, 200),
+    ],
+)
+def test_the_bundled_graphs_are_connected(name, vertices, edges):
+    graph, names = load_graph(GRAPHS / f"{name}.json")
+    assert (graph.vertices, len(graph.edges)) == (vertices, edges)
+    assert names == tuple(str(v + 1) for v in range(vertices))
+    assert nx.is_connected(nx.Graph(graph.edges.tolist()))
+    assert len(np.unique(graph.xy, axis=0)) == vertices

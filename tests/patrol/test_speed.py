@@ -1,0 +1,95 @@
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.optimize
+
+from jaxcell.certificate import Outcome
+from jaxcell.markov import kemeny_constant
+from jaxcell.optimize import Graph
+from jaxcell.patrol.speed import minimum_kemeny
+from jaxcell.patrol.strategies import Strategies
+
+
+def graph_of(network):
+    network = nx.convert_node_labels_to_integers(network)
+    return Graph(np.array(network.edges), network.number_of_nodes())
+
+
+def kemeny(matrix):
+    """By the eigenvalues."""
+    values = np.linalg.eigvals(matrix)
+    values = np.delete(values, np.argmin(np.abs(values - 1)))
+    return float(np.sum(1 / (1 - values)).real)
+
+
+TREES = [nx.star_graph(5), nx.path_graph(6), nx.Graph([(0, 1), (1, 2), (1, 3), (3, 4), (3, 5)])]
+# A Hamiltonian graph and, with as many edges, one whose longest cycle has 4 vertices.
+GRID = nx.grid_2d_graph(2, 3)
+KITES = nx.Graph([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (0, 4), (4, 5)])
+
+
+@pytest.mark.parametrize("network", [*TREES, GRID, KITES])
+def test_the_least_of_all_chains(network):
+    # (2 n - k - 1) / 2 with k the length of the longest cycle (Kirkland 2010).
+    longest = max(len(cycle) for cycle in nx.simple_cycles(network.to_directed()))
+    found = minimum_kemeny(graph_of(network))
+    assert found.value == pytest.approx((2 * 6 - longest - 1) / 2, rel=1e-5)
+    assert found.value == pytest.approx(kemeny(found.matrix), rel=1e-6)
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+def test_the_default_start_goes_round():
+    found = minimum_kemeny(graph_of(GRID), starts=1)
+    assert found.start == 0
+    assert found.value == pytest.approx(2.5, rel=1e-6)
+    assert kemeny_constant(found.chain) == pytest.approx(found.value, rel=1e-6)
+
+
+def test_reversible_chains_against_cvxpy():
+    cvxpy = pytest.importorskip("cvxpy")
+    share = np.random.default_rng(0).dirichlet(np.full(6, 4.0))
+    found = minimum_kemeny(graph_of(GRID), share, stay=True, reversible=True)
+    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
+    flow = share[:, None] * found.matrix
+    np.testing.assert_allclose(flow, flow.T, atol=1e-9)
+    # The inverse of the symmetric D^(1/2) (I - P) D^(-1/2) + pi^(1/2) pi^(1/2)'.
+    root = np.sqrt(share)
+    allowed = nx.to_numpy_array(GRID) + np.eye(6)
+    flows = cvxpy.Variable((6, 6), symmetric=True)
+    moved = cvxpy.multiply(flows, 1 / np.outer(root, root))
+    rule = [flows >= 0, cvxpy.sum(flows, axis=1) == share, cvxpy.multiply(flows, 1 - allowed) == 0]
+    least = cvxpy.tr_inv(np.eye(6) - moved + np.outer(root, root))
+    problem = cvxpy.Problem(cvxpy.Minimize(least), rule)
+    problem.solve(solver="CLARABEL")
+    assert found.value == pytest.approx(problem.value - 1, rel=1e-5)
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+def test_no_chain_of_another_solver_is_better():
+    share = np.random.default_rng(1).dirichlet(np.full(6, 4.0))
+    graph = graph_of(GRID)
+    found = minimum_kemeny(graph, share, stay=True)
+    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
+    among = Strategies.on(graph, share, stay=True)
+    sums, sides = among.equalities()
+    rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
+    for start in among.starts(6, 1, 5)[:, 0]:
+        other = scipy.optimize.minimize(
+            lambda p: kemeny(among.matrix(p)),
+            start,
+            bounds=[(1e-6, 1)] * start.size,
+            constraints=rule,
+            method="SLSQP",
+        )
+        if other.success and np.abs(sums @ other.x - sides).max() < 1e-9:
+            assert found.value <= other.fun * (1 + 1e-5)
+    # It is faster than the reversible ones among which the search started.
+    assert found.value < minimum_kemeny(graph, share, stay=True, reversible=True).value - 0.1
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="starts: expected at least 1, got 0"):
+        minimum_kemeny(graph_of(GRID), starts=0)
+    with pytest.raises(RuntimeError, match=r"minimum_kemeny: the residual stayed above"):
+        minimum_kemeny(graph_of(GRID), tolerance=1e-15)
+    assert minimum_kemeny(graph_of(GRID), tolerance=1e-15, throw=False).value < 2.6

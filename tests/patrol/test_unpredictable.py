@@ -1,0 +1,155 @@
+import itertools
+
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.optimize
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.certificate import Outcome
+from jaxcell.markov import dense
+from jaxcell.optimize import Graph
+from jaxcell.patrol.strategies import Strategies
+from jaxcell.patrol.unpredictable import (
+    maximum_entropy_rate,
+    maximum_return_time_entropy,
+    return_time_entropy,
+    return_time_law,
+)
+
+
+TRIANGLE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
+
+
+def random_graph(n, more, seed):
+    network = nx.gnm_random_graph(n, n - 1 + more, seed)
+    network.add_edges_from(nx.path_graph(n).edges)
+    return Graph(np.array(network.edges), n)
+
+
+@given(st.integers(2, 9), st.integers(0, 8), st.integers(0, 1000), st.booleans())
+@settings(deadline=None, max_examples=40)
+def test_free_entropy_rate_counts_walks(n, more, seed, stay):
+    graph = random_graph(n, more, seed)
+    found = maximum_entropy_rate(graph, stay=stay)
+    ways = graph.matrix(np.ones(len(graph.edges))).toarray() + stay * np.eye(n)
+    # The number of walks grows by the same factor; two more steps, because of those that alternate.
+    walks = np.linalg.matrix_power(ways, 200) / np.linalg.norm(ways, 2) ** 200
+    growth = np.sqrt((walks @ ways @ ways).sum() / walks.sum())
+    assert found.value == pytest.approx(np.log(growth), abs=1e-3)
+    assert found.value == pytest.approx(np.log(np.linalg.norm(ways, 2)), abs=1e-10)
+    values, vectors = np.linalg.eig(found.matrix.T)
+    share = vectors[:, np.argmin(np.abs(values - 1))].real
+    surprise = -np.log(np.where(found.matrix > 0, found.matrix, 1))
+    rate = share @ (found.matrix * surprise).sum(axis=1) / share.sum()
+    assert found.value == pytest.approx(rate, abs=1e-9)
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_given_entropy_rate_against_cvxpy(seed):
+    cvxpy = pytest.importorskip("cvxpy")
+    graph = random_graph(6, 4, seed)
+    share = np.random.default_rng(seed).dirichlet(np.full(6, 3.0))
+    found = maximum_entropy_rate(graph, share, stay=True)
+    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-12)
+    among = Strategies.on(graph, share, stay=True)
+    chain = cvxpy.Variable(among.tails.size, nonneg=True)
+    sums, sides = among.equalities()
+    rate = share[among.tails] @ cvxpy.entr(chain)
+    problem = cvxpy.Problem(cvxpy.Maximize(rate), [sums @ chain == sides])
+    problem.solve(solver="CLARABEL")
+    assert found.value == pytest.approx(problem.value, abs=1e-6)
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+def test_entropy_rate_where_some_moves_are_ruled_out():
+    # All that is at 0 must come from 1 and go there, which leaves nothing for the edge from 1 to 2.
+    with pytest.raises(ValueError, match="no chain comes round"):
+        maximum_entropy_rate(Graph([[0, 1], [1, 2], [2, 3], [3, 4], [4, 2]]), [0.2] * 5)
+    share = np.array([0.25, 0.375, 0.25, 0.125])
+    path = Graph([[0, 1], [1, 2], [2, 3]])
+    # In a tree the flows are determined: 2/8 between 0 and 1, 1/8 between the others.
+    found = maximum_entropy_rate(path, share)
+    expected = [[0, 1, 0, 0], [2 / 3, 0, 1 / 3, 0], [0, 1 / 2, 0, 1 / 2], [0, 0, 1, 0]]
+    np.testing.assert_allclose(found.matrix, expected, atol=1e-9)
+
+
+def test_return_time_law_against_all_walks(getkey):
+    P = np.asarray(jax.nn.softmax(2 * jax.random.normal(getkey(), (3, 3)), axis=1))
+    law = np.asarray(return_time_law(jnp.asarray(P), 5))
+    expected = np.zeros((5, 3))
+    for steps in range(1, 6):
+        for start in range(3):
+            others = [i for i in range(3) if i != start]
+            for between in itertools.product(others, repeat=steps - 1):
+                walk = [start, *between, start]
+                expected[steps - 1, start] += np.prod(P[walk[:-1], walk[1:]])
+    np.testing.assert_allclose(law, expected, atol=1e-14)
+    share = np.asarray(dense.stationary(jnp.asarray(P)))
+    entropy = -(share * (expected * np.log(expected)).sum(axis=0)).sum()
+    assert float(return_time_entropy(jnp.asarray(P), 5)) == pytest.approx(entropy, rel=1e-12)
+    # Without a horizon, it is between the entropy rate and n times that.
+    rate = float(dense.entropy_rate(jnp.asarray(P)))
+    assert rate <= float(return_time_entropy(jnp.asarray(P), 2000)) <= 3 * rate
+
+
+def test_gradient_of_the_return_time_entropy_against_differences(getkey):
+    logits = jax.random.normal(getkey(), (4, 4))
+
+    @jax.jit
+    def entropy(logits):
+        # Some returns cannot be: the graph is a square.
+        ways = jnp.asarray(np.roll(np.eye(4), 1, 0) + np.roll(np.eye(4), -1, 0))
+        return return_time_entropy(jax.nn.softmax(logits, axis=1, where=ways > 0), 9)
+
+    gradient = np.asarray(jax.grad(entropy)(logits))
+    direction = np.asarray(jax.random.normal(getkey(), (4, 4)))
+    step = 1e-5 * jnp.asarray(direction)
+    numeric = float(entropy(logits + step) - entropy(logits - step)) / 2e-5
+    assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-7)
+
+
+def test_the_most_entropy_there_can_be():
+    # Of laws with the mean 1 / pi_i, the geometric one has most entropy, and a patroller that draws
+    # each vertex anew from pi has it at all of them.
+    graph = Graph(np.array(nx.complete_graph(4).edges))
+    share = np.array([0.15, 0.2, 0.3, 0.35])
+    found = maximum_return_time_entropy(graph, share, stay=True, horizon=200, starts=2)
+    most = -np.sum((1 - share) * np.log(1 - share) + share * np.log(share))
+    assert found.value == pytest.approx(most, rel=1e-7)
+    np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
+
+
+def test_no_chain_of_another_solver_is_better():
+    found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
+    assert found.value == pytest.approx(float(return_time_entropy(jnp.asarray(found.matrix), 12)))
+    among = Strategies.on(TRIANGLE)
+    sums, sides = among.equalities()
+    rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
+    entropy = jax.jit(lambda P: -return_time_entropy(P, 12))
+    for start in among.starts(4, 1, 7)[:, 0]:
+        other = scipy.optimize.minimize(
+            lambda p: float(entropy(jnp.asarray(among.matrix(p)))),
+            start,
+            bounds=[(1e-6, 1)] * start.size,
+            constraints=rule,
+            method="SLSQP",
+        )
+        if np.abs(sums @ other.x - sides).max() < 1e-9:
+            assert found.value >= -other.fun - 1e-6
+
+
+def test_two_vertices_leave_no_choice():
+    found = maximum_return_time_entropy(Graph([[0, 1]]), horizon=3, starts=1)
+    assert found.value == pytest.approx(0, abs=1e-12)
+    np.testing.assert_allclose(found.matrix, [[0, 1], [1, 0]])
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="horizon: expected a whole number of at least 1, got 0"):
+        maximum_return_time_entropy(TRIANGLE, horizon=0)
+    with pytest.raises(ValueError, match="cannot be reached"):
+        maximum_entropy_rate(Graph([[0, 1], [2, 3]]))

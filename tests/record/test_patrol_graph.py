@@ -1,0 +1,260 @@
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.mapping import Chain
+from jaxcell.optimize import Graph, minimum_commute
+from jaxcell.patrol import random_walk, walk_hitting_times
+from jaxcell.patrol.graph_files import load_graph
+from jaxcell.patrol.measures import measure
+from jaxcell.patrol.strategy_game import strategy_game
+from jaxcell.record.dataset import save_dataset
+from jaxcell.record.matrix import log_matrix
+from jaxcell.record.palette import ramp
+from jaxcell.record.patrol_dataset import patrol_graph_dataset
+from jaxcell.record.patrol_graph import log_patrol_graph
+
+
+GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
+
+
+@pytest.fixture(scope="module")
+def eight():
+    return load_graph(GRAPHS / "eight.json")
+
+
+@pytest.fixture(scope="module")
+def weights(eight):
+    return minimum_commute(eight[0]).weights
+
+
+@pytest.fixture(scope="module")
+def measures(eight, weights):
+    return measure(random_walk(eight[0], weights))
+
+
+@pytest.fixture(scope="module")
+def game(eight):
+    return strategy_game(eight[0], [1, 4, 7])
+
+
+def test_the_dataset_holds_the_walk(eight, weights, measures, tmp_path):
+    graph, names = eight
+    file = tmp_path / "patrol.nc"
+    save_dataset(patrol_graph_dataset(graph, measures, names=names, spec={"graph": "eight"}), file)
+    times = walk_hitting_times(graph, weights)
+    with xr.open_dataset(file) as found:
+        np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
+        np.testing.assert_allclose(found.commute_time, times + times.T, rtol=1e-9)
+        np.testing.assert_allclose(found.transition.sum("target"), 1)
+        np.testing.assert_allclose(
+            found.stationary.values @ found.transition.values, found.stationary
+        )
+        np.testing.assert_allclose(found.weight, weights, atol=1e-12)
+        np.testing.assert_array_equal(found.end, graph.edges)
+        np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
+        assert float(found.hitting_time.sel(start="6", target="3")) == pytest.approx(times[5, 2])
+        assert found.attrs["mean_commute_time"] == pytest.approx(18.626151, abs=1e-6)
+        assert json.loads(found.attrs["spec"]) == {"graph": "eight"}
+        assert "mixture" not in found
+
+
+def test_the_dataset_holds_the_game(eight, measures, game, tmp_path):
+    graph, names = eight
+    file = tmp_path / "patrol.nc"
+    save_dataset(patrol_graph_dataset(graph, measures, names=names, game=game), file)
+    with xr.open_dataset(file) as found:
+        assert found.strategy.values.tolist() == [
+            *(f"toward {v}" for v in range(1, 9)),
+            "all vertices",
+            "emphasis 2, 5, 8",
+        ]
+        # Table 4.2 of Alam 2018.
+        row = found.patroller_payoff.sel(strategy="all vertices")
+        expected = [0.2148, 3.5625, 0.7344, 0.1543, 1.5938, 0.1318, 8, 0.3672]
+        np.testing.assert_allclose(row, expected, atol=5e-5)
+        assert found["rank"].sel(strategy="emphasis 2, 5, 8").values.tolist() == [
+            4, 2, 8, 6, 3, 7, 5, 1,
+        ]  # fmt: skip
+        paid = found.mixture @ found.adversary_payoff
+        assert float(paid.sel(vertex=str(found.attacked.values))) == pytest.approx(
+            float(paid.max())
+        )
+        assert float(found.patroller_value) == pytest.approx(8)
+        np.testing.assert_array_equal(found.strategy_weight, game.weights)
+
+
+def test_names_are_numbers_and_positions_may_be_missing():
+    graph = Graph([[0, 1], [1, 2]])
+    found = patrol_graph_dataset(graph, measure(random_walk(graph, np.ones(2))))
+    assert found.vertex.values.tolist() == ["0", "1", "2"]
+    assert "x" not in found.coords
+    assert found.attrs["slem"] == 1
+
+
+def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
+    graph, names = eight
+    file = tmp_path / "patrol.rrd"
+    log_patrol_graph(file, graph, measures, names=names, robots=2, seed=3, spec={"graph": "a|b"})
+    found = read(file)
+    assert len(found.blueprints) == 1
+    assert found.timelines == {"step"}
+    np.testing.assert_array_equal(
+        np.reshape(found.static("/graph", "Transform3D:scale"), -1), [1, -1, 1]
+    )
+    np.testing.assert_allclose(found.static("/graph/idle", "Points2D:positions"), graph.xy)
+    assert found.static("/graph/names", "Points2D:labels") == list(names)
+
+    # The edges by their weights.
+    ends = np.array(found.static("/graph/shares", "LineStrips2D:strips"))
+    np.testing.assert_allclose(ends, graph.xy[graph.edges])
+    radii = np.array(found.static("/graph/shares", "LineStrips2D:radii"))
+    np.testing.assert_array_equal(
+        np.argsort(np.round(radii, 6), kind="stable"),
+        np.argsort(np.round(weights, 6), kind="stable"),
+    )
+
+    # The halves of the edges by the probabilities.
+    halves = np.array(found.static("/graph/next", "LineStrips2D:strips"))
+    labels = found.static("/graph/chances", "Points2D:labels")
+    for (begin, middle), label in zip(halves, labels, strict=True):
+        tail = np.linalg.norm(graph.xy - begin, axis=1).argmin()
+        other = begin + (middle - begin) / 0.48
+        head = np.linalg.norm(graph.xy - other, axis=1).argmin()
+        assert float(label) == pytest.approx(measures.transition[tail, head], abs=6e-4)
+
+    # Patrollers walk along edges, and vertices turn yellow as they are there.
+    neighbours = {frozenset(edge) for edge in graph.edges.tolist()}
+    walks = []
+    for robot in range(2):
+        places = found.over("step", f"/graph/patrollers/{robot}/here", "Points2D:positions")
+        here = [int(np.linalg.norm(graph.xy - place, axis=1).argmin()) for place in places.values()]
+        assert all(frozenset(step) in neighbours for step in itertools.pairwise(here))
+        walks.append(here)
+    assert walks[0] != walks[1]
+    colors = found.over("step", "/graph/idle", "Points2D:colors")
+    longest = found.over("step", "/walk/longest", "Scalars:scalars")
+    assert len(colors) == len(longest) == len(walks[0]) == 1001
+    red, green, blue = ramp(np.ones(1))[0].tolist()
+    yellow = red << 24 | green << 16 | blue << 8 | 255
+    last = np.zeros(graph.vertices, int) - 1
+    for time, shown in colors.items():
+        last[[walks[0][time], walks[1][time]]] = time
+        assert {v for v in range(8) if shown[v] == yellow} == {walks[0][time], walks[1][time]}
+        assert longest[time] == [(time - last).max()]
+
+    # The heat map, with the means below.
+    picture = np.array(found.static("/times/matrix/heat", "SegmentationImage:buffer")[0])
+    shown = picture.reshape(9, 8)
+    times = measures.hitting_times
+    assert (np.diag(shown) == 0).all()
+    off = ~np.eye(8, dtype=bool)
+    order = np.argsort(times[off])
+    assert (np.diff(shown[:8][off][order].astype(int)) >= 0).all()
+    assert shown[:8][off].min() == 1
+    assert shown[:8][off].max() == 32
+
+    text = found.static("/text", "TextDocument:text")[0]
+    assert "there and back **18.626**" in text
+    assert "| 7 | 0.1947 | 4.95 |" in text
+    assert "| graph | a&#124;b |" in text
+    assert "/game/text" not in found.entities
+
+
+def test_the_recording_shows_the_game(eight, measures, game, tmp_path, read):
+    graph, names = eight
+    file = tmp_path / "patrol.rrd"
+    log_patrol_graph(file, graph, measures, names=names, game=game)
+    found = read(file)
+    text = found.static("/game/text", "TextDocument:text")[0]
+    assert "It attacks **7**" in text
+    assert "paid **8.0000**" in text
+    assert "| all vertices |" in text
+    assert "| 7, 2, 5, 3, 8, 1, 4, 6 |" in text
+    for who, payoff in (("patroller", game.patroller), ("adversary", game.adversary)):
+        labels = found.static(f"/game/{who}/labels", "Points2D:labels")
+        assert labels[:10] == game.labels(names)
+        assert labels[18:] == [f"{one:.3g}" for one in payoff.ravel()]
+
+
+def test_the_same_seed_walks_the_same_way(eight, measures, tmp_path, read):
+    graph, _ = eight
+    walks = []
+    for seed in (1, 1, 2):
+        log_patrol_graph(tmp_path / "walk.rrd", graph, measures, seed=seed)
+        found = read(tmp_path / "walk.rrd")
+        walks.append(found.over("step", "/graph/patrollers/0/here", "Points2D:positions"))
+    assert walks[0] == walks[1] != walks[2]
+
+
+def test_a_walk_that_turns_one_way_and_waits(tmp_path, read):
+    """Probabilities differ by direction, some are 0, and a patroller may stay."""
+    graph = Graph([[0, 1], [1, 2], [2, 0]], xy=[[0, 0], [1, 0], [0, 1]])
+    chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1.0], [1.0, 0, 0]]))
+    measures = measure(chain)
+    log_patrol_graph(tmp_path / "one.rrd", graph, measures)
+    found = read(tmp_path / "one.rrd")
+    labels = found.static("/graph/chances", "Points2D:labels")
+    assert labels == ["0.500", "1.000", "1.000", "0.000", "0.000", "0.000"]
+    assert found.static("/graph/stay", "Points2D:labels")[0] == "stays with probability 0.5"
+    shares = patrol_graph_dataset(graph, measures).weight
+    np.testing.assert_allclose(shares, [0.25, 0.25, 0.25])
+
+
+def test_a_large_graph_makes_a_small_file(tmp_path, read):
+    side = 20
+    at = np.arange(side * side).reshape(side, side)
+    edges = np.concatenate(
+        [
+            np.stack([at[:, :-1].ravel(), at[:, 1:].ravel()], axis=1),
+            np.stack([at[:-1].ravel(), at[1:].ravel()], axis=1),
+        ]
+    )
+    graph = Graph(edges, xy=np.argwhere(at >= 0))
+    file = tmp_path / "grid.rrd"
+    log_patrol_graph(file, graph, measure(random_walk(graph, np.ones(len(edges)))))
+    assert file.stat().st_size < 5_000_000
+    found = read(file)
+    text = found.static("/text", "TextDocument:text")[0]
+    assert "| 340 more | | |" in text
+    assert "because it is periodic" in text
+    assert "/times/matrix/labels" not in found.entities
+
+
+def test_vertices_in_one_place_and_two_of_them(tmp_path):
+    graph = Graph([[0, 1]], xy=[[1, 1], [1, 1]])
+    log_patrol_graph(tmp_path / "two.rrd", graph, measure(random_walk(graph, np.ones(1))))
+
+
+def test_what_does_not_belong_together_is_refused(eight, measures, game, tmp_path):
+    graph, names = eight
+    other = Graph(graph.edges[:-1], xy=graph.xy)
+    file = tmp_path / "bad.rrd"
+    for arguments, options, message in (
+        ((other, measures), {}, "from vertex 1 to 6, between which there is no edge"),
+        ((Graph([[0, 1]]), measures), {}, "measures: expected those of 2 vertices, got 8"),
+        ((graph, measures), {"names": names[:3]}, "names: expected 8, one a vertex, got 3"),
+        ((graph, measures), {"robots": 0}, "robots: expected at least 1, got 0"),
+        ((Graph(graph.edges), measures), {}, "its vertices have no positions"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            log_patrol_graph(file, *arguments, **options)
+    path = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
+    walk = measure(random_walk(path, np.ones(2)))
+    with pytest.raises(ValueError, match="game: expected walks on 2 edges, got 13"):
+        patrol_graph_dataset(path, walk, game=game)
+    assert not file.exists()
+
+
+def test_a_matrix_of_one_number(tmp_path, read):
+    from jaxcell.record.blueprint import recording
+
+    with recording(tmp_path / "one.rrd", "test") as stream:
+        legend = log_matrix(stream, "m", np.array([[2.0, np.nan]]), ["a"], ["b", "c"], "steps")
+    assert {entry.label for entry in legend} == {"2 steps"}
+    found = read(tmp_path / "one.rrd")
+    assert found.static("/m/labels", "Points2D:labels") == ["a", "b", "c", "2"]
