@@ -1,0 +1,197 @@
+"""One component of the velocity, read record by record at the centres of the cells."""
+
+import dataclasses
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+from .axes import Axes
+from .grid import OceanGrid
+from .netcdf import OceanFile
+from .roms import to_centres
+
+
+# No current is faster; what is comes from a fill value that the file does not declare.
+FASTEST_CURRENT = 10.0
+
+_METRES_PER_SECOND = {
+    "m/s": 1.0, "m s-1": 1.0, "m.s-1": 1.0, "m s^-1": 1.0, "ms-1": 1.0, "m/sec": 1.0,
+    "meter second-1": 1.0, "meters second-1": 1.0, "metre second-1": 1.0, "meter/sec": 1.0,
+    "meter/second": 1.0, "meters/second": 1.0, "meters/sec": 1.0,
+    "cm/s": 0.01, "cm s-1": 0.01, "cm.s-1": 0.01, "centimeter second-1": 0.01,
+}  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Component:
+    """A component of the velocity on a block of cells.
+
+    **Attributes:**
+
+    - `file`, `name`, `axes`: the variable.
+    - `places`: of the levels to be read, or `None` if there is only one.
+    - `rows`, `columns`: of the values to be read; those on the sides of the cells that are averaged
+        reach over the block by a cell where the file does.
+    - `staggered`: the axis, -2 for y and -1 for x, along which the values stand between the cells;
+        `None` if they stand at the centres.
+    - `inner`: the block among the centres that come out.
+    - `mask`: where a value is a current; `None` if the file does not say, and all values count.
+    - `factor`: metres per second in a unit of the file.
+    """
+
+    file: OceanFile
+    name: str
+    axes: Axes
+    places: Int[np.ndarray, " levels"] | None
+    rows: Int[np.ndarray, " y"]
+    columns: Int[np.ndarray, " x"]
+    staggered: int | None
+    inner: Int[np.ndarray, " block"]
+    mask: Bool[np.ndarray, "*any y x"] | None
+    factor: float
+
+    def at(
+        self, record: int
+    ) -> tuple[Float[np.ndarray, "levels y x"], Bool[np.ndarray, "levels y x"]]:
+        """The velocity in m/s at the centres, and whether any of its two sides is open there.
+
+        **Raises:** `ValueError` for a current above 10 m/s.
+        """
+        axes = self.axes
+        block: dict[str, object] = {axes.y: self.rows, axes.x: self.columns}
+        if axes.time is not None:
+            block[axes.time] = record
+        if axes.depth is not None:
+            block[axes.depth] = self.places
+        values = self.file.read(
+            _part(self.file, self.name, block), (axes.depth or "", axes.y, axes.x)
+        )
+        values = values * self.factor
+        open_sides = np.isfinite(values)
+        if self.mask is not None:
+            open_sides = np.broadcast_to(self.mask, values.shape)
+            values = np.where(open_sides, values, np.nan)
+        self._check_speed(values, record)
+        if self.staggered is None:
+            return values, open_sides
+        centres = to_centres(values, open_sides, self.staggered)
+        beside = to_centres(open_sides.astype(float), open_sides, self.staggered) > 0
+        return centres.take(self.inner, self.staggered), beside.take(self.inner, self.staggered)
+
+    def _check_speed(self, values: Float[np.ndarray, "levels y x"], record: int) -> None:
+        fast = np.abs(values) > FASTEST_CURRENT
+        if fast.any():
+            level, row, column = np.argwhere(fast)[0]
+            place = 0 if self.places is None else self.places[level]
+            raise self.file.error(
+                self.name,
+                f"expected currents up to {FASTEST_CURRENT:g} m/s, got "
+                f"{values[level, row, column]:g} at record {record}, level {place}, row "
+                f"{self.rows[row]}, column {self.columns[column]}; a fill value or unit that is "
+                "not declared?",
+            )
+
+
+def component(
+    file: OceanFile,
+    name: str,
+    axes: Axes,
+    grid: OceanGrid,
+    places: Int[np.ndarray, " levels"] | None,
+) -> Component:
+    """Prepares the reading of a velocity on a block of cells.
+
+    **Raises:** `ValueError` for an unknown unit, and for a length that does not fit the cells.
+    """
+    units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
+    if units.lower() not in _METRES_PER_SECOND:
+        raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
+    factor = _METRES_PER_SECOND[units.lower()]
+    dims, rho = (axes.y, axes.x), axes.rho
+    cells = [grid.rows, grid.columns]
+    lengths = [file.dataset.sizes[dim] for dim in rho]
+    # Sides named eta_u and xi_v are level with the centres.
+    staggered = -2 if axes.y in ("eta_v", "y_v") else -1 if axes.x in ("xi_u", "x_u") else None
+    inner = np.arange(0)
+    if staggered is not None:
+        first, last = int(cells[staggered][0]), int(cells[staggered][-1])
+        outer = np.arange(max(first - 1, 0), min(last + 2, lengths[staggered]))
+        inner = cells[staggered] - outer[0]
+        cells[staggered] = outer
+    for k, dim in zip((-2, -1), dims, strict=True):
+        # Files that were cut with equal index ranges have one more side than lies between centres.
+        expected = {lengths[k] - 1, lengths[k]} if k == staggered else {lengths[k]}
+        if file.dataset.sizes[dim] not in expected:
+            raise file.error(
+                dim,
+                f"expected a length of {min(expected)} with {lengths[k]} cells ({rho[k]}), got "
+                f"{file.dataset.sizes[dim]}",
+            )
+    mask = None
+    centres = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
+    if staggered is not None:
+        cells[staggered] = cells[staggered][:-1]
+        mask = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
+    if mask is None and centres is not None:
+        mask = centres
+        if staggered is not None:
+            between = np.arange(len(cells[staggered]))
+            mask = mask.take(between, staggered) & mask.take(between + 1, staggered)
+    return Component(file, name, axes, places, cells[0], cells[1], staggered, inner, mask, factor)
+
+
+def read_mask(
+    file: OceanFile,
+    dims: tuple[str, str],
+    rows: Int[np.ndarray, " y"],
+    columns: Int[np.ndarray, " x"],
+    places: Int[np.ndarray, " levels"] | None = None,
+    depth: str | None = None,
+) -> Bool[np.ndarray, "#levels y x"] | None:
+    """Where a file says that there is water, by the names of ROMS or of CF.
+
+    **Arguments:**
+
+    - `file`: an open file.
+    - `dims`: of y and x, which tell on which points.
+    - `rows`, `columns`, `places`: what to read.
+    - `depth`: the dimension of depth, which a mask may have.
+
+    **Returns:** a mask with one level or all, or `None` if the file has none.
+    """
+    for name, variable in file.dataset.variables.items():
+        standard_name = variable.attrs.get("standard_name")
+        by_name = name in ("mask_rho", "mask_u", "mask_v")
+        by_meaning = standard_name in ("sea_binary_mask", "land_binary_mask")
+        if (by_name or by_meaning) and set(dims) <= set(variable.dims) <= {*dims, depth}:
+            block: dict[str, object] = {dims[0]: rows, dims[1]: columns}
+            if depth in variable.dims:
+                block[str(depth)] = places
+            values = file.read(_part(file, str(name), block), (depth or "", *dims))
+            land = standard_name == "land_binary_mask"
+            return values < 0.5 if land else values > 0.5  # packed files have 0.99999
+    return None
+
+
+def read_cells(
+    file: OceanFile, name: str, axes: Axes, grid: OceanGrid, record: int | None = None
+) -> Float[np.ndarray, "y x"]:
+    """The values at the centres of a variable without levels, at a record if it changes."""
+    y, x = axes.rho
+    block: dict[str, object] = {y: grid.rows, x: grid.columns}
+    if axes.time in file.dataset[name].dims:
+        block[str(axes.time)] = record
+    return file.read(_part(file, name, block), (y, x))
+
+
+def _part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
+    """A block of a variable, whose other dimensions must have length 1."""
+    array = file.dataset[name]
+    others = {str(dim): 0 for dim in array.dims if dim not in block}
+    for dim in others:
+        if array.sizes[dim] > 1:
+            raise file.error(
+                name, f"dimension {dim} of length {array.sizes[dim]}: the velocity has none such"
+            )
+    return array.isel(others | block)

@@ -1,0 +1,189 @@
+"""The velocity on the cells of a grid, layer by layer, and where there is water."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .axes import Axes
+from .components import component, read_cells, read_mask
+from .grid import OceanGrid
+from .layers import Layers
+from .names import Velocity
+from .netcdf import OceanFile
+from .roms import at_height
+
+
+_SEA_BED_STANDARD_NAMES = (
+    "sea_floor_depth_below_sea_level",
+    "sea_floor_depth_below_geoid",
+    "sea_floor_depth",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """A velocity on cells.
+
+    **Attributes:**
+
+    - `depth`: of the layers in metres.
+    - `u`, `v`: the components in m/s, NaN where there is no water.
+    - `water`: where there is a velocity at every record.
+    - `notes`: what was done.
+    """
+
+    depth: Float[np.ndarray, " layers"]
+    u: Float[np.ndarray, "records layers y x"]
+    v: Float[np.ndarray, "records layers y x"]
+    water: Bool[np.ndarray, "layers y x"]
+    notes: tuple[str, ...]
+
+
+def read_field(
+    file: OceanFile,
+    velocity: Velocity,
+    grid: OceanGrid,
+    records: Int[np.ndarray, " records"],
+    layers: Layers,
+) -> Field:
+    """Reads the velocity at the centres of the cells, along the axes that the file has it along.
+
+    **Raises:** `ValueError` if it takes too much memory, is above 10 m/s, or if there is no water
+    in the block, or in a layer that was asked for.
+    """
+    names = f"{velocity.u}, {velocity.v}"
+    shape = (len(records), len(layers.depth), *grid.lon.shape)
+    sizes = dict(zip(("time", "layer", "y", "x"), shape, strict=True))
+    file.check_size(names, sizes, arrays=2)
+    if layers.s_levels is not None:  # a record at all levels, and what the interpolation makes
+        file.check_size(names, sizes | {"time": 1, "layer": len(layers.s_levels.s)}, arrays=8)
+    axes = velocity.u_axes
+    sea, notes = _sea(file, axes, grid, layers)
+    components = [
+        component(file, name, axes, grid, layers.places)
+        for name, axes in ((velocity.u, velocity.u_axes), (velocity.v, velocity.v_axes))
+    ]
+    if axes.staggered:
+        notes.append(f"{names}: averaged from the sides of the cells to their centres")
+    u, v = np.full(shape, np.nan), np.full(shape, np.nan)
+    for k, record in enumerate(map(int, records)):
+        (x, beside_x), (y, beside_y) = (each.at(record) for each in components)
+        wet = beside_x | beside_y if sea.mask is None else np.broadcast_to(sea.mask, x.shape)
+        x, y = np.where(wet, x, np.nan), np.where(wet, y, np.nan)
+        surface = np.zeros(shape[2:])
+        if sea.surface is not None:
+            surface = read_cells(file, sea.surface, axes, grid, record)
+        if layers.s_levels is not None:
+            heights = layers.s_levels.heights(sea.bed, surface)
+            wanted = [surface - depth for depth in layers.depth]
+            x, y = (
+                np.stack([at_height(values, heights, height) for height in wanted])
+                for values in (x, y)
+            )
+        deep = layers.depth[:, None, None] > sea.bed + surface
+        u[k], v[k] = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+    return _with_water(file, velocity, records, layers, sea, u, v, notes)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Sea:
+    """The `mask` of the centres, or `None` if the file has none; the depth of the sea `bed` in
+    metres, NaN where it is not known; the variable of the `surface` height, if it matters."""
+
+    mask: Bool[np.ndarray, "#levels y x"] | None
+    bed: Float[np.ndarray, "y x"]
+    surface: str | None
+
+
+def _sea(file: OceanFile, axes: Axes, grid: OceanGrid, layers: Layers) -> tuple[_Sea, list[str]]:
+    mask = read_mask(file, axes.rho, grid.rows, grid.columns, layers.places, axes.depth)
+    if mask is None and not axes.staggered:
+        mask = np.ones((1, *grid.lon.shape), bool)  # what has a value is water
+    bed, surface, notes = np.full(grid.lon.shape, np.nan), None, []
+    name = _sea_bed(file, axes)
+    if name is not None:
+        bed = read_cells(file, name, axes, grid)
+    if layers.s_levels is not None:
+        if name is None:
+            raise file.error("h", "missing; without the depth of the sea the levels have none")
+        if "zeta" in file.dataset.variables:
+            surface = "zeta"
+        else:
+            notes.append("zeta: the file has none; the surface is taken as flat")
+    return _Sea(mask, bed, surface), notes
+
+
+def _sea_bed(file: OceanFile, axes: Axes) -> str | None:
+    for name, variable in file.dataset.variables.items():
+        standard_name = variable.attrs.get("standard_name")
+        if set(variable.dims) == set(axes.rho) and (
+            name == "h" or standard_name in _SEA_BED_STANDARD_NAMES
+        ):
+            return str(name)
+    return None
+
+
+def _with_water(
+    file: OceanFile,
+    velocity: Velocity,
+    records: Int[np.ndarray, " records"],
+    layers: Layers,
+    sea: _Sea,
+    u: Float[np.ndarray, "records layers y x"],
+    v: Float[np.ndarray, "records layers y x"],
+    notes: list[str],
+) -> Field:
+    """Finds the water, and takes out layers without any that were not asked for."""
+    present = np.isfinite(u) & np.isfinite(v)
+    water = present.all(axis=0)
+    kept = water.any(axis=(1, 2))
+    for k in np.flatnonzero(~kept):
+        if layers.asked or not kept.any() or present[:, k].any():
+            raise _no_water(file, velocity, records, float(layers.depth[k]), sea, present[:, k])
+    if not kept.all():
+        deep = ", ".join(f"{depth:g}" for depth in layers.depth[~kept])
+        notes.append(f"left out, as no cell has water there: {deep} m")
+    gaps = int((present.any(axis=0) & ~water).sum())
+    if gaps:
+        notes.append(
+            f"{gaps} cells have a velocity at some of the {len(records)} records only, and are not "
+            "water"
+        )
+    still = int((water & ((u == 0) & (v == 0)).all(axis=0)).sum())
+    if still:
+        notes.append(f"{still} water cells have a velocity of exactly 0: land without a mask?")
+    u, v = (np.where(water, values, np.nan)[:, kept] for values in (u, v))
+    return Field(layers.depth[kept], u, v, water[kept], tuple(notes))
+
+
+def _no_water(
+    file: OceanFile,
+    velocity: Velocity,
+    records: Int[np.ndarray, " records"],
+    depth: float,
+    sea: _Sea,
+    present: Bool[np.ndarray, "records y x"],
+) -> ValueError:
+    somewhere = present.any(axis=(1, 2))
+    if somewhere.all():
+        return file.error(
+            "time",
+            f"no cell has a velocity at each of the {len(records)} records; choose fewer",
+        )
+    if somewhere.any():
+        return file.error(
+            "time",
+            f"record {records[~somewhere][0]} has no velocity anywhere; leave it out",
+        )
+    wet = np.isfinite(sea.bed) if sea.mask is None else sea.mask.any(axis=0) & np.isfinite(sea.bed)
+    if wet.any() and depth > sea.bed[wet].max():
+        return file.error(
+            "depths",
+            f"{depth:g} m is below the sea bed everywhere: it is {sea.bed[wet].max():g} m at most",
+        )
+    if depth > 0:
+        return file.error("depths", f"{depth:g} m: no cell has water at that depth")
+    return file.error(
+        f"{velocity.u}, {velocity.v}", "every cell is land or has no value; expected some water"
+    )

@@ -1,0 +1,181 @@
+"""The cells of a file: where they are, how large, how turned, and which of them are asked for."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .axes import Axes, is_rectangular
+from .netcdf import OceanFile
+from .sphere import (
+    curvilinear_sides,
+    eastward_order,
+    inside,
+    northward_order,
+    rectangular_sides,
+    wrapped,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class OceanGrid:
+    """A block of cells of a file.
+
+    **Attributes:**
+
+    - `rows`, `columns`: where its rows and columns stand in the file.
+    - `lon`, `lat`: of the centres in degrees, longitude from -180 to 180.
+    - `dx`, `dy`: sides in metres along the x and y axes.
+    - `angle`: radians, counter-clockwise from East to the x axis.
+    - `angle_from`: where the angle is from, in words; empty on a grid of latitude and longitude.
+    - `notes`: what was done to the grid.
+    """
+
+    rows: Int[np.ndarray, " y"]
+    columns: Int[np.ndarray, " x"]
+    lon: Float[np.ndarray, "y x"]
+    lat: Float[np.ndarray, "y x"]
+    dx: Float[np.ndarray, "y x"]
+    dy: Float[np.ndarray, "y x"]
+    angle: Float[np.ndarray, "y x"]
+    angle_from: str
+    notes: tuple[str, ...] = ()
+
+
+def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
+    """Reads the positions of the cells, and cuts the block out that holds those within the bounds.
+
+    **Arguments:**
+
+    - `file`: an open file.
+    - `axes`: of one of its velocities.
+    - `bounds`: as for [`jaxcell.drift.open_currents`][].
+
+    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, and
+    for a grid of a single row or column, whose cells have no size.
+    """
+    sizes = {name: file.dataset.sizes.get(name, 0) for name in axes.rho}
+    for name, size in sizes.items():
+        if size < 2:
+            raise file.error(name, f"expected 2 cells or more along it, got {size}")
+    box = None if bounds is None else _bounds(file, bounds)
+    make = _rectangular if is_rectangular(file, axes) else _curvilinear
+    return make(file, axes, box)
+
+
+_Box = tuple[float, float, float, float]
+
+
+def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
+    lon_in_file = file.read(file.dataset[axes.lon])
+    lat_in_file = file.read(file.dataset[axes.lat])
+    try:
+        columns = eastward_order(lon_in_file)
+    except ValueError as error:
+        raise file.error(axes.lon, str(error)) from error
+    try:
+        rows = northward_order(lat_in_file)
+    except ValueError as error:
+        raise file.error(axes.lat, str(error)) from error
+    notes = []
+    lon, lat = wrapped(lon_in_file[columns]), lat_in_file[rows]
+    if (lon_in_file >= 180).any():
+        notes.append(f"{axes.lon}: {lon_in_file.min():g} to {lon_in_file.max():g} wrapped")
+    if columns[0] > columns[1] or (np.diff(columns) < 0).any():
+        notes.append(f"{axes.lon}: columns put in order to the East")
+    if rows[0] > rows[1]:
+        notes.append(f"{axes.lat}: rows turned to begin in the South")
+    y, x = np.arange(len(rows)), np.arange(len(columns))
+    if box is not None:
+        x = np.flatnonzero(inside(lon, np.full_like(lon, box[1]), box))
+        y = np.flatnonzero(inside(np.full_like(lat, box[0]), lat, box))
+        if x.size == 0 or y.size == 0:
+            raise _outside(file, box, lon, lat)
+    file.check_size(axes.lon, {axes.y: len(y), axes.x: len(x)}, arrays=5)
+    dx, dy = rectangular_sides(lon, lat, y, x)
+    lon_grid, lat_grid = np.meshgrid(lon[x], lat[y])
+    return OceanGrid(
+        rows[y], columns[x], lon_grid, lat_grid, dx, dy,
+        np.zeros_like(lon_grid), "", tuple(notes),
+    )  # fmt: skip
+
+
+def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
+    sizes = {name: file.dataset.sizes[name] for name in axes.rho}
+    # Positions, directions and sides of all cells are in memory at once.
+    file.check_size(axes.lon, sizes, arrays=24)
+
+    def read(name: str) -> np.ndarray:
+        values = file.read(file.dataset[name], axes.rho)
+        return np.broadcast_to(values, tuple(sizes.values()))
+
+    lon, lat = wrapped(read(axes.lon)), read(axes.lat)
+    dx, dy, angle, turn = curvilinear_sides(lon, lat)
+    notes = []
+    if (turn < 0).any() and (turn > 0).any():
+        j, i = np.argwhere((turn < 0) != (np.nanmedian(turn) < 0))[0]
+        raise file.error(
+            axes.lon,
+            f"expected positions in order; the grid folds at row {j}, column {i} "
+            f"({lon[j, i]:g}, {lat[j, i]:g})",
+        )
+    rows, columns = (np.arange(size) for size in sizes.values())
+    if (turn < 0).any():
+        if axes.staggered:
+            raise file.error(axes.lat, "the grid is a mirror image: y is to the right of x")
+        rows = rows[::-1]
+        notes.append("rows turned, as y was to the right of x")
+    angle_from = f"the angle of the grid, computed from {axes.lon} and {axes.lat}"
+    if _on_grid(file, "angle", axes):
+        angle, angle_from = read("angle"), "the variable angle"
+        if str(file.dataset["angle"].attrs.get("units", "")).startswith("deg"):
+            angle = np.radians(angle)
+    with np.errstate(divide="ignore"):
+        if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
+            dx, dy = 1 / read("pm"), 1 / read("pn")
+    if box is not None:
+        within = inside(lon, lat, box)
+        if not within.any():
+            raise _outside(file, box, lon, lat)
+        y, x = (np.flatnonzero(within.any(axis=axis)) for axis in (1, 0))
+        rows = rows[(rows >= y[0]) & (rows <= y[-1])]
+        columns = np.arange(x[0], x[-1] + 1)
+        if not within.all():
+            notes.append("bounds: the block of the grid that holds all cells within them")
+    block = np.ix_(rows, columns)
+    return OceanGrid(
+        rows, columns, lon[block], lat[block], dx[block], dy[block], angle[block], angle_from,
+        tuple(notes),
+    )  # fmt: skip
+
+
+def _on_grid(file: OceanFile, name: str, axes: Axes) -> bool:
+    return name in file.dataset.variables and set(file.dataset[name].dims) == set(axes.rho)
+
+
+def _bounds(file: OceanFile, bounds: Sequence[float | int]) -> _Box:
+    try:
+        west, south, east, north = (float(value) for value in bounds)
+    except (TypeError, ValueError) as error:
+        raise file.error(
+            "bounds", f"expected (west, south, east, north) in degrees, got {bounds!r}"
+        ) from error
+    if not np.isfinite([west, south, east, north]).all() or south >= north or west == east:
+        raise file.error(
+            "bounds", f"expected west, south, east, north with south < north, got {bounds!r}"
+        )
+    return west, south, east, north
+
+
+def _outside(file: OceanFile, box: _Box, lon: np.ndarray, lat: np.ndarray) -> ValueError:
+    west, east = lon[0], lon[-1]
+    if lon.ndim > 1:
+        eastward = wrapped(lon - lon[0, 0])
+        west = wrapped(lon[0, 0] + np.nanmin(eastward))
+        east = wrapped(lon[0, 0] + np.nanmax(eastward))
+    return file.error(
+        "bounds",
+        f"{box}: no cell is within them; the file goes from {west:g} to {east:g} "
+        f"East and {np.nanmin(lat):g} to {np.nanmax(lat):g} North",
+    )

@@ -1,0 +1,119 @@
+"""A NetCDF file, opened so that whatever is wrong with it is said in one line."""
+
+import contextlib
+import dataclasses
+import math
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from .classic import promised_length
+
+
+# Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
+LARGEST_BYTES = 4 * 2**30
+
+# Numbers that stand for "no value" in files that do not say so: the oldest convention, and the
+# default fill of NetCDF, ROMS and HYCOM, all of them above the last.
+_UNDECLARED_FILLS = (-9999.0, -99999.0)
+_LARGEST_VALUE = 1e20
+
+
+@dataclasses.dataclass(frozen=True)
+class OceanFile:
+    """An open NetCDF file whose values are still on the disk.
+
+    **Attributes:**
+
+    - `name`: its path, for messages.
+    - `dataset`: its variables, unpacked and with declared fill values as NaN when they are read;
+        times are as in the file.
+    """
+
+    name: str
+    dataset: xr.Dataset
+
+    def error(self, field: str, message: str) -> ValueError:
+        """An error that says in which file and field."""
+        return ValueError(f"{self.name}: {field}: {message}")
+
+    def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
+        """Refuses float64 arrays of the given sizes that would take more than 4 GiB together."""
+        size = 8 * arrays * math.prod(sizes.values())
+        if size > LARGEST_BYTES:
+            text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
+            raise self.error(
+                field,
+                f"{text} values would take {size / 2**30:.1f} GiB of memory; expected "
+                f"{LARGEST_BYTES / 2**30:g} GiB at most; choose less with time, depths or bounds",
+            )
+
+    def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:
+        """The values of part of a variable as float64, NaN where there is none.
+
+        **Arguments:**
+
+        - `array`: a variable of `dataset`, or a part that was chosen with `isel`.
+        - `dims`: the order of the dimensions; those that it does not have get the length 1.
+
+        **Raises:** `ValueError` if they take too much memory, are not numbers, or cannot be read.
+        """
+        field = str(array.name)
+        if array.dtype.kind not in "fiub":
+            raise self.error(field, f"expected numbers, got values of type {array.dtype}")
+        self.check_size(field, {str(name): size for name, size in array.sizes.items()})
+        try:
+            values = np.asarray(array.values, float)
+        except Exception as error:  # what a damaged file makes the libraries raise is not written
+            raise self.error(field, f"its values cannot be read: {_line(error)}") from error
+        absent = np.isin(values, _UNDECLARED_FILLS) | (np.abs(values) > _LARGEST_VALUE)
+        values = np.where(absent, np.nan, values)
+        if dims:
+            kept = [name for name in dims if name in array.dims]
+            values = values.transpose([array.dims.index(name) for name in kept])
+            values = values.reshape([array.sizes.get(name, 1) for name in dims])
+        return values
+
+
+@contextlib.contextmanager
+def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
+    """Opens a NetCDF file, of version 3 or 4, for the length of the block.
+
+    **Raises:** `FileNotFoundError` if it does not exist, `ValueError` if it is truncated, damaged,
+    or not NetCDF.
+    """
+    name = os.fspath(path)
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{name}: there is no such file")
+    try:
+        promised = promised_length(path)
+    except ValueError as error:
+        raise ValueError(f"{name}: truncated or damaged: {error}") from error
+    length = Path(path).stat().st_size
+    if promised is not None and length < promised:
+        raise ValueError(
+            f"{name}: truncated: it has {length} bytes, and its header promises {promised}"
+        )
+    with warnings.catch_warnings():
+        # Two different fill values in one variable: both are missing.
+        warnings.simplefilter("ignore", xr.SerializationWarning)
+        try:
+            dataset = xr.open_dataset(
+                path, engine="netcdf4", decode_times=False, decode_coords=False, cache=False
+            )
+        except Exception as error:  # as above
+            raise ValueError(
+                f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
+                f"{_line(error)}"
+            ) from error
+        with dataset:
+            yield OceanFile(name, dataset)
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

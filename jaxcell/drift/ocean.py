@@ -1,0 +1,155 @@
+"""Ocean currents from a file, on cells."""
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Shaped
+
+from .fields import Field, read_field
+from .grid import OceanGrid, read_grid
+from .layers import choose_layers
+from .names import Velocity, choose_velocity
+from .netcdf import OceanFile, open_netcdf
+from .roms import turned
+from .times import When, choose_records, record_times
+
+
+def open_currents(
+    path: str | os.PathLike[str],
+    *,
+    time: When = None,
+    depths: float | int | Sequence[float | int] | None = None,
+    bounds: Sequence[float | int] | None = None,
+    variables: Sequence[str] | None = None,
+) -> xr.Dataset:
+    """Reads ocean currents from a NetCDF file (Alam 2018, section 5.4.1).
+
+    It reads the native output of ROMS and CROCO (velocities on the sides of the cells are averaged
+    to their centres and turned to East and North, and levels that follow the sea bed are
+    interpolated to depths), files on fixed depths or of the surface with the names of CF or of the
+    common ocean models, and maps of HF radar. Only what is asked for is read from the disk. All
+    that belongs to the grid must be in the same file.
+
+    A cell is water where it has a velocity at every record that is read, so a gap in a radar map
+    takes its cell out; read fewer records to keep more cells.
+
+    **Arguments:**
+
+    - `path`: a NetCDF file, version 3 or 4.
+    - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, a date without an
+        hour being its midnight; UTC), a slice of indices, or the first and the last of the records
+        as indices or moments, both included. A moment stands for the nearest record (the later of
+        two), within half the time between records. All records if left out.
+    - `depths`: in metres below the surface, positive down. In a file of fixed depths they must be
+        among its levels, to the centimetre, and all levels that have water are read if they are
+        left out. In one whose levels follow the sea bed they may be any, and are 0 if left out;
+        the velocity of the highest level holds up to the surface, and that of the lowest down to
+        the bed.
+    - `bounds`: `(west, south, east, north)` in degrees; longitudes of either kind, across the
+        antimeridian if west is more than east. A grid that is turned or curved gives the block
+        that holds all cells within them.
+    - `variables`: the names of the velocities towards the East and North (or along the grid, if
+        they stand on the sides of its cells or their standard names say so), where the file
+        leaves it open.
+
+    **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
+    of latitude and longitude, the South and West first:
+
+    - `u`, `v`: velocity towards the East and North in m/s, NaN where there is no water;
+    - `water`: whether a cell of a layer is water;
+    - `dx`, `dy`: the sides of each cell along the x and y axes of the grid, in metres;
+    - `angle`: radians, counter-clockwise from East to the x axis;
+    - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
+    - attributes `source`, `east_from`, `north_from`, which say from which variables the velocities
+        are and why, and `notes`, what else was done, a line each.
+
+    **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
+    a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
+    or not; coordinates out of order; missing parameters of the levels; times, depths or bounds
+    that the file does not have; no water; a current above 10 m/s; and more data than 4 GiB.
+    """
+    with open_netcdf(path) as file:
+        velocity = choose_velocity(file, variables)
+        axes = velocity.u_axes
+        grid = read_grid(file, axes, bounds)
+        times, undated = record_times(file, axes.time)
+        records = choose_records(file, times, time, undated is None)
+        layers = choose_layers(file, velocity.u, axes.depth, depths)
+        field = read_field(file, velocity, grid, records, layers)
+        _check_positions(file, axes.lon, grid, field)
+    u, v, notes = field.u, field.v, [undated, layers.note, *field.notes, *grid.notes]
+    if velocity.along == "grid" and grid.angle_from:
+        u, v = turned(u, v, grid.angle)
+        notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {grid.angle_from}")
+    attributes = {
+        "source": Path(path).name,
+        "east_from": _origin(velocity, "East", grid),
+        "north_from": _origin(velocity, "North", grid),
+        "notes": "\n".join(note for note in notes if note),
+    }
+    field = dataclasses.replace(field, u=u, v=v)
+    return _dataset(field, grid, times[records], attributes)
+
+
+def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
+    """A cell of water must be somewhere, and have sides."""
+    water = field.water.any(axis=0)
+    for values, what in ((grid.lon, "longitude"), (grid.lat, "latitude"), (grid.angle, "angle")):
+        bad = water & ~np.isfinite(values)
+        if bad.any():
+            j, i = np.argwhere(bad)[0]
+            raise file.error(
+                name, f"no {what} at row {grid.rows[j]}, column {grid.columns[i]}, which is water"
+            )
+    bad = water & ~((grid.dx > 0) & (grid.dy > 0) & np.isfinite(grid.dx + grid.dy))
+    if bad.any():
+        j, i = np.argwhere(bad)[0]
+        raise file.error(
+            name,
+            f"the cell at row {grid.rows[j]}, column {grid.columns[i]} has sides of "
+            f"{grid.dx[j, i]:g} and {grid.dy[j, i]:g} m; expected more than 0",
+        )
+
+
+def _origin(velocity: Velocity, towards: str, grid: OceanGrid) -> str:
+    """From which variables a component is, and why."""
+    if velocity.along == "grid" and grid.angle_from:
+        return f"{velocity.u} and {velocity.v} along the grid, turned ({velocity.why})"
+    return f"{velocity.u if towards == 'East' else velocity.v} ({velocity.why})"
+
+
+def _dataset(
+    field: Field,
+    grid: OceanGrid,
+    times: Shaped[np.ndarray, " records"],
+    attributes: dict[str, str],
+) -> xr.Dataset:
+    cells, moving = ("y", "x"), ("time", "layer", "y", "x")
+    speed, metres = {"units": "m s-1"}, {"units": "m"}
+    east = {"standard_name": "eastward_sea_water_velocity"}
+    north = {"standard_name": "northward_sea_water_velocity"}
+    down = {"standard_name": "depth", "positive": "down"}
+    longitude = {"standard_name": "longitude", "units": "degrees_east"}
+    latitude = {"standard_name": "latitude", "units": "degrees_north"}
+    turn = {"units": "radian", "long_name": "angle from East to the x axis, counter-clockwise"}
+    return xr.Dataset(
+        {
+            "u": (moving, field.u, speed | east),
+            "v": (moving, field.v, speed | north),
+            "water": (moving[1:], field.water, {"long_name": "water at every record"}),
+            "dx": (cells, grid.dx, metres | {"long_name": "side of the cell along x"}),
+            "dy": (cells, grid.dy, metres | {"long_name": "side of the cell along y"}),
+            "angle": (cells, grid.angle, turn),
+        },
+        coords={
+            "time": ("time", times, {"standard_name": "time"}),
+            "depth": ("layer", field.depth, metres | down),
+            "lon": (cells, grid.lon, longitude),
+            "lat": (cells, grid.lat, latitude),
+        },
+        attrs=attributes,
+    )

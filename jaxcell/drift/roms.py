@@ -1,0 +1,175 @@
+"""What is special in ROMS and CROCO: staggered velocities, and levels that follow the sea bed.
+
+ROMS puts `u` on the western and eastern sides of a cell and `v` on the southern and northern ones,
+both along the axes of the grid, which may be turned against East and North. Its levels divide the
+water column, whatever its height, by a coordinate `s` from -1 at the sea bed to 0 at the surface.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from .netcdf import OceanFile
+
+
+def to_centres(
+    sides: Float[np.ndarray, "*sides"], open_sides: Bool[np.ndarray, "*sides"], axis: int
+) -> Float[np.ndarray, "..."]:
+    """The velocity at the centres of cells from that on the sides between them.
+
+    It is the mean of both sides. Nothing flows through a coast, so a side that is not open counts
+    as 0, as in the model; whatever the file has there does not matter. At both ends the outer side
+    is not in the file, and the inner one counts alone.
+
+    **Arguments:**
+
+    - `sides`: in m/s; one less than there are centres.
+    - `open_sides`: whether there is water on both sides of each.
+    - `axis`: the one along which the sides stand between centres.
+    """
+    flow = np.where(open_sides, sides, 0.0)
+    before = np.concatenate([flow.take([0], axis), flow], axis)
+    after = np.concatenate([flow, flow.take([-1], axis)], axis)
+    return (before + after) / 2
+
+
+def turned(
+    x: Float[np.ndarray, "*levels y x"],
+    y: Float[np.ndarray, "*levels y x"],
+    angle: Float[np.ndarray, "y x"],
+) -> tuple[Float[np.ndarray, "*levels y x"], Float[np.ndarray, "*levels y x"]]:
+    """The components towards the East and North of vectors along the axes of a grid.
+
+    **Arguments:**
+
+    - `x`, `y`: the components along the grid.
+    - `angle`: radians, counter-clockwise from East to the x axis.
+    """
+    cos, sin = np.cos(angle), np.sin(angle)
+    return x * cos - y * sin, x * sin + y * cos
+
+
+@dataclasses.dataclass(frozen=True)
+class SLevels:
+    """Levels that follow the sea bed and the surface, from the lowest to the highest.
+
+    **Attributes:**
+
+    - `s`: the coordinate of each level, from -1 (sea bed) to 0 (surface).
+    - `stretching`: the value of the stretching curve C(s) at each, likewise.
+    - `critical_depth`: h_c, in metres.
+    - `transform`: Vtransform, 1 or 2.
+    - `places`: where each level stands in the file.
+    """
+
+    s: Float[np.ndarray, " levels"]
+    stretching: Float[np.ndarray, " levels"]
+    critical_depth: float
+    transform: int
+    places: Int[np.ndarray, " levels"]
+
+    def heights(
+        self, depth: Float[np.ndarray, "y x"], surface: Float[np.ndarray, "y x"]
+    ) -> Float[np.ndarray, "levels y x"]:
+        """The height of each level over the mean sea surface in metres, negative below it.
+
+        **Arguments:**
+
+        - `depth`: of the sea bed under the mean surface, in metres, positive.
+        - `surface`: height of the surface over its mean (zeta), in metres.
+        """
+        s, stretching = self.s[:, None, None], self.stretching[:, None, None]
+        with np.errstate(divide="ignore", invalid="ignore"):  # on land the depth may be anything
+            if self.transform == 1:
+                still = self.critical_depth * (s - stretching) + depth * stretching
+                return still + surface * (1 + still / depth)
+            share = (self.critical_depth * s + depth * stretching) / (self.critical_depth + depth)
+            return surface + (surface + depth) * share
+
+
+def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
+    """Reads how the levels of a file lie, from its variables or its global attributes.
+
+    **Returns:** the levels, and from what Vtransform is known.
+
+    **Raises:** `ValueError` if something is missing or makes no sense. Vtransform is never guessed.
+    """
+    transform, why = _transform(file, dim)
+    s = _levels(file, dim, (dim, "s_rho", "sc_r"))
+    stretching = _levels(file, dim, ("Cs_r", "Cs_rho"))
+    critical_depth = _read(file, ("hc",))
+    if not (critical_depth.size == 1 and 0 <= critical_depth[0] < np.inf):
+        raise file.error("hc", f"expected metres, 0 or more, got {critical_depth}")
+    places = np.argsort(s)
+    levels = SLevels(s[places], stretching[places], float(critical_depth[0]), transform, places)
+    return levels, why
+
+
+def at_height(
+    values: Float[np.ndarray, "levels y x"],
+    heights: Float[np.ndarray, "levels y x"],
+    wanted: Float[np.ndarray, "y x"],
+) -> Float[np.ndarray, "y x"]:
+    """The values at a height, linear between the levels of each cell.
+
+    Above the highest level and below the lowest, it is the value at that level.
+
+    **Arguments:**
+
+    - `values`: at each level.
+    - `heights`: of each level, from the lowest to the highest.
+    - `wanted`: the height in each cell.
+    """
+    levels = len(heights)
+    if levels == 1:
+        return np.where(np.isfinite(wanted), values[0], np.nan)
+    below = np.clip((heights <= wanted).sum(axis=0) - 1, 0, levels - 2)[None]
+    low, high = (np.take_along_axis(heights, below + k, axis=0)[0] for k in (0, 1))
+    share = np.clip((wanted - low) / (high - low), 0, 1)
+    down, up = (np.take_along_axis(values, below + k, axis=0)[0] for k in (0, 1))
+    return down + share * (up - down)
+
+
+def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarray, " levels"]:
+    values = _read(file, names)
+    if len(values) != file.dataset.sizes[dim]:
+        raise file.error(
+            names[0], f"expected {file.dataset.sizes[dim]} levels ({dim}), got {len(values)}"
+        )
+    steps = np.diff(values)
+    # Packed files hold -1 and 0 only to their precision.
+    ordered = (steps > 0).all() or (steps < 0).all()
+    if not (ordered and values.min() >= -1.001 and values.max() <= 0.001):
+        raise file.error(names[0], f"expected levels in order between -1 and 0, got {values}")
+    return values
+
+
+def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values"]:
+    """The values of the first variable or global attribute that is there."""
+    for name in names:
+        if name in file.dataset.variables:
+            return file.read(file.dataset[name]).reshape(-1)
+        if name in file.dataset.attrs:
+            try:
+                return np.asarray(file.dataset.attrs[name], float).reshape(-1)
+            except ValueError as error:
+                raise file.error(name, f"expected numbers, got {error}") from error
+    raise file.error(names[0], "missing; without it the depth of the levels is not known")
+
+
+def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
+    """Vtransform as it stands, as CF calls it, or as CROCO does."""
+    variables, attributes = file.dataset.variables, file.dataset.attrs
+    if "Vtransform" in variables or "Vtransform" in attributes:
+        value = _read(file, ("Vtransform",))
+        if value.size != 1 or value[0] not in (1, 2):
+            raise file.error("Vtransform", f"expected 1 or 2, got {value}")
+        return int(value[0]), f"Vtransform {value[0]:g}"
+    standard_name = str(variables[dim].attrs.get("standard_name")) if dim in variables else ""
+    for number in (1, 2):
+        if standard_name == f"ocean_s_coordinate_g{number}":
+            return number, f"Vtransform {number}, as {dim} is {standard_name}"
+    if str(attributes.get("VertCoordType")).upper() == "NEW":
+        return 2, "Vtransform 2, as VertCoordType is NEW"
+    raise file.error("Vtransform", f"missing, and {dim} does not say it either; expected 1 or 2")

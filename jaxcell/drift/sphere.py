@@ -1,0 +1,131 @@
+"""Cells on the Earth: coordinates in order, sides in metres, and the direction of the x axis."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+
+EARTH_RADIUS = 6371000.0
+
+
+def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """Longitudes in degrees, from -180 up to but not including 180."""
+    return (lon + 180.0) % 360.0 - 180.0
+
+
+def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
+    """The order in which longitudes ascend to the East, from the western end of the grid.
+
+    A grid that does not go round the Earth begins after its widest gap, so that one across the
+    antimeridian stays whole; one that does begins at -180 degrees.
+
+    **Arguments:**
+
+    - `lon`: in degrees, in one turn to the East or the West that may jump by 360 degrees.
+
+    **Raises:** `ValueError` if they turn back or meet themselves.
+    """
+    steps = wrapped(np.diff(lon))
+    if not (np.isfinite(lon).all() and ((steps > 0).all() or (steps < 0).all())):
+        raise ValueError(f"expected longitudes in order, got {_around_break(lon, steps)}")
+    if np.abs(steps).sum() >= 360 - 1e-9:
+        raise ValueError(f"expected less than a turn, got {lon[0]:g} to {lon[-1]:g}")
+    order = np.argsort(wrapped(lon))
+    gaps = np.diff(wrapped(lon)[order], append=wrapped(lon)[order[0]] + 360)
+    widest = int(gaps.argmax())
+    return np.roll(order, -widest - 1) if gaps[widest] > 1.5 * np.median(gaps) else order
+
+
+def northward_order(lat: Float[np.ndarray, " y"]) -> Int[np.ndarray, " y"]:
+    """The order in which latitudes ascend to the North.
+
+    **Raises:** `ValueError` if they are not in order, or not latitudes.
+    """
+    steps = np.diff(lat)
+    if not (np.isfinite(lat).all() and ((steps > 0).all() or (steps < 0).all())):
+        raise ValueError(f"expected latitudes in order, got {_around_break(lat, steps)}")
+    if np.abs(lat).max() > 90:
+        raise ValueError(f"expected degrees from -90 to 90, got {lat[np.abs(lat).argmax()]:g}")
+    return np.arange(len(lat)) if steps[0] > 0 else np.arange(len(lat))[::-1]
+
+
+def inside(
+    lon: Float[np.ndarray, "*shape"],
+    lat: Float[np.ndarray, "*shape"],
+    bounds: tuple[float, float, float, float],
+) -> Bool[np.ndarray, "*shape"]:
+    """Whether points are within bounds `(west, south, east, north)` in degrees, edges included.
+
+    Where west is more than east, the bounds go across the antimeridian.
+    """
+    west, south, east, north = bounds
+    width = (east - west) % 360 if east - west < 360 else 360.0
+    # A point a rounding error to the West of the western edge is 360 degrees to the East of it.
+    eastward = (lon - west + 1e-9) % 360
+    return (eastward <= width + 2e-9) & (lat >= south - 1e-9) & (lat <= north + 1e-9)
+
+
+def rectangular_sides(
+    lon: Float[np.ndarray, " all_x"],
+    lat: Float[np.ndarray, " all_y"],
+    rows: Int[np.ndarray, " y"],
+    columns: Int[np.ndarray, " x"],
+) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
+    """The sides in metres of cells between meridians and parallels.
+
+    A cell reaches half way to its neighbours; at the edge of the grid, as far outward as inward.
+
+    **Arguments:**
+
+    - `lon`: of the centres in degrees, ascending to the East, at least two.
+    - `lat`: likewise to the North.
+    - `rows`, `columns`: of the cells that are asked for.
+
+    **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
+    """
+    across = np.radians(np.gradient(np.unwrap(lon, period=360)))[columns]
+    along = np.radians(np.gradient(lat))[rows]
+    dx = EARTH_RADIUS * np.cos(np.radians(lat[rows]))[:, None] * across
+    return dx, np.broadcast_to(EARTH_RADIUS * along[:, None], dx.shape).copy()
+
+
+def curvilinear_sides(
+    lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]
+) -> tuple[
+    Float[np.ndarray, "y x"],
+    Float[np.ndarray, "y x"],
+    Float[np.ndarray, "y x"],
+    Float[np.ndarray, "y x"],
+]:
+    """The sides and directions of the cells of any grid of at least 2 x 2 centres.
+
+    From the straight lines between the centres on both sides of a cell, at the edge of the grid
+    between the cell and its neighbour.
+
+    **Arguments:** `lon` and `lat` of the centres in degrees.
+
+    **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
+    counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the
+    y axis, which is negative where the grid is a mirror image.
+    """
+    longitude, latitude = np.radians(lon), np.radians(lat)
+    cos_lon, sin_lon = np.cos(longitude), np.sin(longitude)
+    cos_lat, sin_lat = np.cos(latitude), np.sin(latitude)
+    east = np.stack([-sin_lon, cos_lon, np.zeros_like(lon)])
+    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat])
+    centre = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat])
+    along_y, along_x = np.gradient(centre, axis=(1, 2))
+    dx = np.linalg.norm(along_x, axis=0)
+    dy = np.linalg.norm(along_y, axis=0)
+    x_east, x_north = (along_x * east).sum(axis=0), (along_x * north).sum(axis=0)
+    y_east, y_north = (along_y * east).sum(axis=0), (along_y * north).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turn = (x_east * y_north - x_north * y_east) / (dx * dy)
+    return EARTH_RADIUS * dx, EARTH_RADIUS * dy, np.arctan2(x_north, x_east), turn
+
+
+def _around_break(values: np.ndarray, steps: np.ndarray) -> str:
+    """The values where a sequence stops going the way that it began."""
+    if not np.isfinite(values).all():
+        return f"no number at index {int((~np.isfinite(values)).argmax())}"
+    k = int((np.sign(steps) != np.sign(steps[0])).argmax()) if steps[0] else 0
+    return f"{values[k]:g} then {values[k + 1]:g} at index {k + 1}"

@@ -1,0 +1,617 @@
+import datetime
+import os
+import runpy
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.drift import open_currents
+
+
+DATA = Path(__file__).parents[2] / "data" / "ocean"
+FORMATS = ("NETCDF4", "NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA")
+LON, LAT = -118.0 + 0.01 * np.arange(6), 33.5 + 0.01 * np.arange(5)
+DEPTH, HOURS = np.array([0.0, 5.0, 10.0]), np.arange(4)
+SHAPE = (4, 3, 5, 6)
+
+
+def field():
+    """A current whose components tell record, level, row and column; land in two cells."""
+    t, k, j, i = np.indices(SHAPE)
+    u = 0.1 + 0.01 * t + 0.05 * k + 0.001 * j + 0.0001 * i
+    v = -0.2 + 0.01 * i - 0.02 * j + 0.003 * t
+    land = ((j == 0) & (i == 5)) | ((j == 4) & (i == 0) & (k == 2))
+    return np.where(land, np.nan, u), np.where(land, np.nan, v)
+
+
+def regular(u=None, v=None, names=("u", "v"), attributes=({}, {}), **coordinates):
+    """A dataset on time, depth, lat and lon, to be changed and written by a test."""
+    values = [a if b is None else b for a, b in zip(field(), (u, v), strict=True)]
+    dims = ("time", "depth", "lat", "lon")
+    hours = {"units": "hours since 2011-07-01 00:00:00", "standard_name": "time"}
+    coords = {
+        "time": ("time", HOURS, hours),
+        "depth": ("depth", DEPTH, {"units": "m", "positive": "down"}),
+        "lat": ("lat", LAT, {"units": "degrees_north"}),
+        "lon": ("lon", LON, {"units": "degrees_east"}),
+    }
+    variables = {
+        name: (dims, a, more) for name, a, more in zip(names, values, attributes, strict=True)
+    }
+    return xr.Dataset(variables, {**coords, **coordinates})
+
+
+def write(tmp_path, dataset, name="sea.nc", format="NETCDF4", encoding=None):
+    path = tmp_path / name
+    if encoding is None:
+        encoding = {name: {"_FillValue": None} for name in dataset.variables}
+    dataset.to_netcdf(path, format=format, engine="netcdf4", encoding=encoding)
+    return path
+
+
+def same(found, expected):
+    for name in ("u", "v"):
+        np.testing.assert_allclose(found[name], expected[name], atol=1e-6)
+    for name in ("water", "time", "depth"):
+        np.testing.assert_array_equal(found[name], expected[name])
+    for name in ("lon", "lat", "dx", "dy", "angle"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-5, atol=1e-9)
+
+
+def plain(tmp_path, **choice):
+    return open_currents(write(tmp_path, regular(), "plain.nc"), **choice)
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_what_is_written_is_read(tmp_path, format):
+    currents = open_currents(write(tmp_path, regular(), format=format))
+    u, v = field()
+    land = np.isnan(u).any(axis=0)
+    np.testing.assert_array_equal(currents.u, u)
+    np.testing.assert_array_equal(currents.v, v)
+    np.testing.assert_array_equal(currents.water, ~land)
+    np.testing.assert_array_equal(currents.depth, DEPTH)
+    np.testing.assert_array_equal(
+        currents.time, np.datetime64("2011-07-01") + HOURS.astype("timedelta64[h]")
+    )
+    np.testing.assert_allclose(currents.lon, np.broadcast_to(LON, (5, 6)))
+    np.testing.assert_allclose(currents.lat, np.broadcast_to(LAT[:, None], (5, 6)))
+    assert (currents.angle == 0).all()
+    assert currents.u.dims == ("time", "layer", "y", "x")
+    assert currents.attrs["source"] == "sea.nc"
+    assert not currents.isnull()[["dx", "dy", "angle", "lon", "lat"]].any().to_array().any()
+
+
+CF = ("eastward_sea_water_velocity", "northward_sea_water_velocity")
+SURFACE = ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity")
+
+
+@pytest.mark.parametrize(
+    ("names", "standard_names", "why"),
+    [
+        (("a", "b"), CF, "standard names eastward_sea_water_velocity"),
+        (("a", "b"), SURFACE, "standard names surface_eastward"),
+        (("v", "u"), CF, "standard names"),  # the dissertation's slip cannot mislead
+        (("uo", "vo"), None, "names"),
+        (("water_u", "water_v"), None, "names"),
+        (("u_eastward", "v_northward"), None, "names"),
+        (("u_sur_eastward", "v_sur_northward"), None, "names"),
+        (("U", "V"), None, "grid of latitude and longitude"),
+        (("x_current", "y_current"), ("sea_water_x_velocity", "sea_water_y_velocity"), "standard"),
+    ],
+)
+def test_a_current_to_the_east_comes_out_east_by_any_name(tmp_path, names, standard_names, why):
+    east, north = np.full(SHAPE, 0.5), np.zeros(SHAPE)
+    attributes = [{"standard_name": n} for n in standard_names] if standard_names else ({}, {})
+    dataset = regular(east, north, names, attributes)
+    dataset["temperature"] = dataset[names[0]].drop_attrs(deep=False) + 15
+    currents = open_currents(write(tmp_path, dataset))
+    assert (currents.u == 0.5).all()
+    assert (currents.v == 0).all()
+    assert names[0] in currents.attrs["east_from"]
+    assert names[1] in currents.attrs["north_from"]
+    assert why in currents.attrs["east_from"]
+
+
+def test_the_layout_of_the_dissertation(tmp_path):
+    """Longitudes 0 to 360 and -9999 on land, which nothing declares."""
+    dataset = regular().fillna(-9999.0).assign_coords(lon=LON + 360)
+    currents = open_currents(write(tmp_path, dataset))
+    same(currents, plain(tmp_path))
+    assert "lon: 242 to 242.05 wrapped" in currents.attrs["notes"]
+
+
+def turned_about(dataset):
+    return dataset.isel(lat=slice(None, None, -1), depth=slice(None, None, -1))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        turned_about,
+        lambda d: d.isel(lon=slice(None, None, -1)),
+        lambda d: d.transpose("lon", "lat", "depth", "time"),
+        lambda d: d.assign_coords(depth=("depth", -DEPTH, {"units": "m", "positive": "up"})),
+        lambda d: d.assign_coords(depth=("depth", -DEPTH)),
+        lambda d: d.rename(lat="LATITUDE", lon="LONGITUDE", time="TIME", depth="DEPTH"),
+        lambda d: d.expand_dims(member=1),
+        lambda d: (100 * d).assign(u=(100 * d.u).assign_attrs(units="cm s-1"),
+                                   v=(100 * d.v).assign_attrs(units="cm/s")),
+        lambda d: d.fillna(1e37),
+        lambda d: d.assign_coords(lon2=(("lat", "lon"), np.zeros((5, 6)))),
+    ],
+)  # fmt: skip
+def test_other_ways_to_write_the_same(tmp_path, change):
+    same(open_currents(write(tmp_path, change(regular()))), plain(tmp_path))
+
+
+def test_packed_values_and_two_fill_values(tmp_path):
+    packed = {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -32767}
+    path = write(tmp_path, regular(), encoding={"u": packed, "v": packed})
+    found = open_currents(path)
+    np.testing.assert_array_equal(found.water, plain(tmp_path).water)
+    np.testing.assert_allclose(found.u, plain(tmp_path).u, atol=0.6e-4)
+    with netCDF4.Dataset(path, "a") as file:
+        file["u"].missing_value = np.int16(-32768)
+        file["u"].set_auto_maskandscale(False)
+        file["u"][0, 0, 2, 2] = -32768
+    assert int(plain(tmp_path).water.sum()) == int(open_currents(path).water.sum()) + 1
+
+
+@pytest.mark.parametrize("start", [0, 2, 5])
+def test_longitudes_that_jump_are_put_in_order(tmp_path, start):
+    """Around the Earth, and across the antimeridian, wherever the file begins."""
+    lon = np.arange(-180.0, 180, 60)
+    u, v = field()
+    both = [np.nan_to_num(a) for a in (u, v)]
+    whole = regular(*both).assign_coords(lon=lon)
+    rolled = whole.roll(lon=start, roll_coords=True)
+    for dataset in (rolled, rolled.assign_coords(lon=rolled.lon % 360)):
+        currents = open_currents(write(tmp_path, dataset))
+        np.testing.assert_array_equal(currents.lon[0], lon)
+        np.testing.assert_array_equal(currents.u, both[0])
+    across = regular(*both).assign_coords(lon=np.array([179.7, 179.8, 179.9, 180, 180.1, 180.2]))
+    currents = open_currents(write(tmp_path, across))
+    np.testing.assert_allclose(currents.lon[0], [179.7, 179.8, 179.9, -180, -179.9, -179.8])
+    np.testing.assert_array_equal(currents.u, both[0])
+    assert float(np.ptp(currents.dx.values[0])) < 1e-6
+    part = open_currents(write(tmp_path, across), bounds=(179.85, 33, -179.95, 34))
+    np.testing.assert_allclose(part.lon[0], [179.9, -180])
+
+
+def great_circle(lon1, lat1, lon2, lat2):
+    lon1, lat1, lon2, lat2 = (np.radians(a) for a in (lon1, lat1, lon2, lat2))
+    half = np.sin((lat2 - lat1) / 2) ** 2
+    half += np.cos(lat1) * np.cos(lat2) * np.sin((lon2 - lon1) / 2) ** 2
+    return 2 * 6371000 * np.arcsin(np.sqrt(half))
+
+
+def test_sides_are_distances_between_centres(tmp_path):
+    lat = np.array([33.5, 33.51, 33.53, 33.54, 33.58])
+    currents = open_currents(write(tmp_path, regular().assign_coords(lat=lat)))
+    for j in range(5):
+        expected = great_circle(LON[0], lat[j], LON[1], lat[j])
+        np.testing.assert_allclose(currents.dx[j], expected, rtol=1e-6)
+    row = great_circle(LON[0], lat[:-1], LON[0], lat[1:])
+    assert float(currents.dy[0, 0]) == pytest.approx(row[0])
+    assert float(currents.dy[4, 0]) == pytest.approx(row[3])
+
+
+def curved(turn_deg, u, v, names=("u_eastward", "v_northward"), mirrored=False):
+    """A grid of 1 km cells that is turned by an angle, with 2-D longitudes and latitudes."""
+    j, i = np.indices((5, 6))
+    if mirrored:
+        j = j[::-1]
+    cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    degree = np.pi / 180 * 6371000
+    lat = 33.5 + 1000 * (i * sin + j * cos) / degree
+    lon = -118 + 1000 * (i * cos - j * sin) / degree / np.cos(np.radians(33.5))
+    dims = ("time", "Y", "X")
+    return xr.Dataset(
+        {
+            names[0]: (dims, np.broadcast_to(u, (1, 5, 6)).copy()),
+            names[1]: (dims, np.broadcast_to(v, (1, 5, 6)).copy()),
+            "lat": (("Y", "X"), lat),
+            "lon": (("Y", "X"), lon),
+        },
+        coords={"time": ("time", [12], {"units": "days since 1970-01-01"})},
+    )
+
+
+@pytest.mark.parametrize("turn_deg", [0, 44, -120, 180])
+def test_velocities_on_a_turned_grid(tmp_path, turn_deg):
+    angle = np.radians(turn_deg)
+    currents = open_currents(write(tmp_path, curved(turn_deg, 0.3, 0.0)))
+    np.testing.assert_allclose(np.cos(currents.angle - angle), 1, atol=1e-6)
+    np.testing.assert_allclose(currents.dx, 1000, rtol=1e-3)
+    np.testing.assert_allclose(currents.dy, 1000, rtol=1e-3)
+    assert (currents.u == 0.3).all()
+    along = curved(turn_deg, 0.3 * np.cos(angle), -0.3 * np.sin(angle), ("a", "b"))
+    along.a.attrs["standard_name"] = "x_sea_water_velocity"
+    along.b.attrs["standard_name"] = "y_sea_water_velocity"
+    currents = open_currents(write(tmp_path, along))
+    np.testing.assert_allclose(currents.u, 0.3, atol=1e-3)
+    np.testing.assert_allclose(currents.v, 0.0, atol=1e-3)
+    assert "turned" in currents.attrs["east_from"]
+
+
+def test_a_mirrored_grid_is_turned_over(tmp_path):
+    j = np.arange(5)[:, None] * 0.01
+    straight = open_currents(write(tmp_path, curved(30, 0.1 + j, 0.0)))
+    mirrored = open_currents(write(tmp_path, curved(30, 0.1 + j[::-1], 0.0, mirrored=True), "m.nc"))
+    same(mirrored, straight)
+
+
+def test_asked_for_by_name(tmp_path):
+    dataset = regular(names=("p", "q"))
+    dataset["uo"], dataset["vo"] = dataset.p * 0, dataset.q * 0
+    currents = open_currents(write(tmp_path, dataset), variables=("p", "q"))
+    same(currents, plain(tmp_path))
+    bare = write(tmp_path, curved(44, 0.3, 0.0, ("u", "v")))
+    assert (open_currents(bare, variables=("u", "v")).u == 0.3).all()
+
+
+@pytest.mark.parametrize(
+    ("time", "records"),
+    [
+        (None, [0, 1, 2, 3]),
+        (2, [2]),
+        (-1, [3]),
+        (slice(1, 3), [1, 2]),
+        (slice(None, None, 2), [0, 2]),
+        ("2011-07-01T02:00", [2]),
+        ("2011-07-01T02:20Z", [2]),
+        ("2011-07-01T04:20+02:00", [2]),
+        ("2011-06-30T23:40", [0]),
+        ("2011-07-01T01:30", [2]),
+        (np.datetime64("2011-07-01T01"), [1]),
+        (datetime.datetime(2011, 7, 1, 3), [3]),
+        (("2011-07-01T01:00", "2011-07-01T02:00"), [1, 2]),
+        ((1, 3), [1, 2, 3]),
+        ((None, "2011-07-01T01:00"), [0, 1]),
+        (slice("2011-07-01T01:00", None), [1, 2, 3]),
+    ],
+)
+def test_records(tmp_path, time, records):
+    currents = plain(tmp_path, time=time)
+    np.testing.assert_array_equal(currents.u[:, 0, 1, 1], field()[0][records, 0, 1, 1])
+    np.testing.assert_array_equal(currents.time, plain(tmp_path).time[records])
+
+
+def test_files_without_time_or_date(tmp_path):
+    still = open_currents(write(tmp_path, regular().isel(time=0, drop=True)))
+    assert still.u.shape == (1, *SHAPE[1:])
+    assert "1970" in still.attrs["notes"]
+    dataset = regular()
+    dataset["time"] = ("time", HOURS * 3600.0, {"units": "second"})
+    path = write(tmp_path, dataset)
+    currents = open_currents(path)
+    hours = np.diff(currents.time) / np.timedelta64(1, "h")
+    np.testing.assert_array_equal(hours, 1)
+    assert "without a date" in currents.attrs["notes"]
+    with pytest.raises(ValueError, match=r"time: expected the index of a record"):
+        open_currents(path, time="2011-07-01")
+    assert open_currents(path, time=1).sizes["time"] == 1
+
+
+def test_depths(tmp_path):
+    same(plain(tmp_path, depths=(10, 0)), plain(tmp_path).isel(layer=[0, 2]))
+    same(plain(tmp_path, depths=5.004), plain(tmp_path).isel(layer=[1]))
+    surface = write(tmp_path, regular().isel(depth=0, drop=True))
+    for depths in (None, 0, [0.0]):
+        same(open_currents(surface, depths=depths), plain(tmp_path).isel(layer=[0]))
+
+
+def test_a_layer_ends_where_the_sea_does(tmp_path):
+    dataset = regular(*(np.nan_to_num(a) + 0.5 for a in field()))
+    bed = np.full((5, 6), 7.0)
+    bed[2:, 3:] = 30
+    dataset["bathymetry"] = (
+        ("lat", "lon"), bed, {"standard_name": "sea_floor_depth_below_geoid"}
+    )  # fmt: skip
+    currents = open_currents(write(tmp_path, dataset))
+    np.testing.assert_array_equal(currents.water[:2], np.ones((2, 5, 6)))
+    np.testing.assert_array_equal(currents.water[2], bed >= 10)
+    shallow = {"bounds": (-118, 33.5, -117.98, 33.51)}
+    currents = open_currents(write(tmp_path, dataset), **shallow)
+    np.testing.assert_array_equal(currents.depth, [0, 5])
+    assert "left out, as no cell has water there: 10 m" in currents.attrs["notes"]
+    with pytest.raises(ValueError, match=r"depths: 10 m is below the sea bed everywhere: .* 7 m"):
+        open_currents(write(tmp_path, dataset), depths=10, **shallow)
+
+
+@pytest.mark.parametrize("name", ["sea_binary_mask", "land_binary_mask"])
+def test_a_mask_goes_before_the_values(tmp_path, name):
+    sea = np.ones((3, 5, 6))
+    sea[1:, :2] = 0
+    dataset = regular(*(np.nan_to_num(a, nan=99.0) for a in field()))
+    sea[np.isnan(field()[0][0])] = 0
+    mask = sea if name == "sea_binary_mask" else 1 - sea
+    dataset["mask"] = (("depth", "lat", "lon"), mask, {"standard_name": name})
+    currents = open_currents(write(tmp_path, dataset))
+    np.testing.assert_array_equal(currents.water, sea == 1)
+
+
+def test_gaps_of_a_radar(tmp_path):
+    u, v = (a[:, :1] for a in field())
+    u = u.copy()
+    u[1, 0, 2, 2], u[2, 0, 3, 3] = np.nan, np.nan
+    dataset = regular().isel(depth=0, drop=True)
+    for name, a in (("u", u), ("v", v)):
+        dataset[name] = (("time", "lat", "lon"), a[:, 0])
+    path = write(tmp_path, dataset)
+    currents = open_currents(path)
+    assert not currents.water.values[0, [2, 3], [2, 3]].any()
+    assert np.isnan(currents.u[:, 0, 2, 2]).all()
+    assert "2 cells have a velocity at some of the 4 records only" in currents.attrs["notes"]
+    assert open_currents(path, time=0).water[0, 2, 2]
+    dataset.u[3] = np.nan
+    with pytest.raises(ValueError, match=r"sea.nc: time: record 3 has no velocity anywhere"):
+        open_currents(write(tmp_path, dataset))
+    t, _, i = np.indices((4, 5, 6))
+    dataset.u[:] = np.where(i % 4 == t, 0.1, np.nan)
+    with pytest.raises(ValueError, match=r"time: no cell has a velocity at each of the 4 records"):
+        open_currents(write(tmp_path, dataset))
+
+
+def test_exact_zeros_are_pointed_out(tmp_path):
+    dataset = regular().fillna(0.0)
+    notes = open_currents(write(tmp_path, dataset)).attrs["notes"]
+    assert "4 water cells have a velocity of exactly 0" in notes
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_a_part_is_a_part_of_the_whole(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "whole.nc"
+    if not path.exists():
+        write(path.parent, regular(), path.name)
+    whole = open_currents(path)
+    i, j = (sorted(data.draw(st.tuples(*[st.integers(0, n)] * 2))) for n in (5, 4))
+    shift = data.draw(st.sampled_from([0, 360]))
+    bounds = (LON[i[0]] - 0.004 + shift, LAT[j[0]] - 0.004, LON[i[1]] + 0.004 + shift,
+              LAT[j[1]] + 0.004)  # fmt: skip
+    time = data.draw(st.integers(0, 3))
+    expected = whole.isel(time=[time], y=slice(j[0], j[1] + 1), x=slice(i[0], i[1] + 1))
+    expected = expected.isel(layer=[0])
+    if not expected.water.any():
+        return
+    same(open_currents(path, bounds=bounds, time=time, depths=0), expected)
+
+
+def test_only_what_is_asked_for_is_read(tmp_path):
+    """A file of 11 terabytes on paper, of which almost nothing was written."""
+    path = tmp_path / "ocean.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        for name, size in (("time", 1000), ("depth", 50), ("lat", 4000), ("lon", 7000)):
+            file.createDimension(name, size)
+            variable = file.createVariable(name, "f8", (name,))
+            variable[:] = np.arange(size) * (0.01 if name in ("lat", "lon") else 1)
+        file["time"].units = "hours since 2020-01-01"
+        for name in ("uo", "vo"):
+            variable = file.createVariable(
+                name, "f4", ("time", "depth", "lat", "lon"), chunksizes=(1, 1, 100, 100)
+            )
+            variable[7, 3, 500:505, 600:606] = 0.25
+    message = (
+        r"ocean.nc: uo, vo: 1000 \(time\) x 50 \(layer\) x 4000 \(y\) x 7000 \(x\) values would "
+        r"take 20861\.6 GiB"
+    )
+    with pytest.raises(ValueError, match=message):
+        open_currents(path)
+    currents = open_currents(path, time=7, depths=3, bounds=(6, 5, 6.05, 5.04))
+    assert currents.u.shape == (1, 1, 5, 6)
+    assert (currents.u == 0.25).all()
+
+
+# What is wrong with a file or a choice, and what is said about it.
+
+
+def with_value(name, value):
+    def change(dataset):
+        dataset[name][1, 0, 2, 3] = value
+        return dataset
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "choice", "message"),
+    [
+        (lambda d: d.drop_vars("u"), {}, r"variables: no velocity found; the file has v"),
+        (lambda d: d.drop_vars(["u", "v"]), {}, r"no velocity found; the file has no variables"),
+        (lambda d: d * np.nan, {}, r"u, v: every cell is land"),
+        (with_value("u", 15.5), {}, r"u: expected currents up to 10 m/s, got 15.5 at record 1, "
+         r"level 0, row 2, column 3"),
+        (with_value("v", -999.0), {}, r"v: expected currents up to 10 m/s, got -999"),
+        (lambda d: d.assign(u=d.u.assign_attrs(units="knots")), {}, r"u: units: .*'knots'"),
+        (lambda d: d.assign_coords(lon=LON[[0, 1, 3, 2, 4, 5]]), {},
+         r"lon: expected longitudes in order, got -117.97 then -117.98 at index 3"),
+        (lambda d: d.assign_coords(lat=LAT[[0, 1, 1, 2, 3]]), {}, r"lat: expected latitudes in"),
+        (lambda d: d.assign_coords(lat=LAT + 60), {}, r"lat: expected degrees .* got 93.54"),
+        (lambda d: d.assign_coords(lon=np.where(LON > -117.96, np.nan, LON)), {},
+         r"lon: .* no number at index 5"),
+        (lambda d: d.assign_coords(depth=[0.0, 10, 5]), {}, r"depth: expected levels in order"),
+        (lambda d: d.assign_coords(depth=("depth", DEPTH, {"units": "level"})), {}, r"'level'"),
+        (lambda d: d.drop_vars("depth"), {}, r"depth: the depths of the levels are missing"),
+        (lambda d: d.drop_vars("time"), {}, r"time: no variable gives the times"),
+        (lambda d: d.isel(time=[0, 2, 1, 3]), {}, r"time: expected times in order.*record 2"),
+        (lambda d: d.isel(time=slice(0, 0)), {}, r"time: expected a record or more"),
+        (lambda d: d.assign_coords(time=("time", HOURS, {"units": "hours since Tuesday"})), {},
+         r"time: times in 'hours since Tuesday' cannot be read"),
+        (lambda d: d.assign_coords(time=("time", HOURS, {"units": "moons"})), {}, r"got 'moons'"),
+        (lambda d: d.assign_coords(time=("time", HOURS, {"units": "days since 2011-01-01",
+         "calendar": "360_day"})), {}, r"calendar: .*'360_day'"),
+        (lambda d: d.drop_vars("lon"), {}, r"u: no variable gives the longitudes of its cells"),
+        (lambda d: d.isel(lat=[0]), {}, r"lat: expected 2 cells or more along it, got 1"),
+        (lambda d: d.isel(lat=0), {}, r"u: expected a dimension for y"),
+        (lambda d: d.rename(depth="wave"), {}, r"u: dimension wave of length 3"),
+        (lambda d: d.assign(v=d.v[0]), {}, r"v: expected the dimensions of u"),
+        (lambda d: d.assign(u=d.u.astype(str)), {}, r"u: expected numbers"),
+        (lambda d: d.assign(w=d.u.assign_attrs(standard_name=CF[0])), {},
+         r"standard_name: expected one variable that is northward_.*got none"),
+        (lambda d: d.assign(a=d.u.assign_attrs(standard_name=CF[0]), b=d.u.assign_attrs(
+         standard_name=CF[0])), {}, r"expected one variable that is eastward_.*got a, b"),
+        (lambda d: d, {"variables": ("u", "w")}, r"variables: 'w' is not in the file"),
+        (lambda d: d, {"variables": ("u",)}, r"variables: expected the names of u and v"),
+        (lambda d: d, {"variables": "uv"}, r"variables: expected the names of u and v"),
+        (lambda d: d, {"time": 4}, r"time: record 4: the file has 0 to 3"),
+        (lambda d: d, {"time": slice(4, 9)}, r"time: slice\(4, 9, None\) holds none of the 4"),
+        (lambda d: d, {"time": "2011-07-01T03:40"}, r"time: 2011-07-01T03:40: the nearest"),
+        (lambda d: d, {"time": "2011-07-02"}, r"time: 2011-07-02: the nearest .*T03:00"),
+        (lambda d: d, {"time": "noon"}, r"time: expected an index or a date .*'noon'"),
+        (lambda d: d, {"time": "NaT"}, r"time: expected .*'NaT'"),
+        (lambda d: d, {"time": (0, "2012-01-01")}, r"time: 2012-01-01: the nearest"),
+        (lambda d: d, {"time": (2, 1)}, r"time: expected the earlier time first"),
+        (lambda d: d, {"time": (0, 1, 2)}, r"time: expected the first and the last"),
+        (lambda d: d, {"time": slice("2011-07-01", None, 2)}, r"without a step"),
+        (lambda d: d, {"depths": 7.5}, r"depths: 7.5 m is not one of the levels 0, 5, 10 m"),
+        (lambda d: d, {"depths": [0, -5]}, r"depths: expected metres, positive down"),
+        (lambda d: d, {"depths": []}, r"depths: expected metres, positive down"),
+        (lambda d: d, {"depths": [0, 0]}, r"depths: expected different depths"),
+        (lambda d: d, {"depths": float("nan")}, r"depths: expected metres"),
+        (lambda d: d.isel(depth=0, drop=True), {"depths": 5}, r"depths: u has a single level"),
+        (lambda d: d.where(d.depth < 10), {"depths": 10}, r"depths: 10 m: no cell has water"),
+        (lambda d: d, {"bounds": (0, 33, 1, 34)}, r"bounds: .*no cell is within them; the file "
+         r"goes from -118 to -117.95 East and 33.5 to 33.54 North"),
+        (lambda d: d, {"bounds": (-118, 34, -117, 33)}, r"bounds: expected .*south < north"),
+        (lambda d: d, {"bounds": (-118, 33, -118, 34)}, r"bounds: expected"),
+        (lambda d: d, {"bounds": (-118, 33, -117)}, r"bounds: expected \(west, south"),
+        (lambda d: d, {"bounds": (-118, 33, float("nan"), 34)}, r"bounds: expected west"),
+    ],
+)  # fmt: skip
+def test_refused(tmp_path, change, choice, message):
+    path = write(tmp_path, change(regular()))
+    with pytest.raises(ValueError, match=message) as caught:
+        open_currents(path, **choice)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def folded(dataset):
+    dataset.lon[2, 2] = dataset.lon[2, 5]
+    return dataset
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.rename(u_eastward="u", v_northward="v"), r"u: ambiguous: on the dimensions "
+         r"\(Y, X\) it may be towards the East or along the grid.*variables=\('u', 'v'\)"),
+        (folded, r"lon: .* the grid folds at row"),
+        (lambda d: d.assign(lon=0 * d.lon, lat=0 * d.lat), r"lon: the cell .* sides of 0 and 0 m"),
+        (lambda d: d.assign(lon=d.lon.where(d.lon > -118)), r"lon: no longitude at row 0, column"),
+    ],
+)  # fmt: skip
+def test_refused_on_a_turned_grid(tmp_path, change, message):
+    path = write(tmp_path, change(curved(30, 0.3, 0.0)))
+    with pytest.raises(ValueError, match=message):
+        open_currents(path)
+
+
+def test_no_file_and_other_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nowhere.nc: there is no such file"):
+        open_currents(tmp_path / "nowhere.nc")
+    (tmp_path / "sea.nc").write_text("lon,lat,u,v\n")
+    with pytest.raises(ValueError, match=r"sea.nc: cannot be read as NetCDF"):
+        open_currents(tmp_path / "sea.nc")
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_truncated_file_is_never_read_as_zeros(tmp_path, format):
+    """The library itself reads the lost end of a classic file as zeros."""
+    path = write(tmp_path, regular(), format=format)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(1)
+    cuts = {0, 1, 3, 4, 8, len(whole) - 1, *rng.integers(0, len(whole), 60).tolist()}
+    for cut in sorted(cuts):
+        path.write_bytes(whole[:cut])
+        with pytest.raises((ValueError, OSError), match=r"sea\.nc"):
+            open_currents(path)
+
+
+@pytest.mark.parametrize("format", FORMATS[1:])
+def test_records_of_a_classic_file_count(tmp_path, format):
+    """With an unlimited dimension the values of all variables alternate, padded to words."""
+    path = tmp_path / "sea.nc"
+    dataset = regular()
+    dataset["flag"] = ("time", HOURS.astype("i2"))
+    dataset.to_netcdf(path, format=format, unlimited_dims=["time"], engine="netcdf4")
+    same(open_currents(path), plain(tmp_path))
+    whole = path.read_bytes()
+    for lost in (4, 5, 100, 1000):
+        path.write_bytes(whole[:-lost])
+        with pytest.raises(ValueError, match=r"truncated: it has \d+ bytes, and its header"):
+            open_currents(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(4, 900), st.binary(min_size=1, max_size=6))
+def test_a_damaged_header_gives_no_traceback(tmp_path_factory, place, noise):
+    path = tmp_path_factory.getbasetemp() / "damaged.nc"
+    write(path.parent, regular(), path.name, "NETCDF3_CLASSIC")
+    raw = bytearray(path.read_bytes())
+    raw[place : place + len(noise)] = noise
+    path.write_bytes(raw)
+    try:
+        open_currents(path)
+    except (ValueError, OSError) as error:
+        assert str(path) in str(error)
+
+
+# The synthetic file, and real ones.
+
+
+def test_the_file_of_the_repository(tmp_path):
+    runpy.run_path(str(DATA / "make_currents.py"))["main"](tmp_path)
+    assert (tmp_path / "gyres.nc").read_bytes() == (DATA / "gyres.nc").read_bytes()
+    assert "`gyres.nc`" in (DATA / "README.md").read_text()
+    currents = open_currents(DATA / "gyres.nc")
+    assert currents.u.shape == (24, 3, 21, 29)
+    np.testing.assert_allclose(currents.dx, 1000, rtol=3e-3)
+    np.testing.assert_allclose(currents.dy, 1000, rtol=1e-3)
+    surface, middle, deep = currents.water.values
+    assert (surface == middle).all()
+    assert (deep <= surface).all()
+    assert not deep[:2].any()  # the shelf
+    assert not surface[9, 21]  # the island
+    assert surface[8:12, 12:16].all()  # the strait
+    speed = np.hypot(currents.u, currents.v).mean(("time", "y", "x"))
+    np.testing.assert_allclose(speed, [0.45, 0.38, 0.3], rtol=0.06)
+
+
+def real(name):
+    folder = os.environ.get("JAXCELL_OCEAN_FILES")
+    if not folder or not (Path(folder) / name).is_file():
+        pytest.skip(f"JAXCELL_OCEAN_FILES names no folder with {name}")
+    return Path(folder) / name
+
+
+def test_nordic_4km():
+    currents = open_currents(real("nordic4km_roms_native_s.nc"), time=0)
+    assert int(currents.water.sum()) == 466
+    rows, columns = [10, 15, 18], [5, 10, 3]
+    u, v = currents.u[0, 0].values[rows, columns], currents.v[0, 0].values[rows, columns]
+    np.testing.assert_allclose(u, [0.17056, -0.08927, -0.16010], atol=1e-4)
+    np.testing.assert_allclose(v, [0.13010, 0.13896, -0.02706], atol=1e-4)
+    np.testing.assert_allclose(currents.dx, 4120, rtol=5e-3)
+
+
+def test_norkyst_800m():
+    currents = open_currents(real("norkyst800m_roms_zlevel.nc"), time=0)
+    np.testing.assert_array_equal(currents.depth, [0, 1, 2, 3, 5, 7])
+    east, north = currents.u[0, :, 5, 8], currents.v[0, :, 5, 8]
+    np.testing.assert_allclose(east, [0.133, 0.114, 0.099, 0.088, 0.073, 0.061], atol=1e-4)
+    np.testing.assert_allclose(north, [-0.001, 0.005, 0.011, 0.016, 0.022, 0.028], atol=1e-4)
+    assert currents.water.all()
+
+
+def test_wcofs_4km():
+    currents = open_currents(real("wcofs4km_roms_surface_cgrid.nc"), time=0)
+    assert int(currents.water.sum()) == 1849
+    assert float(currents.u[0, 0, 30, 10]) == pytest.approx(0.10539, abs=1e-4)
+    assert float(currents.v[0, 0, 30, 10]) == pytest.approx(-0.16569, abs=1e-4)
+    assert float(np.degrees(currents.angle[30, 10])) == pytest.approx(16.432, abs=1e-3)
