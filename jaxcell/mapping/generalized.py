@@ -115,8 +115,9 @@ class Chain:
             image, probability = branch
             return expected + probability * value[image], None
 
-        expected, _ = jax.lax.scan(add, jnp.zeros_like(value), (self.image, self.probability))
-        return expected
+        # A few branches at a time, so that sums are not written and read for each.
+        branches = (self.image, self.probability)
+        return jax.lax.scan(add, jnp.zeros_like(value), branches, unroll=4)[0]
 
     def tree_flatten_with_keys(self):  # type: ignore[no-untyped-def]
         fields = ("image", "probability")

@@ -17,6 +17,10 @@ probability 1 the chain ends in one of the groups or in the sink.
     pair of cells, there and back a *commute time*; *Kemeny's constant*, the hitting time of a cell
     drawn from the stationary distribution; an *entropy rate*; and a *mixing time*.
 
+In a *decision process* one chooses among several chains in every cell. Its *value* is the most that
+can be expected of rewards, each discounted by the time until it is paid; without a discount, the
+*stochastic shortest path* is first the surest way to a goal, and among those the quickest.
+
 Every answer comes with a [`jaxcell.certificate.Certificate`][]: a residual that is computed from
 the answer and the full matrix, and says how good the answer is. All solves need 64-bit numbers.
 """
@@ -27,6 +31,16 @@ from .arrival import (
     MeanArrival as MeanArrival,
     first_arrival as first_arrival,
     mean_first_arrival as mean_first_arrival,
+)
+from .conditional import (
+    arrival_probabilities as arrival_probabilities,
+    conditional_hitting_times as conditional_hitting_times,
+)
+from .decision import (
+    DecisionModel as DecisionModel,
+    Optimum as Optimum,
+    policy_chain as policy_chain,
+    value_iteration as value_iteration,
 )
 from .hitting import (
     Absorption as Absorption,
@@ -47,5 +61,9 @@ from .quantities import (
     kemeny_constant as kemeny_constant,
     mixing_time as mixing_time,
     slem as slem,
+)
+from .shortest_path import (
+    ShortestPath as ShortestPath,
+    stochastic_shortest_path as stochastic_shortest_path,
 )
 from .simulation import Arrivals as Arrivals, simulate_arrival as simulate_arrival

@@ -1,0 +1,129 @@
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from jaxtyping import Bool, Float
+
+from ..certificate import Certificate, Solution
+from ..mapping.classes import reaching
+from ..mapping.generalized import Chain, leaving_rows
+from ..precision import require_x64
+from .hitting import cell_mask
+from .transient import Transient
+
+
+# The largest number below 1.
+ALMOST_SURE = float(np.nextafter(1, 0))
+PROBABILITY_TOLERANCE = 1e-10
+TIME_TOLERANCE = 1e-6
+
+
+def arrival_probabilities(
+    chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
+) -> Solution:
+    """The probability that a chain ever comes to a set of cells.
+
+    It is 1 exactly where the chain cannot fail to arrive, and 0 where it cannot arrive.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `target`: a cell, several, or a mask over the cells.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`jaxcell.certificate.Solution`][]. The residual of its certificate is the largest
+    amount by which the probability of a cell differs from the mean of those of its images.
+
+    **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if the
+    solve stalls.
+    """
+    require_x64("arrival_probabilities")
+    there = cell_mask(chain.cells, target)
+    value, certificate = probabilities(chain.to_scipy(), there)
+    certificate.check("arrival_probabilities", throw)
+    return Solution(jnp.asarray(value), certificate)
+
+
+def conditional_hitting_times(
+    chain: Chain, target: npt.ArrayLike | int, *, throw: bool = True
+) -> Solution:
+    """The expected number of steps until a chain is first in a set of cells, if it arrives.
+
+    That is the mean over those of its ways that arrive. Where all do, it is
+    [`jaxcell.markov.hitting_times`][], which is `inf` where some do not.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `target`: a cell, several, or a mask over the cells.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`jaxcell.certificate.Solution`][]; 0 on the target, and `inf` where the chain
+    cannot arrive. The residual of its certificate bounds the relative error of every finite time.
+
+    **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if a
+    solve stalls.
+    """
+    require_x64("conditional_hitting_times")
+    there = cell_mask(chain.cells, target)
+    matrix = chain.to_scipy()
+    arrives, certificate = probabilities(matrix, there)
+    certificate.check("conditional_hitting_times", throw)
+    inside = (arrives > 0) & ~there
+    time = np.where(arrives > 0, 0.0, np.inf)
+    found, certificate = times(conditioned(matrix, arrives), inside)
+    time[inside] = found
+    certificate.check("conditional_hitting_times", throw)
+    return Solution(jnp.asarray(time), certificate)
+
+
+def probabilities(
+    matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
+) -> tuple[Float[np.ndarray, "cells"], Certificate]:
+    """[`arrival_probabilities`][], from the transition matrix."""
+    can = reaching(matrix, there)
+    before = matrix.copy()
+    before.data[np.repeat(there, np.diff(before.indptr))] = 0
+    before.eliminate_zeros()
+    fails = reaching(before, ~there & (~can | (leaving_rows(matrix) > 0)))
+    value = np.where(can & ~fails, 1.0, 0.0)
+    part = Transient.of(matrix, can & fails & ~there)
+    value[there] = 1
+    gain = (matrix[part.cells] @ value)[:, None]
+    found, products = part.expect(gain)
+    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
+    value[part.cells] = np.minimum(found[:, 0], ALMOST_SURE)
+    return value, Certificate(products, float(residual), PROBABILITY_TOLERANCE)
+
+
+def times(
+    matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
+) -> tuple[Float[np.ndarray, "inside"], Certificate]:
+    """The expected numbers of steps until a chain has left some cells, which it surely does."""
+    part = Transient.of(matrix, inside)
+    gain = np.ones((part.cells.size, 1))
+    found, products = part.expect(gain)
+    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
+    return found[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
+
+
+def conditioned(
+    matrix: scipy.sparse.csr_array, arrives: Float[np.ndarray, "cells"]
+) -> scipy.sparse.csr_array:
+    """The chain of those ways only that arrive (Doob's transform): `p(x, y) h(y) / h(x)`.
+
+    Every way to the target is as likely as it was, among those that arrive.
+
+    **Arguments:**
+
+    - `matrix`: the transition matrix, or rows for several actions in each cell; rows without a way
+        to the target become empty.
+    - `arrives`: the probability `h` of arriving from each cell.
+    """
+    weighed = matrix @ scipy.sparse.diags_array(arrives)
+    # The sum of a row is `h` up to rounding, and dividing by the sum leaves no rounding.
+    total = np.asarray(weighed.sum(axis=1)).ravel()
+    share = np.divide(1, total, out=np.zeros_like(total), where=total > 0)
+    result = (scipy.sparse.diags_array(share) @ weighed).tocsr()
+    result.eliminate_zeros()
+    return result

@@ -1,0 +1,251 @@
+import dataclasses
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from jaxtyping import Array, Bool, Float, Int
+from scipy.sparse import csgraph
+
+from ..certificate import Certificate
+from ..mapping.classes import reaching
+from ..mapping.generalized import leaving_rows
+from ..precision import require_x64
+from .conditional import ALMOST_SURE, PROBABILITY_TOLERANCE, TIME_TOLERANCE, conditioned, times
+from .decision import DecisionModel
+from .hitting import cell_mask
+from .transient import Transient
+
+
+# A policy is changed where that is better by more than so much of what it improves.
+_BETTER = 1e-11
+# Actions whose probabilities of arriving differ by less, as a part, arrive equally surely.
+_TIE = 1e-11
+_MOST_ROUNDS = 1000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ShortestPath:
+    """The surest way to a goal, and of those the quickest."""
+
+    probability: Float[Array, "cells"]
+    "The largest probability of arriving that any policy has; exactly 1 where one surely arrives."
+    time: Float[Array, "cells"]
+    "The least expected number of steps of policies that surely arrive; `inf` where none does."
+    conditional_time: Float[Array, "cells"]
+    """The least expected number of steps, of policies that arrive with that probability, over those
+    of their ways that arrive; `inf` where none does."""
+    policy: Int[Array, "cells"]
+    "The action to take in each cell: the policy that has all of these at once."
+    certificate: Certificate
+    """The larger of the amount by which some action would arrive more surely and the part by which
+    it would arrive earlier; iterations are rounds of improving the policy."""
+
+
+def stochastic_shortest_path(
+    model: DecisionModel, goal: npt.ArrayLike | int, *, throw: bool = True
+) -> ShortestPath:
+    """Finds the policy that most likely arrives, and of such policies the quickest.
+
+    That is the question without a discount, which Alam 2018, section 5.4.7, has one for. Rewards
+    do not matter.
+
+    Where some policy arrives for sure is found on the graph, exactly, and elsewhere the probability
+    by improving policies (Howard 1960). Of actions that do not lower it, a policy takes those with
+    the least expected time over the ways that arrive; where arrival is sure, that is the expected
+    time. A policy is changed only where that is strictly better, so that it cannot begin to go
+    around in circles.
+
+    **Arguments:**
+
+    - `model`: the actions; what they do in the goal does not matter.
+    - `goal`: a cell, several, or a mask over the cells.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`ShortestPath`][].
+
+    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if the
+    policy still improves after 1000 rounds or a solve stalls.
+    """
+    require_x64("stochastic_shortest_path")
+    there = cell_mask(model.cells, goal)
+    moves = _Moves.of(model)
+    usable = moves.allowed & ~there
+    can = reaching(moves.joint(usable), there)
+    sure, safe = _sure(moves, usable, there)
+    policy = np.argmax(moves.allowed, axis=0)
+    policy = moves.nearer(policy, usable, sure)
+    policy = moves.nearer(policy, safe, there)
+    probability, policy, surest = _surest(moves, policy, usable, sure, can & ~sure)
+    keeps = np.where(sure, safe, usable & (moves.expected(probability) >= (1 - _TIE) * probability))
+    # What the policy does is among it, whatever rounding says.
+    keeps[policy, np.arange(model.cells)] |= can & ~there
+    time, policy, quickest = _quickest(moves, policy, keeps, probability, there)
+    certificate = Certificate(
+        surest.iterations + quickest.iterations,
+        # In units of their own tolerances.
+        TIME_TOLERANCE
+        * max(surest.residual / PROBABILITY_TOLERANCE, quickest.residual / TIME_TOLERANCE),
+        TIME_TOLERANCE,
+    )
+    certificate.check("stochastic_shortest_path", throw)
+    return ShortestPath(
+        jnp.asarray(probability),
+        jnp.asarray(np.where(sure, time, np.inf)),
+        jnp.asarray(time),
+        jnp.asarray(policy, jnp.int32),
+        certificate,
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Moves:
+    """All actions in all cells, as the rows of one matrix, action after action."""
+
+    matrix: scipy.sparse.csr_array
+    allowed: Bool[np.ndarray, "actions cells"]
+    stays: Bool[np.ndarray, "actions cells"]
+    "Whether the action cannot leave the space."
+
+    @classmethod
+    def of(cls, model: DecisionModel) -> "_Moves":
+        matrices = [chain.to_scipy() for chain in model.chains]
+        stays = np.stack([leaving_rows(matrix) == 0 for matrix in matrices])
+        matrix = scipy.sparse.vstack(matrices, format="csr")
+        return cls(matrix, np.asarray(model.allowed), stays)
+
+    @property
+    def cells(self) -> int:
+        return self.allowed.shape[1]
+
+    @functools.cached_property
+    def steps(self) -> tuple[Int[np.ndarray, "edges"], Int[np.ndarray, "edges"]]:
+        """The row and the column of every step that is possible, row by row."""
+        return self.matrix.nonzero()
+
+    def of_policy(self, policy: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
+        """The transition matrix of a policy."""
+        return self.matrix[policy * self.cells + np.arange(self.cells)]
+
+    def expected(self, value: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "actions cells"]:
+        """The expected value one step later."""
+        return (self.matrix @ value).reshape(self.allowed.shape)
+
+    def joint(self, usable: Bool[np.ndarray, "actions cells"]) -> scipy.sparse.csr_array:
+        """The graph of all steps that usable actions may make."""
+        row, column = self.steps
+        kept = usable.ravel()[row]
+        row, column = row[kept] % self.cells, column[kept]
+        # Entries of a pair of cells are added up.
+        ones = np.ones(row.size)
+        return scipy.sparse.csr_array((ones, (row, column)), shape=(self.cells, self.cells))
+
+    def nearer(
+        self,
+        policy: Int[np.ndarray, "cells"],
+        usable: Bool[np.ndarray, "actions cells"],
+        target: Bool[np.ndarray, "cells"],
+    ) -> Int[np.ndarray, "cells"]:
+        """Makes a policy take usable actions that may come nearer to a target, where there are any.
+
+        Nearer in steps, so that it may arrive from each of those cells.
+        """
+        # Backwards from one more node that leads to all the target.
+        graph = self.joint(usable).tocoo()
+        goals = np.flatnonzero(target)
+        tail = np.concatenate([graph.col, np.full(goals.size, self.cells)])
+        head = np.concatenate([graph.row, goals])
+        backwards = scipy.sparse.csr_array(
+            (np.ones(tail.size), (tail, head)), shape=(self.cells + 1, self.cells + 1)
+        )
+        _, after = csgraph.breadth_first_order(backwards, self.cells)
+        row, column = self.steps
+        action, cell = np.divmod(row, self.cells)
+        leads = usable.ravel()[row] & ~target[cell] & (after[cell] == column)
+        policy = policy.copy()
+        # From the last action to the first, so that the first stays.
+        policy[cell[leads][::-1]] = action[leads][::-1]
+        return policy
+
+
+def _sure(
+    moves: _Moves, usable: Bool[np.ndarray, "actions cells"], there: Bool[np.ndarray, "cells"]
+) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "actions cells"]]:
+    """The cells from which some policy surely arrives, and the actions that stay among them.
+
+    From all cells those are taken away, again and again, that cannot arrive by actions that surely
+    stay among the others.
+    """
+    safe = usable & moves.stays
+    sure = np.ones(moves.cells, bool)
+    into = moves.matrix.T.tocsr()
+    lost = ~reaching(moves.joint(safe), there)
+    while lost.any():
+        # What can be taken away without looking at the whole graph goes first.
+        while lost.any():
+            sure &= ~lost
+            safe[:, lost] = False
+            safe.reshape(-1)[into[np.flatnonzero(lost)].indices] = False
+            lost = sure & ~there & ~safe.any(axis=0)
+        lost = sure & ~reaching(moves.joint(safe), there)
+    return sure, safe
+
+
+def _surest(
+    moves: _Moves,
+    policy: Int[np.ndarray, "cells"],
+    usable: Bool[np.ndarray, "actions cells"],
+    sure: Bool[np.ndarray, "cells"],
+    maybe: Bool[np.ndarray, "cells"],
+) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
+    """Improves a policy, which may arrive from all cells in `maybe`, to one that does so best."""
+    value = sure.astype(np.float64)
+    rounds, residual = 0, 0.0
+    # No class of cells that a better policy never leaves can hold a cell that was changed, for the
+    # average over it would rise from one step to the next. So the old policy never left it either.
+    while maybe.any():
+        rounds += 1
+        matrix = moves.of_policy(policy)
+        part = Transient.of(matrix, maybe)
+        value[maybe] = 0
+        found, _ = part.expect((matrix[part.cells] @ value)[:, None])
+        value[maybe] = np.minimum(found[:, 0], ALMOST_SURE)
+        gain = np.where(usable, moves.expected(value), -1)
+        best = gain.max(axis=0)
+        residual = float(np.abs(best - value)[maybe].max())
+        change = maybe & (best > value + _BETTER * value)
+        if not change.any() or rounds >= _MOST_ROUNDS:
+            break
+        policy = np.where(change, gain.argmax(axis=0), policy)
+    return value, policy, Certificate(rounds, residual, PROBABILITY_TOLERANCE)
+
+
+def _quickest(
+    moves: _Moves,
+    policy: Int[np.ndarray, "cells"],
+    keeps: Bool[np.ndarray, "actions cells"],
+    probability: Float[np.ndarray, "cells"],
+    there: Bool[np.ndarray, "cells"],
+) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
+    """Improves a policy by actions that keep the probability of arriving.
+
+    **Returns:** the expected times over the ways that arrive, the policy, and the part by which it
+    could still be quicker.
+    """
+    toward = dataclasses.replace(moves, matrix=conditioned(moves.matrix, probability))
+    time = np.where(probability > 0, 0.0, np.inf)
+    inside = (probability > 0) & ~there
+    rounds, residual = 0, 0.0
+    while inside.any():
+        rounds += 1
+        time[inside], solved = times(toward.of_policy(policy), inside)
+        after = 1 + toward.expected(np.where(inside, time, 0))
+        after = np.where(keeps, after, np.inf)
+        best = after.min(axis=0)
+        residual = max(solved.residual, float((1 - best[inside] / time[inside]).max()))
+        change = inside & (best < time * (1 - _BETTER))
+        if not change.any() or rounds >= _MOST_ROUNDS:
+            break
+        policy = np.where(change, after.argmin(axis=0), policy)
+    return time, policy, Certificate(rounds, residual, TIME_TOLERANCE)

@@ -1,0 +1,162 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+from hypothesis import given, settings, strategies as st
+from random_models import as_model, models, policies
+
+from jaxcell.certificate import Outcome
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov import decision
+from jaxcell.markov.decision import DecisionModel, policy_chain, value_iteration
+
+
+def of_policy(matrices, reward, policy, discount):
+    """The value of a policy in the source's convention, by a dense solve."""
+    cell = np.arange(len(policy))
+    chosen = matrices[policy, cell]
+    return np.linalg.solve(np.eye(len(policy)) - discount * chosen, discount * reward[policy, cell])
+
+
+def grid_model(side, seed, stays):
+    """Four directions on a torus, with noise; nothing leaves it, or something does in one cell."""
+    draw = np.random.default_rng(seed)
+    y, x = np.divmod(np.arange(side * side), side)
+    to = [((y + v) % side) * side + (x + u) % side for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+    noise = draw.uniform(0.05, 0.2, side * side)
+    chains = []
+    for k in range(4):
+        probability = np.stack([1 - 2 * noise, noise, noise])
+        if not stays:
+            probability[:, 0] /= 2
+        chains.append(Chain(np.stack([to[k], to[k - 1], to[k - 3]]), probability))
+    return DecisionModel.of(chains, draw.normal(size=(4, side * side)))
+
+
+@given(models(), st.sampled_from([0.3, 0.9, 0.99]))
+@settings(deadline=None, max_examples=60)
+def test_the_best_of_all_policies(parts, discount):
+    matrices, reward, allowed = parts
+    found = value_iteration(as_model(*parts), discount, 1e-7)
+    every = [of_policy(matrices, reward, policy, discount) for policy in policies(allowed)]
+    best = np.max(every, axis=0)
+    np.testing.assert_allclose(found.value, best, atol=found.gap + 1e-10)
+    assert found.gap <= 1e-7
+    assert found.certificate.outcome is Outcome.CONVERGED
+    policy = np.asarray(found.policy)
+    assert allowed[policy, np.arange(policy.size)].all()
+    own = of_policy(matrices, reward, policy, discount)
+    assert (own >= best - 2 * found.gap - 1e-10).all()
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_linear_program_agrees(stays):
+    model = grid_model(7, 0, stays)
+    matrices = np.stack([chain.to_scipy().toarray() for chain in model.chains])
+    discount = 0.95
+    # The least W with W >= r_u + discount * P_u W for all actions.
+    rows = np.concatenate([discount * matrix - np.eye(model.cells) for matrix in matrices])
+    program = scipy.optimize.linprog(
+        np.ones(model.cells), rows, -np.asarray(model.reward).ravel(), bounds=(None, None)
+    )
+    found = value_iteration(model, discount)
+    np.testing.assert_allclose(found.value, discount * program.x, atol=1e-6)
+
+
+@pytest.mark.parametrize("stays", [True, False])
+@pytest.mark.parametrize("tolerance", [10.0, 1.0, 1e-2, 1e-5, 1e-8])
+def test_the_bounds_hold_at_any_tolerance(stays, tolerance):
+    model = grid_model(12, 1, stays)
+    exact = value_iteration(model, 0.98, 1e-10)
+    found = value_iteration(model, 0.98, tolerance)
+    error = float(jnp.abs(found.value - exact.value).max())
+    assert error <= found.gap + 2e-10
+    assert found.gap <= tolerance
+    assert found.iterations <= exact.iterations
+    own = value_iteration(
+        DecisionModel.of(
+            [policy_chain(model, found.policy)],
+            np.asarray(model.reward)[found.policy, np.arange(144)][None],
+        ),
+        0.98,
+        1e-10,
+    )
+    assert float((exact.value - own.value).max()) <= 2 * found.gap + 1e-9
+
+
+def test_bounds_are_close_where_nothing_leaves():
+    # All values are alike: the first sweep tells them.
+    chain = Chain(np.arange(5)[None], np.ones((1, 5)))
+    found = value_iteration(DecisionModel.of([chain], np.full((1, 5), -2.0)), 0.9999)
+    assert found.iterations == 1
+    np.testing.assert_allclose(found.value, -2 * 0.9999 / (1 - 0.9999), rtol=1e-12)
+
+
+def test_the_source_convention_discounts_the_first_reward():
+    chain = Chain.from_scipy(np.array([[0, 1.0], [0, 0]]))
+    found = value_iteration(DecisionModel.of([chain], [[-1.0, 100]]), 0.5)
+    np.testing.assert_allclose(found.value, [0.5 * (-1 + 0.5 * 100), 0.5 * 100], rtol=1e-12)
+
+
+def test_the_first_of_equal_actions():
+    image = np.zeros((1, 3), int)
+    chains = [Chain(image, np.ones((1, 3)))] * 3
+    reward = np.array([[0.0, 1, 1], [1, 1, 1 + 1e-15], [1, 0, 1]])
+    assert value_iteration(DecisionModel.of(chains, reward), 0.9).policy.tolist() == [1, 0, 0]
+
+
+def test_more_sweeps_than_are_allowed(monkeypatch):
+    model = grid_model(5, 0, True)
+    monkeypatch.setattr(decision, "_MOST_SWEEPS", 3)
+    jax.clear_caches()
+    with pytest.raises(RuntimeError, match=r"value_iteration: the residual stayed above"):
+        value_iteration(model, 0.999)
+    found = value_iteration(model, 0.999, throw=False)
+    assert found.certificate.outcome is Outcome.STALLED
+    monkeypatch.undo()
+    jax.clear_caches()
+    exact = value_iteration(model, 0.999)
+    assert float(jnp.abs(found.value - exact.value).max()) <= found.gap
+
+
+def test_rounding_ends_it():
+    model = grid_model(5, 0, True)
+    found = value_iteration(model, 0.999, 1e-300, throw=False)
+    assert found.certificate.outcome is Outcome.STALLED
+    assert found.iterations < 50_000
+    assert found.gap < 1e-8
+
+
+@given(models(), st.data())
+@settings(deadline=None, max_examples=40)
+def test_the_closed_loop(parts, data):
+    matrices, _, allowed = parts
+    policy = data.draw(st.sampled_from(policies(allowed)))
+    found = policy_chain(as_model(*parts), jnp.asarray(policy)).to_scipy().toarray()
+    np.testing.assert_array_equal(found, matrices[policy, np.arange(policy.size)])
+
+
+def test_refusals():
+    chain = Chain(np.zeros((1, 2), int), np.ones((1, 2)))
+    other = Chain(np.zeros((1, 3), int), np.ones((1, 3)))
+    model = DecisionModel.of([chain, chain], np.zeros((2, 2)), [[True, True], [False, True]])
+    for arguments, message in [
+        (([], np.zeros((0, 2))), "expected one for each action"),
+        (([chain, other], np.zeros((2, 2))), "that of action 1 has 3 cells"),
+        (([chain], np.zeros((2, 2))), r"reward: expected an array \[actions, cells\] = \[1, 2\]"),
+        (([chain], [[0.0, np.nan]]), r"reward\[0, 1\] is nan"),
+        (([chain], np.zeros((1, 2)), [[True, False]]), "no action is allowed in cell 1"),
+        (([chain], np.zeros((1, 2)), [[1, 1]]), "allowed: expected truth values"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            DecisionModel.of(*arguments)
+    for discount in (0, 1, 1.5, np.nan):
+        with pytest.raises(ValueError, match="stochastic_shortest_path"):
+            value_iteration(model, discount)
+    with pytest.raises(ValueError, match="tolerance: expected a positive number, got 0"):
+        value_iteration(model, 0.9, 0)
+    with pytest.raises(ValueError, match="policy: cell 1 has action 2; actions are 0 to 1"):
+        policy_chain(model, jnp.array([0, 2]))
+    with pytest.raises(ValueError, match="action 1 is not allowed in cell 0"):
+        policy_chain(model, jnp.array([1, 1]))

@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_chains import matrices, reachable
+from random_models import as_model, models, policies
+
+from jaxcell.certificate import Outcome
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov.conditional import arrival_probabilities, conditional_hitting_times
+from jaxcell.markov.decision import DecisionModel, policy_chain
+from jaxcell.markov.hitting import hitting_times
+from jaxcell.markov.shortest_path import stochastic_shortest_path
+
+
+def arriving(matrix, goal):
+    """Probability of arriving and mean time of the ways that arrive, by dense solves."""
+    cells = len(matrix)
+    there = np.arange(cells) == goal
+    stopped = np.where(there[:, None], 0, matrix)
+    inner = reachable(stopped)[:, goal] & ~there
+    q, into = matrix[inner][:, inner], matrix[inner, goal]
+    probability = np.where(there, 1.0, 0.0)
+    probability[inner] = np.linalg.solve(np.eye(len(q)) - q, into)
+    total = np.linalg.solve(np.eye(len(q)) - q, probability[inner])
+    time = np.where(there, 0.0, np.inf)
+    time[inner] = total / probability[inner]
+    return probability, time
+
+
+@given(matrices(), st.data())
+@settings(deadline=None, max_examples=100)
+def test_arriving_equals_dense_solves(matrix, data):
+    goal = data.draw(st.integers(0, len(matrix) - 1))
+    chain = Chain.from_scipy(matrix)
+    probability, time = arriving(matrix, goal)
+    found = arrival_probabilities(chain, goal)
+    np.testing.assert_allclose(found.value, probability, rtol=1e-10, atol=1e-14)
+    times = conditional_hitting_times(chain, goal)
+    np.testing.assert_allclose(times.value, time, rtol=1e-9)
+    # Surely, and not almost surely, where the hitting time is finite.
+    finite = np.isfinite(hitting_times(chain, goal).value)
+    np.testing.assert_array_equal(np.asarray(found.value) == 1, finite)
+    for solution in (found, times):
+        assert solution.certificate.outcome is Outcome.CONVERGED
+
+
+def test_the_gambler_who_wins():
+    # Given that he wins, a fair game of n lasts (n^2 - i^2) / 3 rounds.
+    n = 30
+    matrix = np.zeros((n + 1, n + 1))
+    matrix[0, 0] = matrix[n, n] = 1
+    for i in range(1, n):
+        matrix[i, i + 1] = matrix[i, i - 1] = 0.5
+    chain, i = Chain.from_scipy(matrix), np.arange(n + 1)
+    np.testing.assert_allclose(arrival_probabilities(chain, n).value, i / n, atol=1e-14)
+    found = np.asarray(conditional_hitting_times(chain, n).value)
+    np.testing.assert_allclose(found[1:], (n**2 - i[1:] ** 2) / 3, rtol=1e-10)
+    assert found[0] == np.inf
+
+
+@given(models(), st.data())
+@settings(deadline=None, max_examples=120)
+def test_the_surest_and_quickest_of_all_policies(parts, data):
+    matrices, _, allowed = parts
+    cells = allowed.shape[1]
+    goal = data.draw(st.integers(0, cells - 1))
+    found = stochastic_shortest_path(as_model(*parts), goal)
+    every = [arriving(matrices[policy, np.arange(cells)], goal) for policy in policies(allowed)]
+    best = np.max([probability for probability, _ in every], axis=0)
+    as_sure = [
+        np.where(probability >= best * (1 - 1e-9), time, np.inf) for probability, time in every
+    ]
+    np.testing.assert_allclose(found.probability, best, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(found.conditional_time, np.min(as_sure, axis=0), rtol=1e-8)
+    surely = np.max([hits(matrices, policy, goal) for policy in policies(allowed)], axis=0)
+    np.testing.assert_array_equal(np.isfinite(found.time), surely)
+    np.testing.assert_array_equal(np.asarray(found.probability) == 1, surely)
+    # One policy has all of it.
+    own = arriving(matrices[np.asarray(found.policy), np.arange(cells)], goal)
+    np.testing.assert_allclose(own[0], best, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(own[1], found.conditional_time, rtol=1e-8)
+    assert allowed[np.asarray(found.policy), np.arange(cells)].all()
+    assert found.certificate.outcome is Outcome.CONVERGED
+
+
+def hits(matrices, policy, goal):
+    chain = Chain.from_scipy(matrices[policy, np.arange(policy.size)])
+    return np.isfinite(hitting_times(chain, goal).value)
+
+
+def test_sure_is_preferred_to_quick():
+    # From 0: at once with probability 0.9, else lost; or for sure, by a detour.
+    gamble = np.zeros((4, 4))
+    gamble[0, 3] = 0.9
+    detour = np.zeros((4, 4))
+    detour[0, 1] = detour[1, 2] = detour[2, 3] = 1
+    gamble[1:] = detour[1:]
+    model = as_model(np.stack([gamble, detour]), np.zeros((2, 4)), np.ones((2, 4), bool))
+    found = stochastic_shortest_path(model, 3)
+    assert found.probability.tolist() == [1, 1, 1, 1]
+    assert found.time.tolist() == [3, 2, 1, 0]
+    assert found.policy.tolist()[0] == 1
+
+
+def test_a_drift_that_may_be_waited_for():
+    # To wait costs nothing but never arrives; an attempt arrives with probability 0.01, else waits.
+    waits = np.eye(2)
+    attempt = np.array([[0.99, 0.01], [0, 1]])
+    model = as_model(np.stack([waits, attempt]), np.zeros((2, 2)), np.ones((2, 2), bool))
+    found = stochastic_shortest_path(model, 1)
+    assert found.policy.tolist()[0] == 1
+    assert found.time.tolist() == [pytest.approx(100), 0]
+
+
+def test_larger_models_keep_their_certificate():
+    draw = np.random.default_rng(0)
+    cells = 400
+    chains = [
+        Chain(draw.integers(0, cells, (3, cells)), draw.dirichlet([1, 1, 1, 0.02], cells).T[:3])
+        for _ in range(3)
+    ]
+    model = DecisionModel.of(chains, np.zeros((3, cells)))
+    found = stochastic_shortest_path(model, [7, 8])
+    assert found.certificate.outcome is Outcome.CONVERGED
+    loop = policy_chain(model, found.policy)
+    np.testing.assert_allclose(
+        arrival_probabilities(loop, [7, 8]).value, found.probability, rtol=1e-8
+    )
+    np.testing.assert_allclose(
+        conditional_hitting_times(loop, [7, 8]).value, found.conditional_time, rtol=1e-7
+    )
+    # No single action does better than the policy (Bellman's equation).
+    probability = np.array(found.probability)
+    for chain in chains:
+        later = np.array(chain.pull(found.probability))
+        later[[7, 8]] = 0
+        assert (later <= probability + 1e-9).all()
+
+
+def test_refusals():
+    chain = Chain(np.zeros((1, 2), int), np.ones((1, 2)))
+    model = DecisionModel.of([chain], np.zeros((1, 2)))
+    with pytest.raises(ValueError, match="cell 2 does not exist"):
+        stochastic_shortest_path(model, 2)
+    with pytest.raises(ValueError, match="expected at least one cell"):
+        arrival_probabilities(chain, [])
+    with pytest.raises(ValueError, match="cell -1 does not exist"):
+        conditional_hitting_times(chain, -1)

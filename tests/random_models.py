@@ -1,0 +1,43 @@
+"""Small random decision models for property tests, and all their policies."""
+
+import itertools
+
+import numpy as np
+from hypothesis import strategies as st
+
+from jaxcell.mapping.generalized import Chain
+from jaxcell.markov.decision import DecisionModel
+
+
+@st.composite
+def models(draw):
+    """Transition matrices `[actions, cells, cells]`, rewards, and which actions are allowed."""
+    cells = draw(st.sampled_from([1, 2, 4]))
+    actions = draw(st.sampled_from([1, 3]))
+    matrices = np.zeros((actions, cells, cells))
+    for row in matrices.reshape(-1, cells):
+        images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))
+        for image in images:
+            # The image past the last cell is the sink.
+            if image < cells:
+                row[image] += 1 / len(images)
+    reward = np.array(draw(st.lists(st.integers(-9, 9), min_size=actions, max_size=actions * 5)))
+    allowed = np.array([[draw(st.booleans()) for _ in range(cells)] for _ in range(actions)])
+    allowed[0] |= ~allowed.any(axis=0)
+    return matrices, np.resize(reward, (actions, cells)).astype(float), allowed
+
+
+def as_model(matrices, reward, allowed):
+    """With three branches in every chain, so that few shapes are compiled."""
+    chains = []
+    for matrix in matrices:
+        image = np.argsort(-matrix, axis=1)[:, :3]
+        probability = np.take_along_axis(matrix, image, axis=1)
+        chains.append(Chain(image.T, probability.T))
+    return DecisionModel.of(chains, reward, allowed)
+
+
+def policies(allowed):
+    """All policies that are allowed, as arrays of actions."""
+    choices = [np.flatnonzero(column) for column in allowed.T]
+    return [np.array(policy) for policy in itertools.product(*choices)]
