@@ -115,9 +115,9 @@ class Chain:
             image, probability = branch
             return expected + probability * value[image], None
 
-        # A few branches at a time, so that sums are not written and read for each.
+        # Eight branches at a time, so that sums are not written and read for each.
         branches = (self.image, self.probability)
-        return jax.lax.scan(add, jnp.zeros_like(value), branches, unroll=4)[0]
+        return jax.lax.scan(add, jnp.zeros_like(value), branches, unroll=8)[0]
 
     def tree_flatten_with_keys(self):  # type: ignore[no-untyped-def]
         fields = ("image", "probability")
