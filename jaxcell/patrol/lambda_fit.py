@@ -123,8 +123,8 @@ class _Data:
         value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
     ) -> "_Data":
         half = 0.5 if censored else 0.0
-        # Eight sizes for every doubling.
-        pad = (0, -value.size % 2 ** max(0, value.size.bit_length() - 4))
+        # Multiples of 512 up to 8192, and then eight sizes for every doubling.
+        pad = (0, -value.size % 2 ** max(9, value.size.bit_length() - 4))
         padded = jnp.asarray(np.pad(value, pad, mode="edge"))
         weight = jnp.asarray(np.pad(count / count.sum(), pad))
         return _Data(padded - half, padded + half, weight, censored)
