@@ -22,4 +22,56 @@ chooses at most its depth.
 second, the mask of the water, and the sides of the cells in metres.
 """
 
+from .behaviour import (
+    LongTermBehaviour as LongTermBehaviour,
+    long_term_behaviour as long_term_behaviour,
+)
+from .coherent import (
+    Agreement as Agreement,
+    agreement as agreement,
+    ftle as ftle,
+    ridges as ridges,
+)
+from .deploy import (
+    CoverageCurve as CoverageCurve,
+    Deployment as Deployment,
+    VisibleDeployment as VisibleDeployment,
+    coverage_curve as coverage_curve,
+    deployment_cells as deployment_cells,
+    minimum_deployment as minimum_deployment,
+    visible_deployment as visible_deployment,
+)
+from .diagnosis import (
+    Diagnosis as Diagnosis,
+    diagnose as diagnose,
+    group_counts as group_counts,
+)
+from .drift_map import drift_map as drift_map, periodic_drift_map as periodic_drift_map
+from .flow import (
+    Flow as Flow,
+    advect as advect,
+    crossing_time as crossing_time,
+    flow_map as flow_map,
+)
 from .ocean import open_currents as open_currents
+from .reach import (
+    reachable as reachable,
+    reachable_at_depth as reachable_at_depth,
+    reachable_by_layer as reachable_by_layer,
+)
+from .replay import (
+    Comparison as Comparison,
+    Replay as Replay,
+    compare as compare,
+    replay as replay,
+)
+from .sea import Sea as Sea
+from .voyage import (
+    Tracks as Tracks,
+    Voyage as Voyage,
+    discounted_voyage as discounted_voyage,
+    simulate_voyages as simulate_voyages,
+    surest_voyage as surest_voyage,
+    voyage_model as voyage_model,
+)
+from .water import Water as Water

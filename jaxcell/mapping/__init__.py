@@ -8,12 +8,20 @@ group are its *basin*, and the number of mappings that a cell needs is its *step
 
 `periodic_groups` finds all of it for any map. Where orbits are known to pass through a smaller set
 of cells, a *section*, `section_groups` finds the same from the first-return map to that set.
-Nothing here knows of robots.
+
+A generalized map, or Markov *chain*, sends each cell to several images with probabilities. Its
+*persistent groups* are its closed communicating classes; the other cells are *transient*, in groups
+by their *domiciles*, the persistent groups that they can reach. Nothing here knows of robots.
 """
 
 from .classes import (
     PersistentGroups as PersistentGroups,
     persistent_groups as persistent_groups,
+)
+from .domiciles import (
+    SINK as SINK,
+    TransientGroups as TransientGroups,
+    transient_groups as transient_groups,
 )
 from .generalized import Chain as Chain
 from .groups import (

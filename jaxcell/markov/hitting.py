@@ -40,7 +40,8 @@ def absorption_probabilities(
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`Absorption`][]. The residual of its certificate is the largest amount, over cells
-    and groups, by which the probability of a cell differs from the mean of those of its images.
+    and groups, by which the probability of a cell differs from the mean of those of its images, or
+    by which those of a cell together differ from 1.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
     """
@@ -56,7 +57,10 @@ def absorption_probabilities(
     np.add.at(gain, (cell[into >= 0], into[into >= 0]), rows.data[into >= 0])
     gain[:, -1] = leaving_rows(matrix)[part.cells]
     found, products = part.expect(gain)
-    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
+    residual = max(
+        np.abs(gain + part.step @ found - found).max(initial=0.0),
+        np.abs(found.sum(axis=1) - 1).max(initial=0.0),
+    )
     certificate = Certificate(products, float(residual), _PROBABILITY_TOLERANCE)
     certificate.check("absorption_probabilities", throw)
     value = np.zeros((count + 1, chain.cells))
@@ -127,7 +131,8 @@ def _times(part: Transient, time: Float[np.ndarray, "cells"], what: str, throw: 
     residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
     certificate = Certificate(products, float(residual), _TIME_TOLERANCE)
     certificate.check(what, throw)
-    time[part.cells] = found[:, 0]
+    # No time is less than 1: what is, is noise about one that is too long for 64-bit numbers.
+    time[part.cells] = np.where(found[:, 0] >= 1 - _TIME_TOLERANCE, found[:, 0], np.inf)
     return Solution(jnp.asarray(time), certificate)
 
 

@@ -20,6 +20,8 @@ _TIME_TOLERANCE = 1e-6
 _LARGEST_MATRIX = 10_000
 # The mixing time needs up to `_SQUARINGS` of them at once.
 _LARGEST_POWER = 2_000
+# A distance that is exactly the one asked for is within it, whatever rounding says.
+_TIE = 1e-12
 # Past so many squarings, what is left of the spectral gap is rounding.
 _SQUARINGS = 50
 
@@ -151,7 +153,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     share = np.asarray(limiting_distribution(chain, groups).value)
 
     def mixed(power: Float[np.ndarray, "cells cells"]) -> bool:
-        return bool(np.abs(power - share).sum(axis=1).max() <= 2 * distance)
+        return bool(np.abs(power - share).sum(axis=1).max() <= 2 * distance + _TIE)
 
     if mixed(np.eye(chain.cells)):
         return 0.0

@@ -5,6 +5,13 @@ its matrix fills up: with 10 random images a cell and 6,000 cells, 2 ms against 
 slow, such as a robot between its walls or a drift on a plane, is held back by narrow passages; they
 are what keeps a factorisation sparse, and it takes milliseconds where products would go on for
 10,000 rounds. Each does what the other cannot.
+
+Above half a million rows a factorisation could take any amount of memory. There an incomplete one
+is made, which takes at most 60 bytes an entry of the matrix, and BiCGSTAB does the rest: `I - Q` is
+an M-matrix, whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977).
+
+A part that is left once in 10^10 steps or less often is beyond all of these: their residuals are
+small and their answers noise. Small parts of that kind are eliminated without subtractions.
 """
 
 import math
@@ -14,14 +21,31 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import linalg
 
+from .elimination import eliminate
+
 
 # Products after which it is judged whether products will do.
 _TRIAL = 60
 # Products that cost about as much as a factorisation.
 _WORTHWHILE = 400
-# A matrix with more rows is not factored, for that takes gigabytes; products go on instead.
-_LARGEST_FACTOR = 500_000
+# A matrix with more rows is factored incompletely.
+_LARGEST_COMPLETE = 500_000
+# A matrix with more rows is not factored at all; products go on instead.
+_LARGEST_FACTOR = 20_000_000
 _MOST_PRODUCTS = 50_000
+# The probabilities of all ways out of a part sum to 1. Where a factorisation misses that by more,
+# and there are no more rows than so many, the matrix is eliminated.
+_ILL, _LARGEST_ELIMINATION = 1e-8, 2_000
+# Rows that sum to 1 but for rounding.
+_CLOSED = 1e-12
+# Entries of an incomplete factor are dropped below this part of their column, and there are no more
+# than so many for one of the matrix.
+_DROP, _FILL = 1e-2, 5.0
+# BiCGSTAB begins anew so often, each time on the residual, and takes so many steps at most.
+_ROUNDS, _STEPS = 6, 200
+# BiCGSTAB ends when no more than this part of the solution is left, which is its rounding. Products
+# go on where it leaves a hundred times that and this part of the right-hand side.
+_ROUNDING, _ENOUGH = 4e-16, 1e-10
 
 
 def solve_transient(
@@ -56,12 +80,14 @@ def solve_transient(
             break
     else:
         return total, products
-    identity = scipy.sparse.eye_array(step.shape[0], format="csc")
-    factor = linalg.splu((identity - matrix).tocsc())
-    total = factor.solve(right)
-    # One correction makes the residual as small as the rounding of a product.
-    total += factor.solve(right - (total - matrix @ total))
-    return total, products
+    total, more = _solve(matrix, right)
+    if step.shape[0] <= _LARGEST_ELIMINATION:
+        leaving = 1 - np.asarray(step.sum(axis=1))
+        leaving[leaving <= _CLOSED] = 0
+        sure, _ = _solve(step, leaving[:, None])
+        if not np.abs(sure - 1).max() <= _ILL:
+            total = eliminate(step.toarray(), leaving, right, adjoint=adjoint)
+    return total, products + more
 
 
 def solve_stationary(
@@ -98,14 +124,63 @@ def solve_stationary(
     others = np.delete(np.arange(group.size), roots)
     into_others = matrix[others]
     right = np.asarray(into_others[:, roots].sum(axis=1)).ravel()
-    among = into_others[:, others]
-    identity = scipy.sparse.eye_array(others.size, format="csc")
-    factor = linalg.splu((identity - among).tocsc())
-    y = factor.solve(right)
-    y += factor.solve(right - (y - among @ y))
+    found, more = _solve(into_others[:, others], right[:, None])
     x = np.ones(group.size)
-    x[others] = np.maximum(y, 0)
-    return x / np.bincount(group, x)[group], products
+    x[others] = np.maximum(found[:, 0], 0)
+    return x / np.bincount(group, x)[group], products + more
+
+
+def _solve(
+    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
+) -> tuple[Float[np.ndarray, "rows columns"], int]:
+    """Solves `x = right + matrix x` with a factorisation; gives the products it took beside."""
+    if matrix.shape[0] > _LARGEST_COMPLETE:
+        return _solve_large(matrix, right)
+    identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
+    factor = linalg.splu((identity - matrix).tocsc())
+    total = factor.solve(right)
+    # One correction makes the residual as small as the rounding of a product.
+    total += factor.solve(right - (total - matrix @ total))
+    return total, 0
+
+
+def _solve_large(
+    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
+) -> tuple[Float[np.ndarray, "rows columns"], int]:
+    """The same with an incomplete factorisation; what that cannot do is left to products."""
+    identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
+    system = (identity - matrix).tocsc()
+    # In their own order neighbours on a grid stay near each other, and no row is exchanged.
+    factor = linalg.spilu(
+        system, drop_tol=_DROP, fill_factor=_FILL, permc_spec="NATURAL", diag_pivot_thresh=0.0
+    )
+    precondition = linalg.LinearOperator(system.shape, factor.solve)
+    products = 0
+
+    def count(_: Float[np.ndarray, "rows"]) -> None:
+        nonlocal products
+        products += 2
+
+    columns = []
+    for wanted in right.T:
+        found, left = np.zeros_like(wanted), wanted
+        for _ in range(_ROUNDS):
+            change, _ = linalg.bicgstab(
+                system, left, rtol=1e-8, maxiter=_STEPS, M=precondition, callback=count
+            )
+            now = wanted - (found + change - matrix @ (found + change))
+            better = np.abs(now).max() < np.abs(left).max() / 2
+            if better:
+                found, left = found + change, now
+            if not better or np.abs(left).max() <= _ROUNDING * np.abs(found).max():
+                break
+        goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(found).max())
+        while np.abs(left).max() > goal and products < _MOST_PRODUCTS:
+            found += left
+            left = matrix @ left
+            products += 1
+        columns.append(found)
+    return np.stack(columns, axis=1), products
 
 
 def _factor_instead(rows: int, products: int, first: float, now: float, goal: float) -> bool:

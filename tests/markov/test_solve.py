@@ -79,6 +79,61 @@ def test_a_chain_too_large_to_factor_goes_on_with_products(monkeypatch):
     assert products > solve._WORTHWHILE
 
 
+@pytest.fixture
+def incomplete(monkeypatch):
+    """Has a solve use an incomplete factorisation."""
+    monkeypatch.setattr(solve, "_TRIAL", 1)
+    monkeypatch.setattr(solve, "_WORTHWHILE", 0)
+    monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 0)
+    monkeypatch.setattr(solve, "_LARGEST_ELIMINATION", 0)
+
+
+def wandering(n):
+    """A walk in a square with drift in circles that is slow to leave at its border."""
+    row, column = np.divmod(np.arange(n * n), n)
+    step = scipy.sparse.lil_array((n * n, n * n))
+    for cell, (r, c) in enumerate(zip(row, column, strict=True)):
+        up, right = (1 if 2 * c >= n else -1), (-1 if 2 * r >= n else 1)
+        for i, j, share in ((up, 0, 0.5), (0, right, 0.4), (0, 0, 0.1)):
+            if 0 <= r + i < n and 0 <= c + j < n:
+                step[cell, (r + i) * n + c + j] += share
+    return step.tocsr()
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_an_incomplete_factorisation_equals_dense(incomplete, adjoint):
+    step = wandering(20)
+    right = np.random.default_rng(2).random((400, 2))
+    found, products = solve_transient(step, right, adjoint=adjoint)
+    dense = step.toarray().T if adjoint else step.toarray()
+    np.testing.assert_allclose(found, np.linalg.solve(np.eye(400) - dense, right), rtol=1e-10)
+    assert 1 < products < 100
+
+
+def test_what_an_incomplete_factorisation_leaves_is_done_by_products(incomplete, monkeypatch):
+    monkeypatch.setattr(solve, "_STEPS", 0)
+    step = wandering(10)
+    found, products = solve_transient(step, np.ones((100, 1)))
+    expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    assert products > 100
+    monkeypatch.setattr(solve, "_MOST_PRODUCTS", 50)
+    short, products = solve_transient(step, np.ones((100, 1)))
+    assert products <= 51
+    assert (short < found).any()
+
+
+def test_a_stationary_distribution_by_an_incomplete_factorisation(incomplete):
+    matrix = wandering(12).tolil()
+    matrix.setdiag(matrix.diagonal() + 1 - np.asarray(matrix.sum(axis=1)).ravel())
+    matrix = scipy.sparse.csr_array(matrix)
+    count, label = scipy.sparse.csgraph.connected_components(matrix, connection="strong")
+    assert count == 1
+    found, _ = solve_stationary(matrix, label.astype(np.int32))
+    np.testing.assert_allclose(matrix.T @ found, found, atol=1e-14)
+    assert found.sum() == pytest.approx(1)
+
+
 def test_nothing_to_solve():
     none = scipy.sparse.csr_array((3, 3))
     found, products = solve_transient(none, np.zeros((3, 2)))

@@ -1,0 +1,246 @@
+import dataclasses
+import heapq
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Bool, Int
+from scipy.sparse import csgraph
+
+from ..mapping import Chain, PersistentGroups
+from ..optimize import greedy_cover
+from .behaviour import LongTermBehaviour
+from .water import Water
+
+
+_LARGEST_TABLE = 2**32
+_CHUNK = 2**24
+_ROUNDING = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Deployment:
+    """Where to drop drifters, so that every cell may be visited in the long run."""
+
+    cells: Int[np.ndarray, "drifters"]
+    "One cell of each persistent group, then those of each transient group."
+    group: Int[np.ndarray, "drifters"]
+    "The persistent group of the cell, -1 if it is transient."
+    transient_group: Int[np.ndarray, "drifters"]
+    "The transient group of the cell, -1 if it is persistent."
+    gained: Int[np.ndarray, "drifters"]
+    "How many cells of its group may be visited from the cell, and from none before it."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CoverageCurve:
+    """How many cells a number of drifters may visit in the long run."""
+
+    cells: Int[np.ndarray, "drifters"]
+    "Where the first drifter is dropped, the second, ..."
+    covered: Int[np.ndarray, "drifters"]
+    "How many cells may be visited from the first, the first two, ...; all from all of them."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class VisibleDeployment:
+    """Where to drop drifters whose cameras are to see the whole sea bed."""
+
+    cover: Int[np.ndarray, "views"]
+    "Cells from which all cells are seen, in the order in which they were chosen."
+    cells: Int[np.ndarray, "drifters"]
+    "Those of them that remain if each persistent group keeps only its first."
+
+
+def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
+    """Chooses where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
+
+    In a persistent group any cell leads to all others; the smallest is taken, where the source
+    draws one. The cells of a transient group are gone through from the longest absorption time to
+    the shortest, and each is taken that no cell taken before leads to within the group. Equal times
+    are in order of cells. The source would have the cell first that leads to most others; in a
+    map without disturbances, where many times are equal, those lead to equally many.
+
+    These need not be the fewest: see [`minimum_deployment`][jaxcell.drift.minimum_deployment].
+
+    **Arguments:**
+
+    - `behaviour`: from [`jaxcell.drift.long_term_behaviour`][].
+
+    **Returns:** [`Deployment`][jaxcell.drift.Deployment].
+    """
+    groups = behaviour.groups
+    group, part = np.asarray(groups.group), np.asarray(behaviour.transient.group)
+    # With 32 bits, so that rounding does not decide between equal times.
+    time = np.asarray(behaviour.absorption.value).astype(np.float32)
+    transient = np.flatnonzero(group < 0)
+    order = transient[np.lexsort((transient, -time[transient], part[transient]))]
+    first = _first_ancestor(behaviour.chain.to_scipy(), part, order)
+    taken = np.flatnonzero(first == np.arange(order.size))
+    persistent = np.flatnonzero(group >= 0)
+    _, smallest = np.unique(group[persistent], return_index=True)
+    cells = np.concatenate([persistent[smallest], order[taken]])
+    gained = np.concatenate(
+        [np.asarray(groups.size), np.bincount(first, minlength=order.size)[taken]]
+    )
+    return Deployment(cells.astype(np.int32), group[cells], part[cells], gained.astype(np.int32))
+
+
+def _first_ancestor(
+    matrix: scipy.sparse.csr_array,
+    part: Int[np.ndarray, "cells"],
+    order: Int[np.ndarray, "some"],
+) -> Int[np.ndarray, "some"]:
+    """The place in an order of the first cell that leads to each of some cells within its part.
+
+    That is a shortest way: from one more node, a cell is as far as its place in the order, and from
+    there on no step within a part costs anything.
+    """
+    edges = matrix[order][:, order].tocoo()
+    inside = part[order][edges.row] == part[order][edges.col]
+    row, column = edges.row[inside], edges.col[inside]
+    count = order.size
+    place = np.arange(count)
+    graph = scipy.sparse.csr_array(
+        (
+            np.concatenate([np.zeros(row.size), place + 1]),
+            (np.concatenate([row, np.full(count, count)]), np.concatenate([column, place])),
+        ),
+        shape=(count + 1, count + 1),
+    )
+    return csgraph.dijkstra(graph, indices=count)[:-1].astype(np.int64) - 1
+
+
+def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
+    """The fewest cells from which all cells may be visited.
+
+    Cells that lead to each other are a component, and between components there are no circuits.
+    A component to which no other leads must have a drifter of its own, and from those components
+    all others are reached: one cell in each is enough and necessary. Found in time proportional to
+    the number of edges.
+
+    Persistent groups need no drifter of their own if some transient cell leads to them. From there
+    a drifter comes to one of several groups, however; to be sure of each, use
+    [`deployment_cells`][jaxcell.drift.deployment_cells].
+
+    **Returns:** the smallest cell of each of those components, in order.
+    """
+    label, matrix = _components(chain)
+    return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
+
+
+def coverage_curve(chain: Chain) -> CoverageCurve:
+    """How the number of cells that may be visited grows with the number of drifters.
+
+    Every drifter is dropped where it adds most cells to those that may be visited from the ones
+    before, in the smallest such cell of [`minimum_deployment`][jaxcell.drift.minimum_deployment].
+    Any number of drifters reaches at least the part `1 - 1/e` of what so many can (Nemhauser,
+    Wolsey and Fisher 1978). Each cell of the minimum is searched from once or more, which takes
+    seconds for 10,000 cells.
+
+    **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
+    """
+    label, matrix = _components(chain)
+    size, smallest = np.bincount(label), _smallest(label)
+    covered = np.zeros(size.size, bool)
+
+    def visited(component: int) -> Int[np.ndarray, "some"]:
+        found = csgraph.breadth_first_order(matrix, component, return_predecessors=False)
+        return found[~covered[found]]
+
+    # Gains only shrink, so that an old one that is no longer the largest need not be renewed.
+    queue = [
+        (-int(size[visited(source)].sum()), int(smallest[source]), source)
+        for source in _sources(matrix).tolist()
+    ]
+    heapq.heapify(queue)
+    cells, gained = [], []
+    while queue:
+        _, cell, source = heapq.heappop(queue)
+        new = visited(source)
+        entry = (-int(size[new].sum()), cell, source)
+        if queue and queue[0] < entry:
+            heapq.heappush(queue, entry)
+            continue
+        covered[new] = True
+        cells.append(cell)
+        gained.append(-entry[0])
+    return CoverageCurve(np.array(cells, np.int32), np.cumsum(gained).astype(np.int32))
+
+
+def visible_deployment(
+    water: Water, reach: float | int, groups: PersistentGroups
+) -> VisibleDeployment:
+    """Chooses where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
+
+    A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
+    it lies wholly within it; nothing is in the way. Distances are those at the cell of the camera.
+    The cover is greedy, [`jaxcell.optimize.greedy_cover`][]. From the first of several of its cells
+    in one persistent group, a drifter will come to the others in the long run, and they are left
+    out.
+
+    **Arguments:**
+
+    - `water`: the cells, whose sea bed is to be seen.
+    - `reach`: radius of the disc, in metres.
+    - `groups`: persistent groups of a chain on those cells.
+
+    **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
+
+    **Raises:** `ValueError` if a camera does not see the whole cell that it is in, for groups of
+    other cells, and for more than 65,536 cells, whose table of views would take more than 4 GiB.
+    """
+    group = np.asarray(groups.group)
+    if group.shape != (water.cells,):
+        raise ValueError(f"groups: expected those of {water.cells} cells, got {group.shape}")
+    if water.cells**2 > _LARGEST_TABLE:
+        raise ValueError(
+            f"water: the views of {water.cells} cells take more than 4 GiB; expected at most 65536"
+        )
+    sees = _visible(water, reach)
+    cover = greedy_cover(sees).chosen
+    label = group[cover]
+    _, first = np.unique(label, return_index=True)
+    kept = label < 0
+    kept[first] = True
+    return VisibleDeployment(cover, cover[kept])
+
+
+def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:
+    """Which cells lie wholly within the disc around each."""
+    dx, dy = (side[water.row, water.column][:, None] for side in (water.dx, water.dy))
+    corner = np.hypot(dx, dy)[:, 0] / 2
+    if not reach * (1 + _ROUNDING) >= corner.max():
+        cell = int(np.argmax(corner))
+        raise ValueError(
+            f"reach: expected {corner[cell]:g} m or more, the distance to the corners of cell "
+            f"{cell}, got {reach}"
+        )
+    sees = np.zeros((water.cells, water.cells), bool)
+    rows = max(1, _CHUNK // water.cells)
+    for start in range(0, water.cells, rows):
+        some = slice(start, start + rows)
+        right = np.abs(water.column - water.column[some, None]) + 0.5
+        up = np.abs(water.row - water.row[some, None]) + 0.5
+        sees[some] = np.hypot(right * dx[some], up * dy[some]) <= reach * (1 + _ROUNDING)
+    return sees
+
+
+def _components(chain: Chain) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
+    """The component of each cell, and which component leads to which."""
+    matrix = chain.to_scipy()
+    count, label = csgraph.connected_components(matrix, connection="strong")
+    source, target = np.repeat(label, np.diff(matrix.indptr)), label[matrix.indices]
+    between = source != target
+    return label, scipy.sparse.csr_array(
+        (np.ones(between.sum()), (source[between], target[between])), shape=(count, count)
+    )
+
+
+def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
+    """The components to which no other leads."""
+    return np.flatnonzero(np.bincount(matrix.indices, minlength=matrix.shape[0]) == 0)
+
+
+def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
+    """The smallest cell of each component."""
+    return np.unique(label, return_index=True)[1]

@@ -1,0 +1,137 @@
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+from ..mapping import PersistentGroups, persistent_groups
+from .drift_map import drift_map
+from .flow import Flow, advect, checked_duration, flow_map
+from .water import Water
+
+
+# So many steps of the map are enough for water to leave a cell that is not its end.
+_LONG = 10
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """How far the groups of a drift map can be trusted."""
+
+    duration: float
+    "Seconds that one step takes."
+    mean_shift: float
+    "How far the centres of the cells drift in one step, in cells, on average."
+    self_image: float
+    "The share of all cells whose centre stays in the cell."
+    pieces: Int[np.ndarray, "pieces"]
+    "Number of cells of each connected piece of water."
+    whole_pieces: int
+    "Number of persistent groups that are a whole piece of water: nothing of the flow made them."
+    locked: int
+    "Number of the other persistent groups that are one cell, out of which the water flows."
+    groups: int
+    "Number of persistent groups."
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence if the grid, rather than the flow, made the groups; else none.
+
+        On a grid a drift of less than half a cell is none, so a step that is too short makes slow
+        cells persistent. It is too short here if more than half of the cells are their own images,
+        or if more than half of the persistent groups, whole pieces of water apart, are locked:
+        single cells from whose centre the flow itself leads out of the cell within ten steps.
+        """
+        others = self.groups - self.whole_pieces
+        if self.self_image > 0.5:
+            why = f"{self.self_image:.0%} of the cells are mapped to themselves"
+        elif 2 * self.locked > others:
+            why = f"{self.locked} of {others} persistent groups are cells that water flows out of"
+        else:
+            return None
+        return (
+            f"{why}: the step of {self.duration / 3600:.3g} h (mean drift {self.mean_shift:.2f} "
+            "cells) is too short for this grid, and the groups mean little; take a longer step, or "
+            "spread='sampled'"
+        )
+
+
+def diagnose(
+    water: Water,
+    flow: Flow,
+    groups: PersistentGroups,
+    duration: float | int | None = None,
+    *,
+    start: float | int = 0.0,
+    method: str = "euler",
+    steps: int = 1,
+) -> Diagnosis:
+    """Says how far the persistent groups of a drift map can be trusted.
+
+    **Arguments:**
+
+    - `water`, `flow`, `duration`, `start`, `method`, `steps`: those of the map.
+    - `groups`: its persistent groups.
+
+    **Raises:** `ValueError` if the groups are of another map, or as [`jaxcell.drift.flow_map`][].
+    """
+    if groups.group.shape[0] != water.cells:
+        raise ValueError(
+            f"groups: expected those of a map of {water.cells} cells, got those of one of "
+            f"{groups.group.shape[0]}"
+        )
+    duration = checked_duration(flow, water, duration, method, steps)
+    right, up = np.asarray(flow_map(water, flow, duration, start=start, method=method, steps=steps))
+    image = water.landing((water.column + right)[None], (water.row + up)[None])[0]
+    pieces = np.bincount(water.piece)
+    group = np.asarray(groups.group)
+    size = np.asarray(groups.size)
+    _, first = np.unique(group[group >= 0], return_index=True)
+    whole = size == pieces[water.piece[group >= 0][first]]
+    alone = np.flatnonzero(group >= 0)[first][(size == 1) & ~whole]
+    x, y = (jnp.asarray(v[alone], jnp.float64) for v in (water.column, water.row))
+    away = advect(
+        flow, x, y, _LONG * duration, start=float(start), method="rk4", steps=4 * _LONG * steps
+    )
+    locked = jnp.maximum(jnp.abs(away[0] - x), jnp.abs(away[1] - y)) > 0.5
+    return Diagnosis(
+        duration=duration,
+        mean_shift=float(np.hypot(right, up).mean()),
+        self_image=float((image == np.arange(water.cells)).mean()),
+        pieces=pieces,
+        whole_pieces=int(whole.sum()),
+        locked=int(locked.sum()),
+        groups=groups.count,
+    )
+
+
+def group_counts(
+    water: Water,
+    flow: Flow,
+    durations: Sequence[float | int],
+    rhos: Sequence[float | int] = (1.0, 0.8),
+    **options: Any,
+) -> Int[np.ndarray, "durations rhos"]:
+    """The number of persistent groups, for several steps and probabilities of the image.
+
+    Which cells lead to which depends on whether `rho` is 0, 1 or neither, and so do the groups; how
+    soon drifters are in them depends on all of it.
+
+    **Arguments:**
+
+    - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
+    - `durations`: of a step, in seconds.
+    - `rhos`: probabilities of the image.
+    - `options`: further ones of [`jaxcell.drift.drift_map`][].
+    """
+    return np.array(
+        [
+            [
+                persistent_groups(drift_map(water, flow, duration, rho=rho, **options)).count
+                for rho in rhos
+            ]
+            for duration in durations
+        ]
+    ).reshape(len(durations), len(rhos))

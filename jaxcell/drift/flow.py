@@ -1,0 +1,224 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Int
+
+from ..precision import require_x64
+from .water import Water
+
+
+METHODS = ("euler", "rk4")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class Flow:
+    """How fast the water of one layer goes, in cells per second along the axes of the grid.
+
+    Cells are the unit because everything that follows is asked in places of the grid: the point
+    `(x, y)` lies in column `x` and row `y`, whole numbers are the centres of cells. Without water
+    the flow is 0, so that a drifter slows down towards a coast and does not cross it.
+    """
+
+    rate: Float[Array, "records axes rows columns"]
+    "Along x and y, at the centres of the cells."
+    time: Float[Array, "records"]
+    "Seconds since the first record of the file, ascending."
+
+    @classmethod
+    def of(cls, currents: xr.Dataset, layer: int = 0, record: int | None = None) -> "Flow":
+        """The flow of one layer.
+
+        **Arguments:**
+
+        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `layer`: number of the layer, from 0 at the surface.
+        - `record`: number of the record to take as steady; without it, all of them.
+
+        **Raises:** `ValueError` if there is no such layer or record; `RuntimeError` where JAX is
+        set to 32 bits.
+        """
+        require_x64("a flow")
+        water = Water.of(currents, layer)
+        records = currents.sizes["time"]
+        if record is not None and not 0 <= record < records:
+            raise ValueError(f"record {record} does not exist; there are {records}")
+        taken = slice(None) if record is None else slice(record, record + 1)
+        here = currents.isel(layer=layer, time=taken)
+        east, north = (
+            np.where(water.number >= 0, np.asarray(here[name], np.float64), 0) for name in "uv"
+        )
+        cos, sin = np.cos(water.angle), np.sin(water.angle)
+        along_x = (east * cos + north * sin) / water.dx
+        along_y = (north * cos - east * sin) / water.dy
+        since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "s")
+        return cls(jnp.asarray(np.stack([along_x, along_y], axis=1)), jnp.asarray(since[taken]))
+
+    def mean(self) -> "Flow":
+        """The steady flow that is the mean of the records."""
+        return Flow(jnp.mean(self.rate, axis=0, keepdims=True), self.time[:1])
+
+    def at(
+        self, x: Float[Array, "*points"], y: Float[Array, "*points"], time: Float[Array, ""]
+    ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
+        """The flow at points of the grid, bilinear in place and linear in time.
+
+        Off the grid it is that of the nearest point of the grid, and before the first and after the
+        last record that of these records.
+        """
+        records, _, rows, columns = self.rate.shape
+        if records == 1:
+            along = self.rate[0]
+        else:
+            after = jnp.clip(jnp.searchsorted(self.time, time), 1, records - 1)
+            before = after - 1
+            share = (time - self.time[before]) / (self.time[after] - self.time[before])
+            share = jnp.clip(share, 0.0, 1.0)
+            along = (1 - share) * self.rate[before] + share * self.rate[after]
+        left, right, across = _between(x, columns)
+        below, above, up = _between(y, rows)
+
+        def value(field):  # type: ignore[no-untyped-def]
+            low = (1 - across) * field[below, left] + across * field[below, right]
+            high = (1 - across) * field[above, left] + across * field[above, right]
+            return (1 - up) * low + up * high
+
+        return value(along[0]), value(along[1])
+
+
+def _between(
+    place: Float[Array, "*points"], size: int
+) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
+    """The cells on both sides of places on one axis, and how far towards the second they are."""
+    place = jnp.clip(place, 0.0, size - 1.0)
+    first = jnp.minimum(jnp.floor(place), max(size - 2, 0))
+    near = first.astype(jnp.int32)
+    return near, jnp.minimum(near + 1, size - 1), place - first
+
+
+@functools.partial(jax.jit, static_argnames=("method", "steps"))
+def advect(
+    flow: Flow,
+    x: Float[Array, "*points"],
+    y: Float[Array, "*points"],
+    duration: Float[Array, ""] | float,
+    *,
+    start: Float[Array, ""] | float = 0.0,
+    method: str = "euler",
+    steps: int = 1,
+) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
+    """Where the flow takes points of the grid. Works under `jit`, `vmap` and `grad`.
+
+    **Arguments:**
+
+    - `flow`: the flow.
+    - `x`, `y`: the points, in cells.
+    - `duration`: for how long, in seconds; backwards if negative.
+    - `start`: when, in seconds as in `Flow.time`.
+    - `method`: `"euler"`, Eq. 5.3 of Alam 2018, or `"rk4"`, the Runge-Kutta method of order 4.
+    - `steps`: number of steps of the method.
+
+    **Raises:** `ValueError` for an unknown method, or fewer steps than 1.
+    """
+    _check_method(method, steps)
+    length = duration / steps
+
+    def euler(x, y, now):  # type: ignore[no-untyped-def]
+        rate_x, rate_y = flow.at(x, y, now)
+        return x + length * rate_x, y + length * rate_y
+
+    def rk4(x, y, now):  # type: ignore[no-untyped-def]
+        half = length / 2
+        ax, ay = flow.at(x, y, now)
+        bx, by = flow.at(x + half * ax, y + half * ay, now + half)
+        cx, cy = flow.at(x + half * bx, y + half * by, now + half)
+        dx, dy = flow.at(x + length * cx, y + length * cy, now + length)
+        sixth = length / 6
+        return x + sixth * (ax + 2 * bx + 2 * cx + dx), y + sixth * (ay + 2 * by + 2 * cy + dy)
+
+    step = euler if method == "euler" else rk4
+
+    def move(number, place):  # type: ignore[no-untyped-def]
+        x, y = place
+        return step(x, y, start + number.astype(jnp.float64) * length)
+
+    return jax.lax.fori_loop(0, steps, move, (x, y))
+
+
+def flow_map(
+    water: Water,
+    flow: Flow,
+    duration: float | int | None = None,
+    *,
+    start: float | int = 0.0,
+    method: str = "euler",
+    steps: int = 1,
+) -> Float[Array, "axes cells"]:
+    """How far the centre of every cell drifts (Alam 2018, section 5.4.2).
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `flow`: the flow of the same layer.
+    - `duration`: for how long, in seconds; backwards if negative. By default
+        [`crossing_time`][].
+    - `start`, `method`, `steps`: as for [`advect`][].
+
+    **Returns:** the displacements along the axes x and y of the grid, in cells.
+
+    **Raises:** `ValueError` for a duration that is 0 or not finite, an unknown method, or fewer
+    steps than 1.
+    """
+    duration = checked_duration(flow, water, duration, method, steps)
+    x, y = jnp.asarray(water.column, jnp.float64), jnp.asarray(water.row, jnp.float64)
+    end_x, end_y = advect(
+        flow, x, y, float(duration), start=float(start), method=method, steps=steps
+    )
+    return jnp.stack([end_x - x, end_y - y])
+
+
+def crossing_time(water: Water, flow: Flow) -> float:
+    """The time in seconds in which the mean drift over all cells and records is one cell.
+
+    The source steps "sufficiently long to cross a cell" without saying which. With the time of the
+    fastest cell nearly all others are their own images, and with that of the slowest the fastest
+    jump over the map; so it is the mean here.
+
+    **Raises:** `ValueError` if the water stands still.
+    """
+    speed = jnp.hypot(flow.rate[:, 0], flow.rate[:, 1])
+    mean = float(jnp.sum(speed)) / (speed.shape[0] * water.cells)
+    if not mean > 0:
+        raise ValueError("flow: the water stands still everywhere; expected some current")
+    return 1 / mean
+
+
+def checked_duration(
+    flow: Flow, water: Water, duration: float | int | None, method: str, steps: int
+) -> float:
+    """A duration in seconds, by default the time to cross a cell.
+
+    **Raises:** as [`flow_map`][].
+    """
+    _check_method(method, steps)
+    if flow.rate.shape[2:] != water.number.shape:
+        raise ValueError(
+            f"flow: expected one over the {list(water.number.shape)} squares of this water, got "
+            f"one over {list(flow.rate.shape[2:])}"
+        )
+    if duration is None:
+        return crossing_time(water, flow)
+    if not (np.isfinite(duration) and duration != 0):
+        raise ValueError(f"duration: expected a number of seconds other than 0, got {duration}")
+    return float(duration)
+
+
+def _check_method(method: str, steps: int) -> None:
+    if method not in METHODS:
+        raise ValueError(f"method: expected 'euler' or 'rk4', got {method!r}")
+    if steps < 1:
+        raise ValueError(f"steps: expected 1 or more, got {steps}")

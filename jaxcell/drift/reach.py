@@ -1,0 +1,68 @@
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Bool
+
+from ..mapping import Chain
+from ..mapping.classes import reaching
+from ..markov.hitting import cell_mask
+from .sea import Sea
+
+
+def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cells"]:
+    """The cells that a chain may come to, those that it starts from included.
+
+    On the host, in time proportional to the number of edges.
+
+    **Arguments:**
+
+    - `chain`: the chain.
+    - `start`: a cell, several, or a mask over the cells.
+
+    **Raises:** `ValueError` for a start that is empty or not on the map.
+    """
+    return reaching(chain.to_scipy().T.tocsr(), cell_mask(chain.cells, start, "start"))
+
+
+def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
+    """The cells that drifters may come to in each layer in the long run (Alam 2018, Alg. 5.4).
+
+    Drifters go down once, at the start, and stay in their layers after that. Where the sea is not
+    deep enough for a layer, none begins in it.
+
+    **Arguments:**
+
+    - `sea`: the layers.
+    - `start`: the cell of the surface where the drifters are dropped.
+
+    **Raises:** `ValueError` if there is no such cell at the surface.
+    """
+    begin = [_at_surface(sea, start)]
+    while (below := int(sea.below[begin[-1]])) >= 0:
+        begin.append(below)
+    return reachable(sea.drift, begin)
+
+
+def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
+    """The cells that a drifter may come to if it goes up and down whenever it likes.
+
+    This is the question that Alg. 5.4 of Alam 2018 leaves aside. What it finds are the cells to
+    which some policy comes with positive probability.
+
+    **Arguments:**
+
+    - `sea`: the layers.
+    - `start`: the cell of the surface where the drifter is dropped.
+
+    **Raises:** `ValueError` if there is no such cell at the surface.
+    """
+    moves = sea.drift.to_scipy() + sea.ascent + sea.descent
+    return reaching(moves.T.tocsr(), cell_mask(sea.cells, _at_surface(sea, start), "start"))
+
+
+def _at_surface(sea: Sea, start: int) -> int:
+    surface = int(np.count_nonzero(sea.layer == 0))
+    if not 0 <= start < surface:
+        raise ValueError(
+            f"start: cell {start} is not at the surface, which has cells 0 to {surface - 1}"
+        )
+    return start

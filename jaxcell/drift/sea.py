@@ -1,0 +1,108 @@
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Int
+
+from ..mapping import Chain
+from .water import Water
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sea:
+    """The cells of several layers of the sea, numbered layer after layer, the surface first.
+
+    A drifter is carried within its layer, and can move to the cell right above or below (Alam 2018,
+    section 5.3.2).
+    """
+
+    drift: Chain
+    "How drifters are carried, within each layer."
+    layer: Int[np.ndarray, "cells"]
+    "The layer of each cell, 0 at the surface."
+    above: Int[np.ndarray, "cells"]
+    "The cell right above, -1 where there is none."
+    below: Int[np.ndarray, "cells"]
+    "The cell right below, -1 where there is none: at the sea bed and in the last layer."
+
+    @classmethod
+    def of(cls, waters: Sequence[Water], chains: Sequence[Chain]) -> "Sea":
+        """Puts layers together.
+
+        **Arguments:**
+
+        - `waters`: the water cells of each layer, the surface first, on one grid.
+        - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][].
+
+        **Raises:** `ValueError` for no layers, as many chains as there are not layers, a chain of
+        other cells than its layer has, and layers on different grids.
+        """
+        if not waters or len(chains) != len(waters):
+            raise ValueError(
+                f"chains: expected one for each layer, got {len(chains)} for {len(waters)} layers"
+            )
+        shape = waters[0].number.shape
+        for k, (water, chain) in enumerate(zip(waters, chains, strict=True)):
+            if water.number.shape != shape:
+                raise ValueError(
+                    f"waters: layer {k} has {water.number.shape} rows and columns, and layer 0 "
+                    f"has {shape}"
+                )
+            if chain.cells != water.cells:
+                raise ValueError(
+                    f"chains: that of layer {k} has {chain.cells} cells, and its water has "
+                    f"{water.cells}"
+                )
+        sizes = [water.cells for water in waters]
+        first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+        dry = np.full((1, *shape), -1)
+        place = [
+            np.where(water.number >= 0, water.number + start, -1)
+            for water, start in zip(waters, first, strict=True)
+        ]
+        number = np.concatenate([dry, place, dry])
+        layer = np.repeat(np.arange(len(waters)), sizes)
+        row = np.concatenate([water.row for water in waters])
+        column = np.concatenate([water.column for water in waters])
+        return cls(
+            _side_by_side(chains),
+            layer.astype(np.int32),
+            number[layer, row, column].astype(np.int32),
+            number[layer + 2, row, column].astype(np.int32),
+        )
+
+    @property
+    def cells(self) -> int:
+        """Number of cells in all layers."""
+        return self.layer.size
+
+    @property
+    def ascent(self) -> scipy.sparse.csr_array:
+        """The transition matrix of going up; rows of 0 where there is nothing above."""
+        return _steps(self.above)
+
+    @property
+    def descent(self) -> scipy.sparse.csr_array:
+        """The transition matrix of going down; rows of 0 where there is nothing below."""
+        return _steps(self.below)
+
+
+def _steps(to: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
+    cell = np.flatnonzero(to >= 0)
+    return scipy.sparse.csr_array((np.ones(cell.size), (cell, to[cell])), shape=(to.size, to.size))
+
+
+def _side_by_side(chains: Sequence[Chain]) -> Chain:
+    """One chain of several, with nothing between them."""
+    branches = max(chain.image.shape[0] for chain in chains)
+    images, probabilities, start = [], [], 0
+    for chain in chains:
+        image = np.tile(np.arange(chain.cells), (branches, 1))
+        probability = np.zeros(image.shape)
+        used = chain.image.shape[0]
+        image[:used], probability[:used] = chain.image, chain.probability
+        images.append(image + start)
+        probabilities.append(probability)
+        start += chain.cells
+    return Chain(np.concatenate(images, axis=1), np.concatenate(probabilities, axis=1))

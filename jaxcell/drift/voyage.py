@@ -1,0 +1,227 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Bool, Float, Int
+
+from ..certificate import Certificate
+from ..mapping import Chain
+from ..markov.conditional import arrival_probabilities, conditional_hitting_times
+from ..markov.decision import DecisionModel, policy_chain, value_iteration
+from ..markov.hitting import cell_mask
+from ..markov.passage import check_steps, start_distribution
+from ..markov.shortest_path import stochastic_shortest_path
+from ..precision import require_x64
+from .sea import Sea
+
+
+# The actions of Alam 2018, section 5.3.2: drift, up, and down. Of equally good ones the first is
+# taken, which costs a drifter nothing.
+ACTIONS = (0, -1, 1)
+_ARRIVAL_REWARD = 100.0
+_STEP_REWARD = -1.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Voyage:
+    """What a drifter does in each cell to come to a goal, and what becomes of it."""
+
+    goal: Bool[np.ndarray, "cells"]
+    action: Int[Array, "cells"]
+    "-1 up, 1 down, 0 drift; in the goal there is nothing to do, and it is 0."
+    chain: Chain
+    "The closed loop: the drifter follows the actions, and stays in the goal."
+    probability: Float[Array, "cells"]
+    "The probability of ever arriving."
+    time: Float[Array, "cells"]
+    "The expected number of steps to arrive; `inf` where the drifter may fail to."
+    conditional_time: Float[Array, "cells"]
+    "The expected number of steps if the drifter arrives; `inf` where it cannot."
+    value: Float[Array, "cells"] | None
+    "The value function; `None` for the surest voyage, which has no discount."
+    certificate: Certificate
+    "Of the policy, as [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][] has it."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Tracks:
+    """The ways of simulated drifters."""
+
+    cell: Int[Array, "times drifters"]
+    "Where each was after 0, 1, 2, ... steps; -1 once it has left the space."
+    time: Float[Array, "drifters"]
+    "The number of steps until it arrived; `inf` if it did not."
+
+    @property
+    def arrived(self) -> Bool[Array, "drifters"]:
+        """Whether each drifter arrived."""
+        return jnp.isfinite(self.time)
+
+
+def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> DecisionModel:
+    """The decision model of a drifter that is to come to a goal (Alam 2018, section 5.4.7).
+
+    Its actions are those of [`ACTIONS`][jaxcell.drift.voyage.ACTIONS]. To go up or down takes one
+    step, in which the drifter is not carried, and cannot be done where the layer does not exist.
+
+    The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10): with probability `p` of
+    leading there, `101 p - 1`. The source leaves open what is after that. Here the voyage ends with
+    its arrival, and nothing more is gained; and who has left the space pays 1 for every step to
+    come, as one does who drifts on for ever, lest it be better to be lost.
+
+    **Arguments:**
+
+    - `sea`: the layers.
+    - `goal`: a cell, several, or a mask over the cells.
+    - `discount`: that with which the model is solved, for the cost of being lost.
+
+    **Raises:** `ValueError` for a goal that is empty or not on the map, and for a discount that is
+    not between 0 and 1.
+    """
+    if not 0 < discount < 1:
+        raise ValueError(f"discount: expected more than 0 and less than 1, got {discount}")
+    there = jnp.asarray(cell_mask(sea.cells, goal, "goal"))
+    chains, allowed = _actions(sea)
+    # From the goal everything goes to the sink.
+    ended = [Chain(chain.image, jnp.where(there[None], 0, chain.probability)) for chain in chains]
+    arrives = jnp.stack([chain.pull(there.astype(jnp.float64)) for chain in chains])
+    lost = jnp.stack([chain.leaving for chain in chains])
+    reward = _STEP_REWARD + (_ARRIVAL_REWARD - _STEP_REWARD) * arrives
+    reward = reward + _STEP_REWARD * discount / (1 - discount) * lost
+    return DecisionModel.of(ended, jnp.where(there[None], 0, reward), allowed)
+
+
+def discounted_voyage(
+    sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99, tolerance: float = 1e-8
+) -> Voyage:
+    """The navigation policy of Alam 2018, Alg. 5.5, by value iteration.
+
+    It weighs being sure against being early, by the discount: it may well prefer a quick way that
+    often fails. [`surest_voyage`][jaxcell.drift.surest_voyage] does not.
+
+    **Arguments:**
+
+    - `sea`: the layers.
+    - `goal`: a cell, several, or a mask over the cells.
+    - `discount`: more than 0 and less than 1; the source does not give its own.
+    - `tolerance`: of the error of the values.
+
+    **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model] and
+    [`jaxcell.markov.value_iteration`][]; `RuntimeError` if a solve stalls.
+    """
+    model = voyage_model(sea, goal, discount)
+    best = value_iteration(model, discount, tolerance)
+    return _voyage(sea, goal, best.policy, best.value, best.certificate)
+
+
+def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
+    """The policy that most likely arrives, and of such policies the quickest.
+
+    **Arguments:**
+
+    - `sea`: the layers.
+    - `goal`: a cell, several, or a mask over the cells.
+
+    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if a solve
+    stalls.
+    """
+    there = cell_mask(sea.cells, goal, "goal")
+    chains, allowed = _actions(sea)
+    model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
+    best = stochastic_shortest_path(model, there)
+    return _voyage(sea, goal, best.policy, None, best.certificate)
+
+
+def simulate_voyages(
+    key: jax.Array, voyage: Voyage, start: npt.ArrayLike | int, drifters: int, steps: int
+) -> Tracks:
+    """Lets drifters go that follow a voyage, each on its own.
+
+    **Arguments:**
+
+    - `key`: of `jax.random`.
+    - `voyage`: what they do.
+    - `start`: a cell; several, or a mask over the cells, of which one is drawn for each drifter; or
+        floating-point numbers, the probability of each cell.
+    - `drifters`: how many there are.
+    - `steps`: how long they are followed.
+
+    **Returns:** [`Tracks`][jaxcell.drift.Tracks].
+
+    **Raises:** `ValueError` for a start that is not understood, no drifters, or a negative number
+    of steps.
+    """
+    require_x64("simulate_voyages")
+    check_steps(steps)
+    if drifters < 1:
+        raise ValueError(f"drifters: expected 1 or more, got {drifters}")
+    chosen = jnp.asarray(start_distribution(voyage.chain.cells, start))
+    cell = _drift(key, voyage.chain, chosen, drifters, steps)
+    there = jnp.asarray(voyage.goal)[cell] & (cell >= 0)
+    first = jnp.argmax(there, axis=0).astype(jnp.float64)
+    return Tracks(cell, jnp.where(jnp.any(there, axis=0), first, jnp.inf))
+
+
+@functools.partial(jax.jit, static_argnames=("drifters", "steps"))
+def _drift(
+    key: jax.Array, chain: Chain, start: Float[Array, "cells"], drifters: int, steps: int
+) -> Int[Array, "{steps}+1 {drifters}"]:
+    placing, moving = jax.random.split(key)
+    begin = jax.random.choice(placing, chain.cells, (drifters,), p=start).astype(jnp.int32)
+    total = jnp.cumsum(chain.probability, axis=0)
+    # Past all branches is the sink; where rounding alone leads there, the likeliest one counts.
+    likeliest = jnp.take_along_axis(
+        chain.image, jnp.argmax(chain.probability, axis=0)[None], axis=0
+    )[0]
+    past = jnp.where(chain.leaving > 0, jnp.int32(-1), likeliest)
+
+    def step(cell, key):  # type: ignore[no-untyped-def]
+        drawn = jax.random.uniform(key, cell.shape, total.dtype)
+        within = drawn[None] < total[:, cell]
+        moved = chain.image[jnp.argmax(within, axis=0), cell]
+        later = jnp.where(jnp.any(within, axis=0), moved, past[cell])
+        later = jnp.where(cell < 0, jnp.int32(-1), later)
+        return later, later
+
+    _, cells = jax.lax.scan(step, begin, jax.random.split(moving, steps))
+    return jnp.concatenate([begin[None], cells])
+
+
+def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions cells"]]:
+    """The chains of the actions, and where they can be taken."""
+    anywhere = np.ones(sea.cells, bool)
+    chains = [sea.drift, Chain.from_scipy(sea.ascent), Chain.from_scipy(sea.descent)]
+    return chains, np.stack([anywhere, sea.above >= 0, sea.below >= 0])
+
+
+def _voyage(
+    sea: Sea,
+    goal: npt.ArrayLike | int,
+    policy: Int[Array, "cells"],
+    value: Float[Array, "cells"] | None,
+    certificate: Certificate,
+) -> Voyage:
+    there = cell_mask(sea.cells, goal, "goal")
+    chains, allowed = _actions(sea)
+    policy = jnp.where(jnp.asarray(there), 0, policy)
+    loop = policy_chain(DecisionModel.of(chains, np.zeros(allowed.shape), allowed), policy)
+    stay = jnp.arange(loop.image.shape[0])[:, None] == 0
+    chain = Chain(
+        jnp.where(there[None], jnp.arange(sea.cells, dtype=jnp.int32)[None], loop.image),
+        jnp.where(there[None], stay.astype(jnp.float64), loop.probability),
+    )
+    probability = arrival_probabilities(chain, there).value
+    conditional = conditional_hitting_times(chain, there).value
+    return Voyage(
+        there,
+        jnp.asarray(ACTIONS, jnp.int32)[policy],
+        chain,
+        probability,
+        jnp.where(probability == 1, conditional, jnp.inf),
+        conditional,
+        value,
+        certificate,
+    )

@@ -1,0 +1,215 @@
+import dataclasses
+import functools
+
+import numpy as np
+import scipy.ndimage
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from .sphere import EARTH_RADIUS
+
+
+# Water is connected to that beside it and at its corners, for so do drifters move.
+_AROUND = np.ones((3, 3), int)
+# Ways to the eight neighbours of a cell, as rows and columns.
+NEIGHBORS = tuple((r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0))
+# Coordinates in cells are rounded to so many decimals, so that ties fall alike everywhere.
+_DECIMALS = 9
+# So many of the cells that are nearest by the mean metric are compared by that of the place.
+_CANDIDATES = 8
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Water:
+    """The water cells of one layer of the sea, numbered row by row, the columns fastest."""
+
+    number: Int[np.ndarray, "rows columns"]
+    "The cell in each square of the grid; -1 where there is no water."
+    dx: Float[np.ndarray, "rows columns"]
+    "Length of each square along the x axis of the grid, in metres."
+    dy: Float[np.ndarray, "rows columns"]
+    angle: Float[np.ndarray, "rows columns"]
+    "From East to the x axis, counter-clockwise, in radians."
+    lon: Float[np.ndarray, "rows columns"]
+    "Longitude of each centre in degrees."
+    lat: Float[np.ndarray, "rows columns"]
+    depth: float
+    "Metres below the surface."
+
+    @classmethod
+    def of(cls, currents: xr.Dataset, layer: int = 0) -> "Water":
+        """The water cells of one layer.
+
+        **Arguments:**
+
+        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `layer`: number of the layer, from 0 at the surface.
+
+        **Raises:** `ValueError` if there is no such layer or no water in it.
+        """
+        layers = currents.sizes["layer"]
+        if not 0 <= layer < layers:
+            raise ValueError(f"layer {layer} does not exist; there are {layers}")
+        wet = np.asarray(currents["water"].isel(layer=layer), bool)
+        if not wet.any():
+            raise ValueError(f"layer {layer} has no water")
+        number = np.where(wet, np.cumsum(wet.ravel()).reshape(wet.shape) - 1, -1)
+        names = ("dx", "dy", "angle", "lon", "lat")
+        grid = {name: np.asarray(currents[name], np.float64) for name in names}
+        return cls(number.astype(np.int32), **grid, depth=float(currents["depth"][layer]))
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return self.row.size
+
+    @functools.cached_property
+    def row(self) -> Int[np.ndarray, "cells"]:
+        """The row of each cell; row 0 is the first of the file, which is the South as a rule."""
+        return np.nonzero(self.number >= 0)[0].astype(np.int32)
+
+    @functools.cached_property
+    def column(self) -> Int[np.ndarray, "cells"]:
+        """The column of each cell, from the West as a rule."""
+        return np.nonzero(self.number >= 0)[1].astype(np.int32)
+
+    @functools.cached_property
+    def piece(self) -> Int[np.ndarray, "cells"]:
+        """The connected piece of water that each cell belongs to, by its smallest cell from 0."""
+        label, _ = scipy.ndimage.label(self.number >= 0, structure=_AROUND)
+        return label[self.row, self.column].astype(np.int32) - 1
+
+    @functools.cached_property
+    def neighbor(self) -> Int[np.ndarray, "8 cells"]:
+        """The cells around each cell, in the order of rows; -1 where there is no water."""
+        around = np.pad(self.number, 1, constant_values=-1)
+        return np.stack([around[self.row + 1 + r, self.column + 1 + c] for r, c in NEIGHBORS])
+
+    @functools.cached_property
+    def boundary(self) -> Bool[np.ndarray, "cells"]:
+        """Whether a cell has fewer than eight neighbours, at a coast or the edge of the grid."""
+        return np.any(self.neighbor < 0, axis=0)
+
+    def cell(self, lon: float | int, lat: float | int) -> int:
+        """The cell whose centre is nearest to a place.
+
+        **Arguments:**
+
+        - `lon`, `lat`: the place in degrees; longitudes may be any number of turns off.
+
+        **Raises:** `ValueError` if the place is not in the water: if the square whose centre is
+        nearest has none, or is farther away than half its diagonal.
+        """
+        if not (np.isfinite(lon) and -90 <= lat <= 90):
+            raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
+        away = _distance(lon, lat, self.lon, self.lat)
+        row, column = np.unravel_index(np.nanargmin(away), away.shape)
+        reach = np.hypot(self.dx[row, column], self.dy[row, column]) / 2
+        # One hundredth more: the earth is no ball, and squares are no squares.
+        if away[row, column] > 1.01 * reach:
+            raise ValueError(
+                f"place ({lon:g}, {lat:g}) is off the grid: the nearest square is "
+                f"{away[row, column] / 1000:.3g} km away, at ({self.lon[row, column]:g}, "
+                f"{self.lat[row, column]:g})"
+            )
+        if self.number[row, column] < 0:
+            wet = np.where(self.number >= 0, away, np.inf)
+            nearest = np.unravel_index(np.argmin(wet), wet.shape)
+            raise ValueError(
+                f"place ({lon:g}, {lat:g}) is not in the water at {self.depth:g} m; the nearest "
+                f"water is {wet[nearest] / 1000:.3g} km away, at ({self.lon[nearest]:g}, "
+                f"{self.lat[nearest]:g})"
+            )
+        return int(self.number[row, column])
+
+    def on_grid(self, values: np.ndarray, fill: float | int = np.nan) -> np.ndarray:
+        """Values of the cells on the squares of the grid, for pictures and files."""
+        grid = np.full(self.number.shape, fill, np.result_type(values, type(fill)))
+        grid[self.row, self.column] = values
+        return grid
+
+    def at(
+        self, row: Int[np.ndarray, "*points"], column: Int[np.ndarray, "*points"]
+    ) -> tuple[Int[np.ndarray, "*points"], Bool[np.ndarray, "*points"]]:
+        """The cells in squares, -1 where there is no water, and whether they are on the grid."""
+        rows, columns = self.number.shape
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        number = self.number[row.clip(0, rows - 1), column.clip(0, columns - 1)]
+        return np.where(inside, number, np.int32(-1)), inside
+
+    def landing(
+        self,
+        x: Float[np.ndarray, "branches points"],
+        y: Float[np.ndarray, "branches points"],
+        *,
+        origin: Int[np.ndarray, "points"] | None = None,
+        exits: bool = False,
+    ) -> Int[np.ndarray, "branches points"]:
+        """The cells in which drifters end up.
+
+        That is the cell that holds the end point, if there is water that is connected to where the
+        drifter came from. Else it is the nearest cell of that connected piece of water, in metres
+        by the sides of the cell that it came from; of several the one with the smallest number.
+
+        **Arguments:**
+
+        - `x`, `y`: end points in cells.
+        - `origin`: the cell that the drifters of each column came from; by default every cell.
+        - `exits`: whether what ends off the grid is gone; -1 stands for it then.
+        """
+        came = np.arange(self.cells) if origin is None else origin
+        found, inside = self.at(*square(x, y))
+        ashore = (found < 0) | (self.piece[found] != self.piece[came])
+        if exits:
+            ashore &= inside
+        branch, point = np.nonzero(ashore)
+        lost = came[point]
+        for piece in np.unique(self.piece[lost]):
+            these = self.piece[lost] == piece
+            at = branch[these], point[these]
+            found[at] = self._nearest(piece, lost[these], x[at], y[at])
+        return found
+
+    def _nearest(
+        self,
+        piece: np.integer,
+        origin: Int[np.ndarray, "points"],
+        x: Float[np.ndarray, "points"],
+        y: Float[np.ndarray, "points"],
+    ) -> Int[np.ndarray, "points"]:
+        """The cells of a piece that are nearest to points outside it."""
+        # From a cell with all its neighbours one of them is nearer.
+        shore = np.flatnonzero((self.piece == piece) & self.boundary)
+        row, column = self.row[shore], self.column[shore]
+        side = np.stack([self.dx[self.row, self.column], self.dy[self.row, self.column]])
+        scale = side[:, shore].mean(axis=1)
+        tree = cKDTree(np.stack([column * scale[0], row * scale[1]], axis=1))
+        some = min(_CANDIDATES, shore.size)
+        _, near = tree.query(np.stack([x * scale[0], y * scale[1]], axis=1), some)
+        near = near.reshape(x.size, some)
+        east = (column[near] - x[:, None]) * side[0, origin, None]
+        north = (row[near] - y[:, None]) * side[1, origin, None]
+        away = np.hypot(east, north)
+        tied = away <= away.min(axis=1, keepdims=True) * (1 + 1e-9)
+        return shore[np.where(tied, near, shore.size).min(axis=1)]
+
+
+def square(
+    x: Float[np.ndarray, "*points"], y: Float[np.ndarray, "*points"]
+) -> tuple[Int[np.ndarray, "*points"], Int[np.ndarray, "*points"]]:
+    """The row and the column of the squares that hold points; ties go up and to the right."""
+    row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
+    return row, column
+
+
+def _distance(
+    lon: float | int,
+    lat: float | int,
+    lons: Float[np.ndarray, "rows columns"],
+    lats: Float[np.ndarray, "rows columns"],
+) -> Float[np.ndarray, "rows columns"]:
+    """Great-circle distances in metres, by the haversine formula."""
+    east, north = np.radians(lons - lon), np.radians(lats - lat)
+    across = np.cos(np.radians(lat)) * np.cos(np.radians(lats)) * np.sin(east / 2) ** 2
+    return 2 * EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(np.sin(north / 2) ** 2 + across, 0, 1)))

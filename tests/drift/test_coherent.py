@@ -1,0 +1,128 @@
+import math
+
+import numpy as np
+import pytest
+from seas import double_gyre, sea
+
+from jaxcell.drift.behaviour import long_term_behaviour
+from jaxcell.drift.coherent import agreement, ftle, ridges
+from jaxcell.drift.drift_map import drift_map
+from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.water import Water
+
+
+def linear(gradient, n=41, dx=1000.0, dy=1000.0):
+    """A current that is linear in the place, 0 in the middle of the grid."""
+    away = np.arange(n) - n // 2
+    x, y = np.meshgrid(away * dx, away * dy)
+    (a, b), (c, d) = gradient
+    return sea(a * x + b * y, c * x + d * y, dx=dx, dy=dy)
+
+
+def middle(currents, duration, **options):
+    water = Water.of(currents)
+    grid = water.on_grid(ftle(water, Flow.of(currents), duration, **options))
+    n = len(grid) // 2
+    return grid[n - 2 : n + 3, n - 2 : n + 3]
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(1000.0, 1000.0), (400.0, 1500.0)])
+def test_a_saddle_stretches_at_its_rate(dx, dy):
+    currents = linear(((2e-5, 0), (0, -5e-5)), dx=dx, dy=dy)
+    day = 6 * 3600.0
+    np.testing.assert_allclose(middle(currents, day), 2e-5, rtol=1e-6)
+    np.testing.assert_allclose(middle(currents, -day), 5e-5, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(1000.0, 1000.0), (400.0, 1500.0)])
+def test_shear_stretches_as_it_should(dx, dy):
+    rate, time = 3e-5, 6 * 3600.0
+    shear = rate * time
+    expected = math.log((shear + math.hypot(shear, 2)) / 2) / time
+    currents = linear(((0, rate), (0, 0)), dx=dx, dy=dy)
+    np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
+    currents = linear(((0, 0), (rate, 0)), dx=dx, dy=dy)
+    np.testing.assert_allclose(middle(currents, time), expected, rtol=1e-9)
+
+
+def test_a_solid_body_does_not_stretch():
+    currents = linear(((0, -3e-5), (3e-5, 0)))
+    np.testing.assert_allclose(middle(currents, 6 * 3600.0), 0, atol=1e-12)
+
+
+def test_a_cell_at_a_coast_has_an_exponent():
+    wet = np.ones((41, 41), bool)
+    wet[:15] = False
+    x = np.broadcast_to((np.arange(41) - 20) * 1000.0, (41, 41))
+    currents = sea(1e-5 * x, 0 * x, wet)
+    found = ftle(Water.of(currents), Flow.of(currents), 3600.0)
+    assert found.shape == (26 * 41,)
+    assert np.isfinite(found).all()
+
+
+def test_ridges_are_crests():
+    nothing = np.zeros((15, 15))
+    water = Water.of(sea(nothing, nothing))
+    x, y = water.column, water.row
+
+    def crest(values):
+        return water.on_grid(ridges(water, values), False)
+
+    column = crest(-np.abs(x - 7.0))
+    assert column[1:-1, 7].all()
+    assert column.sum() == 13
+    row = crest(np.exp(-((y - 4.0) ** 2)))
+    assert row[4, 1:-1].all()
+    assert row.sum() == 13
+    diagonal = crest(-((x - y) ** 2.0))
+    assert np.diagonal(diagonal)[1:-1].all()
+    # Beside it, two cells are equally high across the crest.
+    assert np.abs(np.subtract(*np.nonzero(diagonal))).max() == 1
+    assert not crest(np.zeros(225)).any()
+    # Only what is high counts: of two crests the lower one does not.
+    both = -np.minimum(np.abs(x - 4.0), np.abs(x - 10.0)) - 5 * (x > 7)
+    assert set(np.argwhere(water.on_grid(ridges(water, both, share=0.1), False))[:, 1]) == {4}
+
+
+def test_borders_lie_on_ridges_in_the_double_gyre():
+    currents = double_gyre(21, 42)
+    water, flow = Water.of(currents), Flow.of(currents)
+    crossing = crossing_time(water, flow)
+    chain = drift_map(water, flow, crossing, spread="sampled", edge="exit", method="rk4", steps=4)
+    found = long_term_behaviour(chain, crossing)
+    ridge = ridges(water, ftle(water, flow, 20 * crossing, steps=200))
+    # Each half is a group; in the very middle of each there is a cell by itself.
+    assert sorted(found.groups.size.tolist()) == [1, 1, 440, 440]
+    agree = agreement(water, np.asarray(found.groups.group), ridge)
+    assert agree.near > 0.8
+    assert agree.ratio > 5
+    # The wall between the gyres is all that is found but for the walls around.
+    grid = water.on_grid(ridge, False)
+    assert grid[2:-2, 20:22].any(axis=1).all()
+    left = np.where(water.column < 21, 0, 1)
+    whole = agreement(water, left, ridge)
+    assert (whole.near, whole.expected) == (1, pytest.approx(agree.expected))
+
+
+def test_agreement_counts_cells():
+    nothing = np.zeros((3, 6))
+    water = Water.of(sea(nothing, nothing))
+    label = np.where(water.column < 3, 0, 1)
+    ridge = (water.column == 4) & (water.row == 0)
+    found = agreement(water, label, ridge)
+    # Of the cells in columns 2 and 3 those right of the border and low enough; of all 6 of 18.
+    assert (found.near, found.expected) == (2 / 6, 6 / 18)
+    assert found.ratio == 1
+    assert agreement(water, label, ridge, within=2).near == 1
+    assert math.isnan(agreement(water, label, np.zeros(18, bool)).ratio)
+
+
+def test_bad_input_is_refused():
+    currents = double_gyre(4, 8)
+    water = Water.of(currents)
+    with pytest.raises(ValueError, match="share: expected more than 0 and at most 1, got 0"):
+        ridges(water, np.zeros(32), share=0)
+    with pytest.raises(ValueError, match="two groups side by side or more, got no border"):
+        agreement(water, np.zeros(32, int), np.zeros(32, bool))
+    with pytest.raises(ValueError, match="duration: expected a number of seconds other than 0"):
+        ftle(water, Flow.of(currents), 0)

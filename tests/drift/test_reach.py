@@ -1,0 +1,101 @@
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from random_chains import matrices, reachable as closure
+from small_seas import random_layers, random_sea, water
+
+from jaxcell.drift.reach import reachable, reachable_at_depth, reachable_by_layer
+from jaxcell.drift.sea import Sea
+from jaxcell.mapping import Chain
+
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=30)
+def test_layers_are_put_together(seed):
+    waters, chains = random_layers(seed)
+    sea = Sea.of(waters, chains)
+    place = [
+        (layer, row, column)
+        for layer, here in enumerate(waters)
+        for row, column in np.argwhere(here.number >= 0).tolist()
+    ]
+    number = {at: z for z, at in enumerate(place)}
+    assert sea.cells == sea.drift.cells == len(place)
+    for z, (layer, row, column) in enumerate(place):
+        assert sea.layer[z] == layer
+        assert sea.above[z] == number.get((layer - 1, row, column), -1)
+        assert sea.below[z] == number.get((layer + 1, row, column), -1)
+    blocks = sea.drift.to_scipy().toarray()
+    start = 0
+    for chain in chains:
+        some = slice(start, start + chain.cells)
+        np.testing.assert_array_equal(blocks[some, some], chain.to_scipy().toarray())
+        blocks[some, some] = 0
+        start += chain.cells
+    assert not blocks.any()
+
+
+@given(matrices(), st.data())
+@settings(deadline=None, max_examples=60)
+def test_reachable_is_the_closure(matrix, data):
+    start = data.draw(st.integers(0, len(matrix) - 1))
+    np.testing.assert_array_equal(
+        reachable(Chain.from_scipy(matrix), start), closure(matrix)[start]
+    )
+
+
+def graph_of(sea, vertical):
+    graph = nx.DiGraph()
+    graph.add_nodes_from(range(sea.cells))
+    graph.add_edges_from(zip(*sea.drift.to_scipy().nonzero(), strict=True))
+    if vertical:
+        for to in (sea.above, sea.below):
+            graph.add_edges_from((z, to[z]) for z in np.flatnonzero(to >= 0))
+    return graph
+
+
+@given(seeds)
+@settings(deadline=None, max_examples=40)
+def test_reach_equals_searches_of_the_graph(seed):
+    sea = random_sea(seed, leak=0.1)
+    start = int(np.random.default_rng(seed).integers(np.count_nonzero(sea.layer == 0)))
+    column, at = [], start
+    while at >= 0:
+        column.append(at)
+        at = int(sea.below[at])
+    drift = graph_of(sea, vertical=False)
+    expected = set(column).union(*(nx.descendants(drift, z) for z in column))
+    assert set(np.flatnonzero(reachable_by_layer(sea, start))) == expected
+    free = {start} | nx.descendants(graph_of(sea, vertical=True), start)
+    assert set(np.flatnonzero(reachable_at_depth(sea, start))) == free
+    assert expected <= free
+
+
+def test_where_the_layer_does_not_exist():
+    # Two cells that stay put, and below the second nothing.
+    wets = [np.array([[True, True]]), np.array([[True, False]])]
+    chains = [Chain(np.arange(n)[None], np.ones((1, n))) for n in (2, 1)]
+    sea = Sea.of([water(wet) for wet in wets], chains)
+    assert reachable_by_layer(sea, 0).tolist() == [True, False, True]
+    assert reachable_by_layer(sea, 1).tolist() == [False, True, False]
+    assert reachable_at_depth(sea, 1).tolist() == [False, True, False]
+
+
+def test_refusals():
+    waters, chains = random_layers(0)
+    sea = Sea.of(waters, chains)
+    surface = waters[0].cells
+    for start in (-1, surface):
+        for search in (reachable_by_layer, reachable_at_depth):
+            with pytest.raises(ValueError, match=f"cell {start} is not at the surface, which has"):
+                search(sea, start)
+    with pytest.raises(ValueError, match="got 2 for 3 layers"):
+        Sea.of(waters, chains[:2])
+    with pytest.raises(ValueError, match="that of layer 1 has"):
+        Sea.of(waters, [chains[0], chains[0], chains[2]])
+    with pytest.raises(ValueError, match="layer 1 has"):
+        Sea.of([waters[0], water(np.ones((2, 2), bool))], chains[:2])

@@ -1,0 +1,143 @@
+import jax
+import numpy as np
+import pytest
+from scipy.stats import wasserstein_distance
+from seas import double_gyre, sea
+
+from jaxcell.drift.drift_map import drift_map
+from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.replay import compare, replay
+from jaxcell.drift.water import Water
+
+
+def uniform(east, north, dx=900.0, dy=900.0):
+    """The same current everywhere on 9 x 9 cells."""
+    currents = sea(np.full((9, 9), east), np.full((9, 9), north), dx=dx, dy=dy)
+    return Water.of(currents), Flow.of(currents)
+
+
+def test_drifters_begin_in_their_cells_and_go_with_the_flow(getkey):
+    water, flow = uniform(0.5, 0.25)
+    found = replay(getkey(), water, flow, [10, 11], 1800.0, 6, drifters=4000)
+    assert found.cell.shape == (7, 4000)
+    assert set(found.cell[0]) == {10, 11}
+    share = found.share(water.cells)
+    assert share[0, 10] == pytest.approx(0.5, abs=0.03)
+    np.testing.assert_allclose(found.x[1] - found.x[0], 1.0, rtol=1e-9)
+    np.testing.assert_allclose(found.y[2] - found.y[0], 1.0, rtol=1e-9)
+    # A whole cell to the East and half a cell to the North: two rows share the drifters.
+    assert set(np.flatnonzero(share[1])) == {11, 12, 20, 21}
+    np.testing.assert_allclose(share[1, [11, 12, 20, 21]], 0.25, atol=0.03)
+
+
+def test_the_key_decides():
+    water, flow = uniform(0.5, 0.25)
+
+    def run(seed):
+        key = jax.random.key(seed)
+        return np.asarray(replay(key, water, flow, [10, 11], 900.0, 6, drifters=4000, rho=0.5).x)
+
+    np.testing.assert_array_equal(run(1), run(1))
+    assert (run(1)[0] != run(2)[0]).any()
+
+
+def test_what_leaves_the_grid_is_gone(getkey):
+    water, flow = uniform(1.0, 0.0)
+    found = replay(getkey(), water, flow, [22, 23], 900.0, 6, drifters=4000)
+    assert set(found.cell[3]) == {25, 26}
+    assert set(found.cell[4]) == {-1, 26}
+    assert (found.cell[5:] == -1).all()
+    assert (found.x[5] == found.x[6]).all()
+    assert not found.share(81)[5:].any()
+
+
+def test_disturbed_drifters_are_turned(getkey):
+    water, flow = uniform(3.0, 0.0, dx=1000.0, dy=500.0)
+    found = replay(getkey(), water, flow, [36, 37], 1000.0, 6, drifters=4000, rho=0.5)
+    right, up = 1000 * (found.x[1] - found.x[0]), 500 * (found.y[1] - found.y[0])
+    angle = np.degrees(np.arctan2(up, right))
+    np.testing.assert_allclose(np.hypot(right, up), 3000, rtol=1e-9)
+    values, counts = np.unique(np.round(angle, 6), return_counts=True)
+    assert values.tolist() == [-45, 0, 45]
+    np.testing.assert_allclose(counts / 4000, [0.25, 0.5, 0.25], atol=0.03)
+
+
+def test_the_chain_of_a_rigid_shift_is_exact(getkey):
+    currents = sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0)
+    water, flow = Water.of(currents), Flow.of(currents)
+    chain = drift_map(water, flow, 900.0, rho=1.0, edge="exit")
+    drifted = replay(getkey(), water, flow, [40, 55, 70], 900.0, 100, drifters=3000)
+    found = compare(water, chain, drifted)
+    assert found.hours.tolist() == [1, 12, 24]
+    assert found.total_variation[0] == pytest.approx(0, abs=1e-12)
+    # At last all have left.
+    assert (found.total_variation[1:] == 0).all()
+    assert np.isnan(found.transport[2])
+
+
+def test_distances_are_those_of_the_definitions(getkey):
+    currents = double_gyre(12, 24)
+    water, flow = Water.of(currents), Flow.of(currents)
+    duration = crossing_time(water, flow)
+    chain = drift_map(water, flow, duration, edge="exit")
+    steps = round(12 * 3600 / duration)
+    drifted = replay(getkey(), water, flow, [100, 101], duration, steps, drifters=3000, rho=0.8)
+    found = compare(water, chain, drifted, [1, 12])
+    for k, hours in enumerate((1, 12)):
+        step = round(hours * 3600 / duration)
+        expected = np.bincount(drifted.cell[0], minlength=water.cells) / 3000
+        pushed = expected @ np.linalg.matrix_power(chain.to_scipy().toarray(), step)
+        counted = np.bincount(drifted.cell[step], minlength=water.cells) / 3000
+        gone = abs(pushed.sum() - (drifted.cell[step] >= 0).mean())
+        different = np.abs(pushed - counted).sum() + gone
+        assert found.total_variation[k] == pytest.approx(different / 2)
+        assert found.transport[k] == pytest.approx(
+            max(
+                wasserstein_distance(place, place, pushed, counted)
+                for place in (water.column, water.row)
+            )
+        )
+        assert found.hours[k] == pytest.approx(step * duration / 3600)
+
+
+def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
+    currents = double_gyre(12, 24)
+    water, flow = Water.of(currents), Flow.of(currents)
+    duration = 2 * crossing_time(water, flow)
+    steps = round(24 * 3600 / duration) + 1
+    drifted = replay(getkey(), water, flow, [62, 63, 64], duration, steps, drifters=20_000)
+    apart = {}
+    for spread, rho in (("sampled", 1.0), ("turned", 1.0), ("turned", 0.6)):
+        chain = drift_map(
+            water, flow, duration, rho=rho, spread=spread, edge="exit", method="rk4", steps=8
+        )
+        apart[spread, rho] = compare(water, chain, drifted)
+    first = {way: found.total_variation[0] for way, found in apart.items()}
+    # After one step the sampled map is as good as the drifters can tell.
+    assert first["sampled", 1.0] < 0.1 < first["turned", 1.0] < first["turned", 0.6]
+    for found in apart.values():
+        assert ((found.sampling >= 0) & (found.sampling < 0.1)).all()
+        assert ((found.total_variation >= 0) & (found.total_variation <= 1)).all()
+
+
+def test_bad_input_is_refused(getkey):
+    currents = double_gyre(4, 8)
+    water, flow = Water.of(currents), Flow.of(currents)
+
+    def run(cells=0, duration=900.0, steps=2, **options):
+        return replay(getkey(), water, flow, cells, duration, steps, **options)
+
+    with pytest.raises(ValueError, match="cell 32 does not exist; cells are 0 to 31"):
+        run(32)
+    with pytest.raises(ValueError, match="rho: expected a probability"):
+        run(rho=-0.1)
+    with pytest.raises(ValueError, match="1 drifter or more, got 2 and 0"):
+        run(drifters=0)
+    with pytest.raises(ValueError, match="duration: expected a number of seconds other than 0"):
+        run(duration=0.0)
+    chain = drift_map(water, flow, 900.0)
+    with pytest.raises(ValueError, match=r"hours: expected some from 0 to 0.5, got \[1, 12, 24\]"):
+        compare(water, chain, run(drifters=2))
+    other = drift_map(*(of(double_gyre(3, 3)) for of in (Water.of, Flow.of)), 900.0)
+    with pytest.raises(ValueError, match="chain: expected one of 32 cells, got one of 9"):
+        compare(water, other, run(drifters=2))

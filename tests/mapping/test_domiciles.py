@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from random_chains import matrices, reachable
+
+from jaxcell.mapping.classes import persistent_groups
+from jaxcell.mapping.domiciles import transient_groups
+from jaxcell.mapping.generalized import Chain
+
+
+@given(matrices())
+@settings(deadline=None, max_examples=300)
+def test_equals_the_definition(matrix):
+    chain = Chain.from_scipy(matrix)
+    groups = persistent_groups(chain)
+    group = np.asarray(groups.group)
+    reach = reachable(matrix)
+    leaves = reach[:, np.asarray(chain.leaving) > 0].any(axis=1)
+    found = transient_groups(chain, groups)
+    homes = [
+        ((-1,) if leaves[cell] else ()) + tuple(np.unique(group[reach[cell] & (group >= 0)]))
+        for cell in range(len(matrix))
+    ]
+    transient = np.flatnonzero(group < 0)
+    sets = {homes[cell] for cell in transient}
+    assert list(found.domiciles) == sorted(sets, key=lambda one: (len(one), one))
+    assert found.count == len(sets)
+    for cell in transient:
+        assert found.domiciles[int(found.group[cell])] == homes[cell]
+    assert (np.asarray(found.group)[group >= 0] == -1).all()
+    counts = np.bincount(np.asarray(found.group)[transient], minlength=len(sets))
+    assert found.size.tolist() == counts.tolist()
+    assert found.single.tolist() == [len(one) == 1 for one in found.domiciles]
+
+
+def test_many_groups():
+    # A line of cells that each may stop in a group of its own: every cell has other domiciles.
+    n = 60
+    matrix = np.zeros((2 * n, 2 * n))
+    matrix[n:, n:] = np.eye(n)
+    for cell in range(n):
+        matrix[cell, n + cell] = 0.5
+        if cell + 1 < n:
+            matrix[cell, cell + 1] = 0.5
+        else:
+            matrix[cell, n + cell] = 1
+    chain = Chain.from_scipy(matrix)
+    found = transient_groups(chain, persistent_groups(chain))
+    assert found.group.tolist() == [n - 1 - cell for cell in range(n)] + [-1] * n
+    assert found.domiciles == tuple(tuple(range(n - 1 - k, n)) for k in range(n))
+
+
+def test_nothing_is_transient():
+    chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
+    found = transient_groups(chain, persistent_groups(chain))
+    assert (found.group.tolist(), found.domiciles, found.size.tolist()) == ([-1, -1], (), [])
+
+
+def test_groups_of_another_chain_are_refused():
+    chain = Chain(np.array([[1, 0]]), np.ones((1, 2)))
+    other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))
+    with pytest.raises(ValueError, match="chain of 2 cells, got those of one of 1"):
+        transient_groups(chain, other)

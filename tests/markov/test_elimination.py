@@ -1,0 +1,69 @@
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from jaxcell.markov.elimination import eliminate
+from jaxcell.markov.solve import solve_transient
+
+
+def exact(matrix, right):
+    """Gauss-Jordan in fractions; the columns of the solution of `x = right + matrix x`."""
+    n = len(matrix)
+    rows = [
+        [Fraction(int(i == j)) - matrix[i][j] for j in range(n)] + list(right[i]) for i in range(n)
+    ]
+    for k in range(n):
+        pivot = rows[k][k]
+        rows[k] = [v / pivot for v in rows[k]]
+        for i in range(n):
+            if i != k and rows[i][k]:
+                rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], rows[k], strict=True)]
+    return np.array([[float(v) for v in row[n:]] for row in rows])
+
+
+def trap(cells=12, seed=0):
+    """A random chain whose cells are left once in some 10^24 steps: by ever rarer steps."""
+    draw = np.random.default_rng(seed)
+    matrix = [[Fraction(0)] * cells for _ in range(cells)]
+    for i in range(cells):
+        back = [Fraction(int(v)) for v in draw.integers(0, 4, i + 1)]
+        back[-1] += 1
+        rare = Fraction(1, 128)
+        for j, v in enumerate(back):
+            matrix[i][j] = v / sum(back) * (1 - rare)
+        if i + 1 < cells:
+            matrix[i][i + 1] = rare
+    return matrix
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_a_trap_is_left_at_last(adjoint):
+    matrix = trap()
+    n = len(matrix)
+    right = [[Fraction(1), Fraction(int(i == n - 1), 128)] for i in range(n)]
+    turned = [list(column) for column in zip(*matrix, strict=True)] if adjoint else matrix
+    expected = exact(turned, right)
+    step = np.array([[float(v) for v in row] for row in matrix])
+    leaving = np.append(np.zeros(n - 1), 1 / 128)
+    gain = np.array([[float(v) for v in row] for row in right])
+    found = eliminate(step.copy(), leaving, gain, adjoint=adjoint)
+    np.testing.assert_allclose(found, expected, rtol=1e-13)
+    # The general solver notices by itself.
+    found, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    if not adjoint:
+        assert expected[:, 0].min() > 1e18
+        np.testing.assert_allclose(found[:, 1], 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_equals_dense(adjoint):
+    draw = np.random.default_rng(1)
+    step = draw.random((30, 30)) * (draw.random((30, 30)) < 0.2)
+    step *= 0.9 / max(1, step.sum(axis=1).max())
+    right = draw.random((30, 3))
+    found = eliminate(step.copy(), 1 - step.sum(axis=1), right, adjoint=adjoint)
+    matrix = step.T if adjoint else step
+    np.testing.assert_allclose(found, np.linalg.solve(np.eye(30) - matrix, right), rtol=1e-12)
