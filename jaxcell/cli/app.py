@@ -14,6 +14,7 @@ from .groups import Groups
 from .localize import Localize
 from .navigate import Navigate
 from .patrol_graph import PatrolGraph
+from .patrol_map import PatrolMap
 from .team import Team
 
 
@@ -25,6 +26,7 @@ _COMMANDS = {
     "localize": Localize,
     "navigate": Navigate,
     "patrol graph": PatrolGraph,
+    "patrol map": PatrolMap,
     "team": Team,
 }
 

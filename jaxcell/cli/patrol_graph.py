@@ -1,18 +1,15 @@
-import contextlib
-import ctypes
 import dataclasses
 import math
-import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
 from .options import OutputOptions
-from .terminal import status, table
+from .terminal import solver_on_stderr, status, table
 
 
 if TYPE_CHECKING:
@@ -70,7 +67,7 @@ class PatrolGraph(OutputOptions):
         began = time.perf_counter()
         game = None
         try:
-            with _solver_on_stderr():
+            with solver_on_stderr():
                 with status(f"seeking a walk on {graph.vertices:,} vertices"):
                     found = self._walk(graph, names)
                     measures = measure(found.chain)
@@ -330,19 +327,3 @@ def _number(names: Sequence[str], name: str, option: str) -> int:
         listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
         raise ValueError(f"{option}: there is no vertex {name!r}; there are {listed}")
     return names.index(name)
-
-
-@contextlib.contextmanager
-def _solver_on_stderr() -> Iterator[None]:
-    """HiGHS tells some of its troubles on the standard output of the process, which is for ours."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        yield
-    finally:
-        # What C has in its buffer would come later.
-        with contextlib.suppress(TypeError, OSError):
-            ctypes.CDLL(None).fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)

@@ -1,10 +1,12 @@
 """What people see: tables on standard output, progress and remarks on standard error."""
 
+import contextlib
+import ctypes
 import math
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,3 +59,19 @@ def configuration(cells: "CellSpace", z: int) -> str:
     """A cell as people read it: its number and its pose."""
     x, y, theta = cells.centre(z)
     return f"{z} ({float(x):g} m, {float(y):g} m, {math.degrees(float(theta)):g}°)"
+
+
+@contextlib.contextmanager
+def solver_on_stderr() -> Iterator[None]:
+    """Keeps the standard output for results: HiGHS tells some of its troubles there."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        # What C has in its buffer would come later.
+        with contextlib.suppress(TypeError, OSError):
+            ctypes.CDLL(None).fflush(None)
+        os.dup2(kept, 1)
+        os.close(kept)

@@ -65,6 +65,11 @@ from .region import (
     angular_regions as angular_regions,
     base_station as base_station,
 )
+from .share_game import (
+    ShareGame as ShareGame,
+    contested as contested,
+    share_game as share_game,
+)
 from .speed import minimum_kemeny as minimum_kemeny
 from .strategy_game import StrategyGame as StrategyGame, strategy_game as strategy_game
 from .toward import toward as toward

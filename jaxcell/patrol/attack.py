@@ -28,7 +28,7 @@ class Vulnerability:
     target: int
     "The cell that is attacked."
     view: Bool[np.ndarray, "cells"]
-    "The cells from which it is seen."
+    "The cells from which it is seen: as in the source, those that are wholly visible from it."
     boundary: Bool[np.ndarray, "cells"]
     "Those of them in which a robot from outside arrives first."
     attack_times: Int[np.ndarray, "times"]

@@ -18,8 +18,10 @@ from .dataset import (
     localization_dataset as localization_dataset,
     save_dataset as save_dataset,
 )
+from .map_patrol import MapPatrol as MapPatrol
 from .navigation_dataset import navigation_dataset as navigation_dataset
 from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
+from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
 from .team_dataset import team_dataset as team_dataset
 
 
@@ -29,10 +31,19 @@ if TYPE_CHECKING:
     from .localization import log_localization as log_localization
     from .navigation import log_navigation as log_navigation
     from .patrol_graph import log_patrol_graph as log_patrol_graph
+    from .patrol_map import log_patrol_map as log_patrol_map
     from .team import log_team as log_team
 
 
-_LOGGED = ("coverage", "groups", "localization", "navigation", "patrol_graph", "team")
+_LOGGED = (
+    "coverage",
+    "groups",
+    "localization",
+    "navigation",
+    "patrol_graph",
+    "patrol_map",
+    "team",
+)
 
 
 def __getattr__(name: str) -> Any:

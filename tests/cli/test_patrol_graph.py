@@ -2,6 +2,7 @@ import ctypes
 import json
 import os
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -133,16 +134,15 @@ def test_the_game(capsys):
 
 
 def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
-    from jaxcell.patrol import strategy_game
-
-    solve = strategy_game.stackelberg
+    module = sys.modules["jaxcell.patrol.strategy_game"]
+    solve = module.stackelberg
 
     def speaks(*args, **options):
         os.write(1, b"the solver writes\n")
         ctypes.CDLL(None).printf(b"the solver prints\n")
         return solve(*args, **options)
 
-    monkeypatch.setattr(strategy_game, "stackelberg", speaks)
+    monkeypatch.setattr(module, "stackelberg", speaks)
     assert main(["patrol", "graph", str(EIGHT), "--game", "--json"]) == 0
     ctypes.CDLL(None).fflush(None)
     captured = capfd.readouterr()

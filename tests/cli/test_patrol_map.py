@@ -1,0 +1,243 @@
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.cli import main
+from jaxcell.patrol import (
+    capture_probabilities,
+    cell_graph,
+    distributed_policies,
+)
+from jaxcell.space import CellSpace, Workspace, visible_cells
+
+
+MAPS = Path(__file__).parents[2] / "data" / "maps"
+LAB = MAPS / "lab_b.json"
+NEAR = ("--range", 2.5, "--attack-times", 4, 9, "--runs", 200)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+
+
+def run(capsys, *args, map=LAB):
+    """Exit status, the JSON object on standard output, and standard error."""
+    status = main(["patrol", "map", str(map), *map_args(args), "--json"])
+    captured = capsys.readouterr()
+    return status, json.loads(captured.out) if captured.out else None, captured.err
+
+
+def map_args(args):
+    return [str(arg) for arg in args]
+
+
+@pytest.fixture
+def hall(tmp_path):
+    """A hall with a wall that does not reach across, which has room for a base station."""
+    path = tmp_path / "hall.json"
+    wall = [[4, 1], [5, 1], [5, 4], [4, 4]]
+    Workspace([[0, 0], [12, 0], [12, 5], [0, 5]], [wall], cell=1.0, directions=8).save(path)
+    return path
+
+
+def test_a_patrol_without_a_base(capsys):
+    status, found, _ = run(capsys, *NEAR)
+    assert status == 0
+    cells = CellSpace.of(Workspace.load(LAB), 1.0, 8)
+    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
+    policies = distributed_policies(graph, visible, 2)
+    capture = capture_probabilities(graph, visible, policies, [4, 9])
+    assert found["positions"] == 19
+    assert found["sight"]["mean_cells_seen"] == pytest.approx(visible.sum() / 19)
+    for one, policy in zip(found["policies"], policies, strict=True):
+        assert one["cover"] == policy.cover.tolist()
+        # No fewer cells see all, which there are few enough to try.
+        assert visible[one["cover"]].any(axis=0).all()
+        assert 1 <= one["minimum_cover"] <= len(one["cover"])
+        assert one["cover_ratio"] == len(one["cover"]) / one["minimum_cover"]
+        assert one["commute_time"] == pytest.approx(policy.commute_time)
+        assert one["contact"] is None
+    target = found["target"]["cell"]
+    assert target == capture[0].argmin()
+    for row, one in zip(capture, found["attacks"], strict=True):
+        assert one["exact"] == pytest.approx(row[target])
+        assert abs(one["simulated"] - one["exact"]) < 0.15
+        assert one["weakest"]["cell"] == row.argmin()
+        assert one["weakest_capture"] == pytest.approx(row.min())
+        assert one["mean_capture"] == pytest.approx(row.mean())
+        told = one["fitted"] is not None
+        assert told == (found["fit"] is not None) == (found["fit_failure"] is None)
+        if told:
+            assert one["fit_gap"] == pytest.approx(one["fitted"] - one["exact"])
+    game = found["game"]
+    assert [one["share"] for one in game["strategies"]] == [0, 0.2, 0.5, 0.8, 0.95]
+    assert sum(one["probability"] for one in game["strategies"]) == pytest.approx(1)
+    asked = game["strategies"][3]["capture_alone"]
+    assert asked == pytest.approx(capture[0].min())
+    best = max(one["capture_alone"] for one in game["strategies"])
+    assert game["improvement"] == pytest.approx(game["value"] - best)
+    assert game["improvement"] >= -1e-6
+    assert (found["base_station"], found["reassignment"]) == (None, None)
+
+
+def test_a_base_and_a_robot_that_is_lost(capsys, hall):
+    args = ("--robots", 3, "--base", "auto", "--base-range", 2, "--lost", 2)
+    status, found, _ = run(capsys, *NEAR, *args, map=hall)
+    assert status == 0
+    base = found["base_station"]
+    assert len(base["regions"]) == 3
+    assert base["view"] >= base["patrolled_by_nobody"] > 0
+    assert sum(base["regions"]) + base["patrolled_by_nobody"] == found["positions"]
+    for one, size in zip(found["policies"], base["regions"], strict=True):
+        assert one["cells"] == size
+        assert one["contact"] is not None
+    after = found["reassignment"]
+    assert after["robots"] == [0, 1] or after["robots"] == [1, 0]
+    assert after["meanwhile"]["mean"] < after["before"]["mean"]
+    assert after["before"]["least"] == found["attacks"][0]["weakest_capture"]
+    assert after["silence_limit"] > 1
+    x, y = base["cell"]["x"], base["cell"]["y"]
+    there = run(capsys, *NEAR, *args[:2], "--base", f"{x},{y}", "--base-range", 2, map=hall)[1]
+    assert there["base_station"] == base
+    assert there["reassignment"] is None
+
+
+def test_a_target_and_a_share_of_choice(capsys):
+    _, found, _ = run(capsys, *NEAR, "--target", "5.5,3.5", "--share", 0.6, "--robots", 1)
+    assert (found["target"]["x"], found["target"]["y"]) == (5.5, 3.5)
+    assert [one["share"] for one in found["game"]["strategies"]] == [0, 0.2, 0.5, 0.6, 0.8, 0.95]
+    assert len(found["policies"]) == 1
+
+
+def test_the_same_seed_says_the_same(capsys):
+    simulated = [
+        [one["simulated"] for one in run(capsys, *NEAR, "--seed", seed)[1]["attacks"]]
+        for seed in (1, 1, 2)
+    ]
+    assert simulated[0] == simulated[1] != simulated[2]
+
+
+def test_tables_for_people(capsys, hall):
+    args = ["patrol", "map", *map_args((hall, *NEAR, "--base", "auto", "--base-range", 2))]
+    assert main([*args, "--robots", "3", "--lost", "0"]) == 0
+    out = capsys.readouterr().out
+    assert "57 cells" in out
+    assert re.search(r"Robot 0 is lost, as [\d,]+ silent steps tell", out)
+    assert re.search(r"│ +4 │ +0\.\d{4} │ +0\.\d{4} │", out)
+    assert "where the adversary chooses" in out
+    assert "more than the best share alone." in out
+
+
+def test_where_all_is_in_view_there_is_nothing_to_fit(capsys, tmp_path):
+    (tmp_path / "two.txt").write_text("; cell 1\n..\n")
+    status, found, _ = run(capsys, "--attack-times", 3, map=tmp_path / "two.txt")
+    assert status == 0
+    assert found["fit"] is None
+    assert "different values" in found["fit_failure"]
+    assert found["attacks"][0]["exact"] == found["game"]["value"] == 1
+    assert found["attacks"][0]["fitted"] is None
+    assert found["policies"][0]["tour_steps"] is None
+    assert main(["patrol", "map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
+    assert "No law was fitted: samples" in capsys.readouterr().out
+
+
+def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
+    from jaxcell.optimize import minimum_cover
+
+    def speaks(*args, **options):
+        os.write(1, b"the solver writes\n")
+        return minimum_cover(*args, **options)
+
+    monkeypatch.setattr("jaxcell.optimize.minimum_cover", speaks)
+    assert main(["patrol", "map", str(LAB), *map_args(NEAR), "--json"]) == 0
+    captured = capfd.readouterr()
+    assert json.loads(captured.out)["positions"] == 19
+    assert "the solver writes\n" in captured.err
+
+
+def test_writes_its_results(capsys, tmp_path):
+    out = tmp_path / "new" / "out"
+    status, found, _ = run(capsys, *NEAR, "--out", out)
+    assert status == 0
+    assert {path.name for path in out.iterdir()} == {
+        "patrol_map.nc",
+        "patrol_map.rrd",
+        "summary.json",
+    }
+    assert json.loads((out / "summary.json").read_text()) == found
+    with xr.open_dataset(out / "patrol_map.nc") as dataset:
+        np.testing.assert_allclose(
+            dataset.exact, [one["exact"] for one in found["attacks"]], atol=1e-12
+        )
+        assert dataset.attrs["target"] == found["target"]["cell"]
+        spec = json.loads(dataset.attrs["spec"])
+        assert (spec["robots"], spec["range_m"], spec["attack_times"]) == (2, 2.5, [4, 9])
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--range", 0), "--range: expected more than 0 m, and finite, got 0.0"),
+        (("--range", "nan"), "--range: .* got nan"),
+        (("--range", "inf"), "--range: .* got inf"),
+        (("--range", 0.3), "--range: with 0.3 m no robot ever sees the whole of a cell"),
+        (("--robots", 0), "--robots: expected at least 1, got 0"),
+        (("--robots", 20), "--robots: 20 robots are more than the 19 cells of .*lab_b.json"),
+        (("--share", 1), "--share: expected 0 or more and less than 1, got 1.0"),
+        (("--attack-times", 5, 0), "--attack-times: expected at least 1 step, got 0"),
+        (("--runs", 1), "--runs: expected 2 or more, got 1"),
+        (("--target", "3.5,2.5"), r"--target '3.5,2.5': the point \(3.5, 2.5\) lies in an obst"),
+        (("--target", "99,1"), "--target '99,1': .* is off the map"),
+        (("--target", "here"), "--target 'here': expected \"x,y\" in metres"),
+        (("--base", "3.5,2.5"), "--base '3.5,2.5': .* lies in an obstacle"),
+        (("--base", "auto", "--base-range", 0.4), "--base: .* sees no other cell"),
+        (("--base", "auto", "--base-range", -1), "--base-range: expected more than 0 m"),
+        (("--base-range", 3), "--base-range has no meaning without --base"),
+        (("--lost", 0), "--lost has no meaning without --base"),
+        (("--base", "auto", "--lost", 2), "--lost: there is no robot 2; robots are 0 to 1"),
+        (("--base", "auto", "--lost", 0, "--robots", 1), "--lost: robot 0 is the only one"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(capsys, args, message):
+    status, found, error = run(capsys, *args)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert re.search(f"^jaxcell patrol map: {message}", error), error
+
+
+def test_a_target_that_the_base_watches_is_refused(capsys, hall):
+    where = ("--base", "8.5,2.5", "--base-range", 2, "--target", "8.5,1.5")
+    status, _, error = run(capsys, *NEAR, *where, map=hall)
+    assert status == 2
+    assert "--target '8.5,1.5': the base station always sees it" in error
+
+
+def test_bad_maps_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
+    (tmp_path / "rooms.txt").write_text("; cell 1\n...#..\n...#..\n")
+    for name, message in (
+        ("rooms.txt", r"2 separate pieces; no way leads from \(0.5, 0.5\) to \(4.5, 0.5\)"),
+        ("none.json", "there is no such file"),
+    ):
+        status, found, error = run(capsys, map=tmp_path / name)
+        assert (status, found) == (2, None)
+        assert re.fullmatch(rf"jaxcell patrol map: .*{name}: .*{message}.*\n", error), error
+    monkeypatch.setattr("jaxcell.cli.patrol_map._MOST_CELLS", 18)
+    status, _, error = run(capsys)
+    assert status == 2
+    assert "cells of 1 m are 19; policies are computed for at most 18" in error
+
+
+def test_no_answer_is_status_1(capsys, monkeypatch):
+    def stalls(*args, **options):
+        raise RuntimeError("the residual stayed above the tolerance")
+
+    monkeypatch.setattr("jaxcell.patrol.distributed_policies", stalls)
+    status, found, error = run(capsys, *NEAR)
+    assert (status, found) == (1, None)
+    assert error == "jaxcell patrol map: the residual stayed above the tolerance\n"

@@ -1,0 +1,401 @@
+import dataclasses
+import itertools
+import json
+
+import jax
+import numpy as np
+import pytest
+import shapely
+import xarray as xr
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol import (
+    angular_regions,
+    base_station,
+    capture_probabilities,
+    cell_graph,
+    centralized_policies,
+    distributed_policies,
+    reassign,
+    vulnerability,
+)
+from jaxcell.patrol.share_game import share_game
+from jaxcell.record import MapPatrol, patrol_map_dataset, save_dataset
+from jaxcell.record.palette import CATEGORIES, KNOWN, PLAIN
+from jaxcell.record.patrol_attacks import (
+    ATTACKING,
+    CAUGHT,
+    SUCCEEDED,
+    WAITING,
+    simulate_attacks,
+)
+from jaxcell.record.patrol_map import log_patrol_map
+from jaxcell.record.plot import ticks
+from jaxcell.space import CellSpace, Workspace, visibility_polygon, visible_cells
+
+
+TIMES = [6, 20, 40]
+
+
+def make(robots, *, base=False, lost=None):
+    """A patrol of a small hall with two obstacles, not at the origin."""
+    obstacles = [[[3, 2], [4, 2], [4, 4], [3, 4]], [[6, 3], [7, 3], [7, 5], [6, 5]]]
+    workspace = Workspace([[1, 1], [11, 1], [11, 6], [1, 6]], obstacles, name="hall|way")
+    cells = CellSpace.of(workspace, 1.0, 8)
+    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
+    regions, after = None, None
+    if base:
+        at = base_station(graph, visible)
+        regions = angular_regions(graph, at, visible[at], robots)
+
+    def policies(share):
+        if regions is None:
+            return distributed_policies(graph, visible, robots, share)
+        return centralized_policies(graph, visible, regions, share)
+
+    found = policies(0.8)
+    if lost is not None:
+        after = reassign(graph, visible, regions, found, lost)
+    capture = capture_probabilities(graph, visible, found, TIMES)
+    watched = np.zeros(cells.positions, bool) if regions is None else regions.view
+    target = int(np.where(watched, 2, capture[0]).argmin())
+    key = jax.random.key(1)
+    attack = vulnerability(key, graph, visible, found, target, TIMES, runs=400)
+    open_ = np.flatnonzero(~watched).astype(np.int32)
+    return MapPatrol(
+        cells=cells,
+        reach=2.5,
+        graph=graph,
+        visible=visible,
+        policies=found,
+        attack=attack,
+        capture=capture,
+        regions=regions,
+        reassignment=after,
+        game=share_game(graph, visible, policies, [0.2, 0.9], TIMES[0], open_),
+    )
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return make(2)
+
+
+@pytest.fixture(scope="module")
+def based():
+    return make(3, base=True, lost=1)
+
+
+@pytest.fixture(scope="module")
+def recorded(alone, tmp_path_factory):
+    path = tmp_path_factory.mktemp("alone") / "patrol.rrd"
+    log_patrol_map(path, alone, seed=4, spec={"map": "a|b"})
+    return path
+
+
+def on_cells(patrol, picture):
+    """The classes of the cells in a picture; other squares have class 0."""
+    picture = np.reshape(picture, patrol.cells.free.shape)
+    assert (picture[~patrol.cells.free] == 0).all()
+    return picture.ravel()[patrol.cells.square]
+
+
+def still(patrol, found, entity):
+    """The classes of the cells in a picture without time."""
+    return on_cells(patrol, np.array(found.static(entity, "SegmentationImage:buffer")[0], np.uint8))
+
+
+def places(patrol, found, entity):
+    """The cell of a robot by time."""
+    shown = found.over("step", entity, "Points2D:positions")
+    x, y = np.concatenate(list(shown.values())).T
+    return patrol.cells.index(x.astype(float), y.astype(float)) % patrol.cells.positions
+
+
+def test_the_dataset_holds_the_patrol(alone, tmp_path):
+    file = tmp_path / "patrol.nc"
+    save_dataset(patrol_map_dataset(alone, spec={"robots": 2}), file)
+    with xr.open_dataset(file) as found:
+        assert found.visible.dtype == bool
+        np.testing.assert_array_equal(found.visible, alone.visible)
+        np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), alone.xy)
+        assert found.attack_time.values.tolist() == TIMES
+        np.testing.assert_array_equal(found.capture, alone.capture)
+        for robot, policy in enumerate(alone.policies):
+            stop = found.stop.values[robot]
+            cover = np.argsort(np.where(stop < 0, 999, stop))[: (stop >= 0).sum()]
+            np.testing.assert_array_equal(cover, policy.cover)
+            np.testing.assert_array_equal(found.weight[robot], policy.weights)
+            # The walk can be rebuilt from its branches.
+            P = np.zeros((alone.cells.positions,) * 2)
+            for image, chance in zip(found.image[robot], found.probability[robot], strict=True):
+                np.add.at(P, (np.arange(len(P)), image.values), chance.values)
+            np.testing.assert_allclose(P, policy.chain.to_scipy().toarray(), atol=1e-15)
+        attack = alone.attack
+        for name in ("view", "boundary", "exact", "simulated", "fitted", "law"):
+            np.testing.assert_array_equal(found[name], getattr(attack, name))
+        np.testing.assert_array_equal(found.arrival, attack.arrivals.time)
+        assert found.gld.values.tolist() == pytest.approx(
+            [float(one) for one in jax.tree.leaves(attack.fit.law)]
+        )
+        np.testing.assert_allclose(
+            found.mixture @ found.share_capture, alone.game.mixed, atol=1e-15
+        )
+        assert float(found.value) == alone.game.commitment.value
+        assert json.loads(found.attrs["spec"]) == {"robots": 2}
+        assert found.attrs["target"] == attack.target
+        assert "region" not in found
+        picture = found.capture.set_index(position=("y", "x")).unstack()
+        assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.capture[0, 0]
+
+
+def test_the_dataset_holds_the_regions(based, tmp_path):
+    file = tmp_path / "patrol.nc"
+    save_dataset(patrol_map_dataset(based), file)
+    with xr.open_dataset(file) as found:
+        np.testing.assert_array_equal(found.region, based.regions.region)
+        np.testing.assert_array_equal(found.base_view, based.regions.view)
+        assert found.contact.values.tolist() == [one.contact for one in based.policies]
+        after = based.reassignment
+        np.testing.assert_array_equal(found.region_after, after.regions.region)
+        assert found.robot_after.values.tolist() == after.robot.tolist() == [0, 2]
+        np.testing.assert_array_equal(found.weight_after[0], after.policies[0].weights)
+        assert int(found.silence_limit) == after.after
+
+
+def test_nobody_cheats(alone):
+    """The rules of the attacks, from the places of the robots."""
+    attacks = simulate_attacks(alone, 3)
+    edges = {frozenset(edge) for edge in alone.graph.edges.tolist()}
+    for walk in attacks.place.T.tolist():
+        assert all(frozenset(step) in edges for step in itertools.pairwise(walk))
+    seen = alone.attack.view[attacks.place].any(axis=1)
+    caught = succeeded = 0
+    begun = None
+    for time, state in enumerate(attacks.state.tolist()):
+        before = attacks.state[time - 1] if time else WAITING
+        if state == ATTACKING:
+            if before != ATTACKING:
+                begun = time
+                assert before == WAITING
+            assert not seen[time]
+            assert attacks.since[time] == time - begun < TIMES[0]
+        elif state in (CAUGHT, SUCCEEDED) and before == ATTACKING:
+            assert seen[time] == (state == CAUGHT)
+            assert time - begun <= TIMES[0]
+            assert state == CAUGHT or time - begun == TIMES[0]
+            caught, succeeded = caught + (state == CAUGHT), succeeded + (state == SUCCEEDED)
+        else:
+            assert state in (WAITING, before)
+        assert (attacks.caught[time], attacks.succeeded[time]) == (caught, succeeded)
+    assert caught > 3
+    assert succeeded > 3
+    again = simulate_attacks(alone, 3)
+    np.testing.assert_array_equal(again.place, attacks.place)
+    assert not np.array_equal(simulate_attacks(alone, 5).place, attacks.place)
+
+
+def test_many_robots_are_shown_for_less_long(alone):
+    many = dataclasses.replace(alone, policies=alone.policies * 50)
+    assert simulate_attacks(many, 0).place.shape == (121, 100)
+
+
+def test_the_recording_shows_the_patrol(alone, recorded, read):
+    found = read(recorded)
+    assert len(found.blueprints) == 1
+    assert found.timelines == {"step", "cover"}
+    attacks = simulate_attacks(alone, 4)
+    for robot in range(2):
+        here = places(alone, found, f"/map/robots/{robot}/here")
+        np.testing.assert_array_equal(here, attacks.place[:, robot])
+        # The outline is that of the visibility polygon.
+        rings = found.over("step", f"/map/sight/{robot}", "LineStrips2D:strips")
+        polygon = visibility_polygon(alone.cells.workspace, alone.xy[here[7]], 2.5)
+        shown = shapely.Polygon(rings[7][0])
+        assert shown.symmetric_difference(polygon).area == pytest.approx(0, abs=1e-4)
+    pictures = found.pictures("step", "/map/grid/seen")
+    assert len(pictures) == len(attacks.place)
+    for time in (0, 50):
+        by = alone.visible[attacks.place[time]]
+        expected = np.select([by.all(axis=0), by[0], by[1]], [4, 2, 3], 1)
+        np.testing.assert_array_equal(on_cells(alone, pictures[time]), expected)
+    colors = found.over("step", "/map/attack", "Points2D:colors")
+    names = [PLAIN, CATEGORIES["yellow"], KNOWN, CATEGORIES["pink"]]
+    packed = [red << 24 | green << 16 | blue << 8 | 255 for red, green, blue in names]
+    assert [one for (one,) in colors.values()] == [packed[state] for state in attacks.state]
+    labels = found.over("step", "/map/attack_label", "Points2D:labels")
+    time = int(np.flatnonzero(attacks.state == ATTACKING)[1])
+    assert labels[time] == [f"attack: step {attacks.since[time]} of 6"]
+    for name in ("caught", "succeeded"):
+        curve = found.over("step", f"/attacks/{name}", "Scalars:scalars")
+        assert [one for (one,) in curve.values()] == getattr(attacks, name).tolist()
+    text = found.static("/text", "TextDocument:text")[0]
+    assert f"caught\n{attacks.caught[-1]} times" in text
+    assert "| map | a&#124;b |" in text
+
+
+def test_the_recording_shows_the_covers(alone, recorded, read):
+    found = read(recorded)
+    for robot, policy in enumerate(alone.policies):
+        for timeline in ("cover", "step"):
+            pictures = found.pictures(timeline, f"/map/grid/cover_{robot}")
+            stops = found.over(timeline, f"/map/cover_{robot}/stops", "Points2D:positions")
+            rings = found.over(timeline, f"/map/cover_{robot}/outline", "LineStrips2D:strips")
+            assert list(pictures) == list(stops) == list(rings)
+            assert len(stops) == policy.cover.size
+            before = np.zeros(alone.cells.positions, bool)
+            for k, (picture, dots) in enumerate(
+                zip(pictures.values(), stops.values(), strict=True)
+            ):
+                np.testing.assert_allclose(dots, alone.xy[policy.cover[: k + 1]])
+                now = alone.visible[policy.cover[k]]
+                expected = np.select([before, now], [2, 3], 1)
+                np.testing.assert_array_equal(on_cells(alone, picture), expected)
+                before |= now
+            assert before.all()
+        assert min(found.pictures("cover", f"/map/grid/cover_{robot}")) == 1
+
+
+def test_the_recording_shows_the_policies(alone, recorded, read):
+    found = read(recorded)
+    ends = alone.xy[alone.graph.edges]
+    for robot, policy in enumerate(alone.policies):
+        some = policy.weights > 0
+        lines = np.array(found.static(f"/map/policy_{robot}/ways", "LineStrips2D:strips"))
+        np.testing.assert_allclose(lines, ends[some])
+        radii = np.array(found.static(f"/map/policy_{robot}/ways", "LineStrips2D:radii"))
+        # The width grows with the weight.
+        steps = np.diff(radii[np.argsort(policy.weights[some])])
+        assert (steps >= -1e-7).all()
+        dots = found.static(f"/map/policy_{robot}/cover", "Points2D:positions")
+        np.testing.assert_allclose(dots, alone.xy[policy.cover])
+
+
+def test_the_recording_shows_the_law(alone, recorded, read):
+    found, attack = read(recorded), alone.attack
+    kind = still(alone, found, "/map/grid/target_view")
+    np.testing.assert_array_equal(kind, np.select([attack.boundary, attack.view], [3, 2], 1))
+
+    # The bars have the heights of the runs' shares, and the curves those of the laws.
+    def curve(name):
+        (strip,) = found.static(name, "LineStrips2D:strips")
+        return np.array(strip) * [1, -1]
+
+    (most_y,) = (
+        attack.law[time] / y
+        for time, (_, y) in enumerate(curve("/target/times/exact"))
+        if time == 3
+    )
+    buffer = np.array(found.static("/target/times/simulated", "SegmentationImage:buffer")[0])
+    (layout,) = found.static("/target/times/simulated", "SegmentationImage:format")
+    bars = buffer.reshape(layout["height"], layout["width"]).sum(axis=0) / layout["height"]
+    (scale,) = found.static("/target/times/simulated", "Transform3D:scale")
+    heights = bars * scale[1] * layout["height"] * most_y
+    times = np.asarray(attack.arrivals.time)
+    width = -(-(np.quantile(times, 0.95, method="lower") + 1) // 80)
+    shares = np.histogram(times, width * np.arange(len(bars) + 1))[0] / times.size / width
+    np.testing.assert_allclose(heights, shares, atol=1.5 * most_y * scale[1])
+    assert shares.max() > 0.01
+
+    x, y = curve("/target/captures/exact").T
+    np.testing.assert_allclose(y / y[-1], np.cumsum(attack.law) / attack.law.sum(), atol=1e-6)
+    assert x[20] / x[-1] == pytest.approx(0.5)
+    runs = curve("/target/captures/simulated")[:, 1]
+    fitted = curve("/target/captures/fitted")[:, 1]
+    height = y[-1] / attack.exact[-1]
+    np.testing.assert_allclose(runs[TIMES] / height, attack.simulated, atol=1e-6)
+    np.testing.assert_allclose(fitted[TIMES] / height, attack.fitted, atol=1e-6)
+    assert len(found.static("/target/captures/attack_times", "LineStrips2D:strips")) == 3
+    text = found.static("/target/text", "TextDocument:text")[0]
+    assert f"| 20 steps | {attack.exact[1]:.4f} | {attack.simulated[1]:.4f} |" in text
+
+
+def test_the_recording_shows_the_vulnerability(alone, recorded, read):
+    found = read(recorded)
+    for name, caught in (("capture", alone.capture[0]), ("mixed", alone.game.mixed)):
+        kind = still(alone, found, f"/map/grid/{name}").astype(int)
+        assert kind.min() >= 1
+        assert kind.max() <= 32
+        assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
+        frame = found.static(f"/map/worst_{name}/frame", "Boxes2D:centers")
+        np.testing.assert_allclose(frame, alone.xy[[caught.argmin()]])
+        (label,) = found.static(f"/map/worst_{name}/label", "Points2D:labels")
+        assert label == f"most vulnerable: {caught.min():.3f}"
+    classes = found.classes("/map/grid/capture")
+    low = classes[still(alone, found, "/map/grid/capture")[alone.capture[0].argmin()]]
+    assert low.startswith(f"caught with probability {alone.capture[0].min():.3f}"[:-1])
+    text = found.static("/vulnerability/text", "TextDocument:text")[0]
+    assert f"caught with probability\n**{alone.game.commitment.value:.4f}**" in text
+    assert "| 0.9 | " in text
+
+
+def test_the_recording_shows_the_regions(based, tmp_path, read):
+    path = tmp_path / "based.rrd"
+    log_patrol_map(path, based)
+    found = read(path)
+    xy, regions, after = based.xy, based.regions, based.reassignment
+    for name, one, owner, policies in (
+        ("regions", regions, [0, 1, 2], based.policies),
+        ("regions_after", after.regions, [0, 2], after.policies),
+    ):
+        kind = still(based, found, f"/map/grid/{name}")
+        labels = np.array(found.classes(f"/map/grid/{name}"))[kind]
+        for cell, label in enumerate(labels):
+            region = one.region[cell]
+            said = "reports" if one.view[cell] else "patrols"
+            expected = f"robot {owner[region]} {said}" if region >= 0 else "only the base"
+            assert label == expected
+        dots = found.static(f"/map/{name}_contacts", "Points2D:positions")
+        np.testing.assert_allclose(dots, xy[[policy.contact for policy in policies]])
+    np.testing.assert_allclose(
+        found.static("/map/base/station", "Boxes2D:centers"), xy[[regions.base]]
+    )
+    heat = still(based, found, "/map/grid/capture")
+    np.testing.assert_array_equal(heat == 33, regions.view)
+    last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
+    np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)
+    text = found.static("/regions/text", "TextDocument:text")[0]
+    assert f"**{after.after:,}** steps" in text
+    assert "robot 1 is lost" in text
+
+
+def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
+    everything = np.ones_like(alone.visible)
+    attack = vulnerability(
+        jax.random.key(0), alone.graph, everything, alone.policies, 3, TIMES, runs=10
+    )
+    capture = capture_probabilities(alone.graph, everything, alone.policies, TIMES)
+    patrol = dataclasses.replace(
+        alone, visible=everything, attack=attack, capture=capture, game=None
+    )
+    log_patrol_map(tmp_path / "all.rrd", patrol)
+    found = read(tmp_path / "all.rrd")
+    assert "/target/times/fitted" not in found.entities
+    assert "/map/grid/mixed" not in found.entities
+    assert "No generalized lambda" in found.static("/target/text", "TextDocument:text")[0]
+    assert "gld" not in patrol_map_dataset(patrol)
+    curve = found.over("step", "/attacks/caught", "Scalars:scalars")
+    assert set(map(tuple, curve.values())) == {(0,)}
+
+
+def test_what_does_not_belong_together_is_refused(alone, based):
+    for change, message in (
+        ({"graph": Graph([[0, 1]])}, "graph: expected that of 46 cells, got 2"),
+        ({"capture": alone.capture[:, :5]}, "capture: expected that of 46 cells, got 5"),
+        ({"capture": alone.capture[:1]}, "capture: expected 3 rows, one an attack time, got 1"),
+        ({"reassignment": based.reassignment}, "reassignment: expected regions too"),
+        (
+            {"cells": CellSpace.of_grid(np.ones((2, 23), bool), 8)},
+            "cells: expected those of a map, got those of a grid",
+        ),
+    ):
+        with pytest.raises(ValueError, match=message):
+            dataclasses.replace(alone, **change)
+
+
+@pytest.mark.parametrize(
+    ("most", "expected"),
+    [(1, [0, 0.2, 0.4, 0.6, 0.8, 1]), (500, [0, 100, 200, 300, 400, 500]), (7, [0, 2, 4, 6])],
+)
+def test_ticks_are_round(most, expected):
+    assert ticks(most) == pytest.approx(expected)
