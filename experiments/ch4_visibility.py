@@ -2,8 +2,7 @@
 
     python experiments/ch4_visibility.py
 
-It takes half a minute. On a busy machine set `OPENBLAS_NUM_THREADS=1`: threads that wait for each
-other make it several times as long.
+It takes half a minute.
 
 The source gives its two maps as pictures without measures, so that these are maps of our own of
 their size: the depot, 15 x 15 with 188 free cells, for two robots that know nothing of each other,

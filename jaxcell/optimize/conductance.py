@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
@@ -8,6 +9,7 @@ import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
 from ..certificate import Certificate
+from ..threads import one_blas_thread
 from .graph import Graph
 from .tour import on_walk, shortest_tour
 
@@ -15,7 +17,7 @@ from .tour import on_walk, shortest_tour
 _STEPS = 100
 # A share that any weights have, to rounding.
 _NOTHING = 1e-12
-# From so many edges on, steps are computed in 32 bits.
+# With more edges, steps are computed in 32 bits, and by all cores.
 _LARGE = 2000
 # Below this, the distance from the central path is rounding.
 _ROUNDING = 1e-16
@@ -97,11 +99,12 @@ def minimum_commute(
             )
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
     problem = _Problem(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)])
-    if on_tour.all() or share <= _NOTHING:
-        found, design, iterations = _interior_point(problem, tolerance)
-        gap = _gap(design, problem.blocks)
-    else:
-        found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
+    with one_blas_thread() if len(edges) <= _LARGE else contextlib.nullcontext():
+        if on_tour.all() or share <= _NOTHING:
+            found, design, iterations = _interior_point(problem, tolerance)
+            gap = _gap(design, problem.blocks)
+        else:
+            found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
     weights = np.zeros(len(graph.edges))
     weights[allowed] = found
     certificate = Certificate(iterations, gap, tolerance)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from ..certificate import Certificate
 from ..mapping import Chain
+from ..threads import one_blas_thread
 from .conductance import check_connected
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
@@ -141,7 +142,8 @@ def _fastest(
     problem = SpectralProblem(graph.edges, np.sqrt(stationary), bounds, limits)
     degree = np.bincount(graph.edges.ravel(), minlength=graph.vertices)
     start = (stationary / (2 * degree))[graph.edges].min(axis=1)
-    weights, rate, bound, steps = least_norm(problem, start, tolerance)
+    with one_blas_thread():
+        weights, rate, bound, steps = least_norm(problem, start, tolerance)
     gap = max(0.0, (rate - bound) / (1 - rate))
     return weights, rate, Certificate(steps, gap, tolerance)
 
