@@ -70,8 +70,9 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     """
     groups = behaviour.groups
     group, part = np.asarray(groups.group), np.asarray(behaviour.transient.group)
-    # With 32 bits, so that rounding does not decide between equal times.
-    time = np.asarray(behaviour.absorption.value).astype(np.float32)
+    # To seven digits, so that rounding does not decide between equal times.
+    digits, power = np.frexp(np.asarray(behaviour.absorption.value))
+    time = np.ldexp(np.round(digits, 7), power)
     transient = np.flatnonzero(group < 0)
     order = transient[np.lexsort((transient, -time[transient], part[transient]))]
     first = _first_ancestor(behaviour.chain.to_scipy(), part, order)

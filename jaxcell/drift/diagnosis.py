@@ -12,6 +12,8 @@ from .flow import Flow, advect, checked_duration, flow_map
 from .water import Water
 
 
+# A step over which the mean drift is so many cells is not too short.
+_FAR = 2.0
 # So many steps of the map are enough for water to leave a cell that is not its end.
 _LONG = 10
 
@@ -51,9 +53,10 @@ class Diagnosis:
             why = f"{self.locked} of {others} persistent groups are cells that water flows out of"
         else:
             return None
+        longer = "a longer step, or " if self.mean_shift < _FAR else ""
         return (
-            f"{why}: the step of {self.duration / 3600:.3g} h (mean drift {self.mean_shift:.2f} "
-            "cells) is too short for this grid, and the groups mean little; take a longer step, or "
+            f"{why}: the grid, and not the water, made the groups at a step of "
+            f"{self.duration / 3600:.3g} h (mean drift {self.mean_shift:.2f} cells); take {longer}"
             "spread='sampled'"
         )
 

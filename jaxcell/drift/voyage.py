@@ -44,6 +44,8 @@ class Voyage:
     "The value function; `None` for the surest voyage, which has no discount."
     certificate: Certificate
     "Of the policy, as [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][] has it."
+    arrival: Certificate
+    "Of the times, as [`jaxcell.markov.conditional_hitting_times`][] has it."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,7 +97,12 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
 
 
 def discounted_voyage(
-    sea: Sea, goal: npt.ArrayLike | int, discount: float = 0.99, tolerance: float = 1e-8
+    sea: Sea,
+    goal: npt.ArrayLike | int,
+    discount: float = 0.99,
+    tolerance: float = 1e-8,
+    *,
+    throw: bool = False,
 ) -> Voyage:
     """The navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 
@@ -108,31 +115,36 @@ def discounted_voyage(
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: more than 0 and less than 1; the source does not give its own.
     - `tolerance`: of the error of the values.
+    - `throw`: whether to raise when the arrival is not known well enough. Not so by default, as in
+        [`jaxcell.drift.long_term_behaviour`][]: where an eddy holds drifters almost for ever, times
+        are beyond 64-bit numbers. `arrival` of the result tells.
 
     **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model] and
-    [`jaxcell.markov.value_iteration`][]; `RuntimeError` if a solve stalls.
+    [`jaxcell.markov.value_iteration`][]; `RuntimeError` if value iteration stalls.
     """
     model = voyage_model(sea, goal, discount)
     best = value_iteration(model, discount, tolerance)
-    return _voyage(sea, goal, best.policy, best.value, best.certificate)
+    return _voyage(sea, goal, best.policy, best.value, best.certificate, throw)
 
 
-def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
+def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -> Voyage:
     """The policy that most likely arrives, and of such policies the quickest.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
+    - `throw`: whether to raise when the policy or the arrival is not good enough; see
+        [`discounted_voyage`][jaxcell.drift.discounted_voyage].
 
-    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if a solve
-    stalls.
+    **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if policies
+    improve without end.
     """
     there = cell_mask(sea.cells, goal, "goal")
     chains, allowed = _actions(sea)
     model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
-    best = stochastic_shortest_path(model, there)
-    return _voyage(sea, goal, best.policy, None, best.certificate)
+    best = stochastic_shortest_path(model, there, throw=throw)
+    return _voyage(sea, goal, best.policy, None, best.certificate, throw)
 
 
 def simulate_voyages(
@@ -203,6 +215,7 @@ def _voyage(
     policy: Int[Array, "cells"],
     value: Float[Array, "cells"] | None,
     certificate: Certificate,
+    throw: bool,
 ) -> Voyage:
     there = cell_mask(sea.cells, goal, "goal")
     chains, allowed = _actions(sea)
@@ -213,8 +226,9 @@ def _voyage(
         jnp.where(there[None], jnp.arange(sea.cells, dtype=jnp.int32)[None], loop.image),
         jnp.where(there[None], stay.astype(jnp.float64), loop.probability),
     )
-    probability = arrival_probabilities(chain, there).value
-    conditional = conditional_hitting_times(chain, there).value
+    probability = arrival_probabilities(chain, there, throw=throw).value
+    arrival = conditional_hitting_times(chain, there, throw=throw)
+    conditional = arrival.value
     return Voyage(
         there,
         jnp.asarray(ACTIONS, jnp.int32)[policy],
@@ -224,4 +238,5 @@ def _voyage(
         conditional,
         value,
         certificate,
+        arrival.certificate,
     )

@@ -215,7 +215,10 @@ def _iterate(
     )
 
     def choose(value):  # type: ignore[no-untyped-def]
-        """The values one sweep later, the policy that gives them, and what is to come."""
+        """The values one sweep later, the policy that gives them, and what is to come.
+
+        Beside the policy is the one that takes the first of equally good actions.
+        """
         gains = [
             jnp.where(may, reward + chain.pull(value), -jnp.inf)
             for chain, reward, may in zip(model.chains, model.reward, model.allowed, strict=True)
@@ -223,21 +226,23 @@ def _iterate(
         gain = jnp.stack(gains)
         best = jnp.max(gain, axis=0)
         scale = jnp.max(jnp.abs(best))
-        policy = jnp.argmax(gain >= (best - _TIE * scale)[None], axis=0).astype(jnp.int32)
+        # Nearly the best is not good enough here: the sweeps would lose what was gained.
+        policy = jnp.argmax(gain, axis=0).astype(jnp.int32)
+        tied = jnp.argmax(gain >= (best - _TIE * scale)[None], axis=0).astype(jnp.int32)
         later = discount * best
         change = later - value
         # The sink is one more cell, whose value never changes.
         low = jnp.minimum(jnp.min(change), jnp.where(leaks, 0.0, jnp.inf))
         high = jnp.maximum(jnp.max(change), jnp.where(leaks, 0.0, -jnp.inf))
         rounding = jnp.maximum(-low, high) <= 4 * jnp.finfo(value.dtype).eps * scale
-        return later, policy, ahead * low, ahead * high, rounding
+        return later, policy, tied, ahead * low, ahead * high, rounding
 
     def gap(low, high):  # type: ignore[no-untyped-def]
         """Of the values as they are if they are tied to the sink, else of their middle."""
         return jnp.where(leaks, jnp.maximum(-low, high), (high - low) / 2)
 
     def going_on(state):  # type: ignore[no-untyped-def]
-        (_, _, low, high, rounding), sweeps = state
+        (_, _, _, low, high, rounding), sweeps = state
         return (gap(low, high) > tolerance) & ~rounding & (sweeps < _MOST_SWEEPS)
 
     def improve(state):  # type: ignore[no-untyped-def]
@@ -253,5 +258,5 @@ def _iterate(
     # From below all true values, from where they only grow.
     lowest = ahead * jnp.minimum(jnp.min(model.reward), 0.0)
     start = (choose(jnp.full(model.cells, lowest)), jnp.int32(1))
-    (value, policy, low, high, _), sweeps = jax.lax.while_loop(going_on, improve, start)
+    (value, _, policy, low, high, _), sweeps = jax.lax.while_loop(going_on, improve, start)
     return value + jnp.where(leaks, 0.0, (low + high) / 2), policy, gap(low, high), sweeps

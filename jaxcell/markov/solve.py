@@ -80,13 +80,17 @@ def solve_transient(
             break
     else:
         return total, products
-    total, more = _solve(matrix, right)
-    if step.shape[0] <= _LARGEST_ELIMINATION:
-        leaving = 1 - np.asarray(step.sum(axis=1))
-        leaving[leaving <= _CLOSED] = 0
-        sure, _ = _solve(step, leaving[:, None])
-        if not np.abs(sure - 1).max() <= _ILL:
-            total = eliminate(step.toarray(), leaving, right, adjoint=adjoint)
+    small = step.shape[0] <= _LARGEST_ELIMINATION
+    leaving = 1 - np.asarray(step.sum(axis=1))
+    leaving[leaving <= _CLOSED] = 0
+    try:
+        total, more = _solve(matrix, right)
+        sure = _solve(step, leaving[:, None])[0] if small else np.ones(1)
+    except RuntimeError:
+        # The matrix is singular to rounding; what the products have given is as good as any.
+        sure, more = np.full(1, np.nan), 0
+    if small and not np.abs(sure - 1).max() <= _ILL:
+        total = eliminate(step.toarray(), leaving, right, adjoint=adjoint)
     return total, products + more
 
 

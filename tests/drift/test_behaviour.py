@@ -235,7 +235,7 @@ def test_a_short_step_is_warned_of():
     assert check.self_image > 0.5
     assert check.locked > 50
     assert check.warning is not None
-    assert "are mapped to themselves: the step of" in check.warning
+    assert "are mapped to themselves: the grid, and not the water" in check.warning
     shift = np.hypot(*np.asarray(flow_map(water, flow, duration)))
     assert check.mean_shift == pytest.approx(shift.mean())
 

@@ -106,6 +106,16 @@ def test_the_first_of_equal_actions():
     assert value_iteration(DecisionModel.of(chains, reward), 0.9).policy.tolist() == [1, 0, 0]
 
 
+def test_an_action_that_is_a_little_worse_is_not_as_good():
+    # Beside the value of cell 0, what cell 1 gains by going on is rounding.
+    ends, stays = np.zeros((2, 2)), np.diag([0.0, 1.0])
+    chains = [Chain.from_scipy(stays), Chain.from_scipy(ends)]
+    model = DecisionModel.of(chains, [[1e13, 0], [1e13, 1]])
+    found = value_iteration(model, 0.9, tolerance=0.01)
+    assert found.certificate.outcome is Outcome.CONVERGED
+    np.testing.assert_allclose(found.value, [0.9e13, 0.9], rtol=1e-12)
+
+
 def test_more_sweeps_than_are_allowed(monkeypatch):
     model = grid_model(5, 0, True)
     monkeypatch.setattr(decision, "_MOST_SWEEPS", 3)
