@@ -20,20 +20,16 @@ cell is left unseen, or if a simulated probability is four standard errors from 
 """
 
 import argparse
-import csv
 import dataclasses
 import math
-import textwrap
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import visibility_figures
-from rich.box import SIMPLE_HEAD
+from report import emit, say
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 from visibility_site import REACH, Site, in_all_regions, policy_sets
 from visibility_tables import (
     ATTACKS,
@@ -67,7 +63,6 @@ FREE = {"depot": 188, "harbour": 253}
 # The robot that is lost in the figure.
 LOST = 1
 MOST_ROBOTS = 4
-WIDTH = 110
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -150,38 +145,6 @@ def study(runs: int, seed: int) -> Results:
 
 
 # What is shown.
-
-
-def emit(title: str, rows: Rows, path: Path, spec: str = ".3f", **specs: str) -> None:
-    """Prints a table, and writes it with all digits."""
-    names = list(rows[0])
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows(rows)
-    table = Table(title=title, box=SIMPLE_HEAD)
-    for name in names:
-        words = all(isinstance(row.get(name, ""), str) for row in rows)
-        heading = name.replace(", ", "\n")
-        table.add_column(heading, justify="left" if words else "right", no_wrap=True)
-    before = None
-    for row in rows:
-        told = [shown(row.get(name), specs.get(name, spec)) for name in names]
-        table.add_row("" if told[0] == before else told[0], *told[1:])
-        before = told[0]
-    Console(width=WIDTH).print(table)
-
-
-def shown(value: Any, spec: str) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    return format(value, spec) if isinstance(value, float) else str(value)
-
-
-def say(*paragraphs: str) -> None:
-    for text in paragraphs:
-        print(textwrap.fill(" ".join(text.split()), WIDTH))
-    print()
 
 
 def report_patrols(results: Results, out: Path) -> None:
