@@ -15,6 +15,7 @@ from .localize import Localize
 from .navigate import Navigate
 from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
+from .robot import RobotCheck, RobotReplay, RobotRun
 from .team import Team
 
 
@@ -27,6 +28,9 @@ _COMMANDS = {
     "navigate": Navigate,
     "patrol graph": PatrolGraph,
     "patrol map": PatrolMap,
+    "robot check": RobotCheck,
+    "robot replay": RobotReplay,
+    "robot run": RobotRun,
     "team": Team,
 }
 

@@ -1,0 +1,33 @@
+"""Filters, plans and policies on an iRobot Create 2 or Roomba, over a serial line. Imports no JAX.
+
+The robot speaks the *Open Interface*: commands of a few bytes from the host, and every 15 ms a
+*frame* of sensor *packets* from the robot. It has four *modes*: Off; Passive, in which it only
+senses; Safe, in which the host drives it, and a cliff, a dropped wheel or a charger takes it back
+to Passive; and Full, in which nothing does. This package never uses Full.
+
+The Open Interface has no timeout: the wheels keep their last speed until told otherwise. So a
+`Create` watches its own caller, and a process of its own watches the process that drives.
+
+A `Walker` makes steps from cell to cell, `run_filter` and `run_plan` use them, and the log of a
+run can be replayed. `jaxcell.robot.emulator` has a robot without hardware.
+"""
+
+from .create import Create as Create, Moved as Moved
+from .driver import Port as Port, RobotStopped as RobotStopped
+from .open_interface import (
+    Command as Command,
+    CommandParser as CommandParser,
+    StreamParser as StreamParser,
+)
+from .packets import Contact as Contact, Mode as Mode, Packet as Packet
+from .reading import STREAM as STREAM, Reading as Reading
+from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
+from .runner import (
+    Outcome as Outcome,
+    plan_outcome as plan_outcome,
+    replay as replay,
+    run_filter as run_filter,
+    run_plan as run_plan,
+)
+from .tasks import load_task as load_task
+from .walker import Walker as Walker, cell_strides as cell_strides

@@ -1,0 +1,155 @@
+import dataclasses
+import math
+
+import numpy as np
+import shapely
+
+from ..space import Workspace
+from .packets import METRES_PER_COUNT, WHEEL_BASE
+
+
+# Where around the front the bumper is felt, and how far from the contact a wall still holds it.
+_PROBES = np.radians(np.arange(-85.0, 86.0, 10.0))
+_HELD = 1e-3
+# A wall farther to a side than this presses only the half of the bumper on that side.
+_MIDDLE = math.radians(20.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Noise:
+    """What keeps an emulated robot from doing as it is told; all is zero unless said otherwise.
+
+    The wheel encoders do not see slip, veer, or spin, as on the real robot.
+    """
+
+    distance: float = 0.0
+    "Standard deviation of the relative error of a straight stretch, drawn for each."
+    rotation: float = 0.0
+    "Standard deviation of the relative error of a turn in place, drawn for each."
+    veer: float = 0.0
+    "Standard deviation of the change of heading along a metre, in radians."
+    encoder: float = 0.0
+    "Standard deviation of the relative error of what a wheel's encoder counts in a tick."
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"{field.name}: expected a finite number from 0, got {value!r}")
+
+
+class Body:
+    """A differential drive with a bumper, among the walls of a map.
+
+    Time is continuous: a tick is a straight chord of the arc that the wheels describe. Against a
+    wall the body stops and its wheels stand still, so that the encoders tell what the way was; the
+    bumper is pressed while the body is held there, on the side of the wall. The bumper faces
+    forward: a body that backs into a wall stops without a sign of it.
+    """
+
+    def __init__(
+        self,
+        workspace: Workspace,
+        pose: tuple[float, float, float],
+        *,
+        give: float = 0.02,
+        noise: Noise | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        """**Arguments:**
+
+        - `workspace`: the map; its `robot_radius` is that of the body, 0 for a point.
+        - `pose`: x and y in metres, and the heading in radians.
+        - `give`: how far the bumper goes in, in metres, before the wall stops the body. It is what
+            lets a body that is millimetres off its line graze a corner.
+        - `noise`: slip and encoder errors.
+        - `rng`: where the noise comes from.
+
+        **Raises:** `ValueError` if the body would be in a wall.
+        """
+        self.noise = noise or Noise()
+        self._rng = rng or np.random.default_rng(0)
+        self._space = workspace.free_space.buffer(give, join_style="mitre")
+        shapely.prepare(self._space)
+        if not (
+            np.isfinite(pose).all()
+            and workspace.free_space.distance(shapely.Point(pose[:2])) < 1e-9
+        ):
+            raise ValueError(
+                f"pose: a body of radius {workspace.robot_radius:g} m at "
+                f"({pose[0]:g} m, {pose[1]:g} m) would be in a wall or off the map"
+            )
+        self.x, self.y, self.theta = map(float, pose)
+        self.travelled = np.zeros(2)
+        "How far the left and the right wheel have turned, in metres, as their encoders tell."
+        self.bump_left = self.bump_right = False
+        self._command = (0.0, 0.0)
+        self._slip = (0.0, 0.0)
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """x and y in metres, and the heading in radians, not reduced to one turn."""
+        return self.x, self.y, self.theta
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """What the left and the right encoder show, from 0 to 65535."""
+        left, right = np.floor(self.travelled / METRES_PER_COUNT).astype(int) % 65536
+        return int(left), int(right)
+
+    def advance(self, left: float, right: float, seconds: float) -> None:
+        """Lets the wheels turn for a tick, each at its speed in m/s."""
+        if self._stretch(left, right) != self._stretch(*self._command):
+            distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
+            self._slip = float(distance), float(rotation)
+        self._command = left, right
+        forward = (left + right) / 2 * seconds
+        turn = (right - left) / WHEEL_BASE * seconds
+        moved = self._move(forward * (1 + self._slip[0]), self.theta + turn / 2)
+        self.theta += turn * (1 + self._slip[1])
+        if self.noise.veer:
+            self.theta += float(
+                self._rng.normal(0.0, self.noise.veer * math.sqrt(abs(forward) * moved))
+            )
+        wheels = forward * moved + np.array([-0.5, 0.5]) * turn * WHEEL_BASE
+        if self.noise.encoder:
+            wheels = wheels * (1 + self._rng.normal(0.0, self.noise.encoder, 2))
+        self.travelled += wheels
+        self._feel(pushing=moved < 1 and forward > 0)
+
+    @staticmethod
+    def _stretch(left: float, right: float) -> tuple[float, float]:
+        """The kind of motion: the slip is drawn anew where it changes, not where the speed does."""
+        return float(np.sign(left + right)), float(np.sign(right - left))
+
+    def _move(self, forward: float, heading: float) -> float:
+        """Goes straight as far as the walls allow, and tells which share of the way that is."""
+        if forward == 0:
+            return 1.0
+        along = np.array([math.cos(heading), math.sin(heading)])
+        here = np.array([self.x, self.y])
+        share = 1.0
+        if not self._space.covers(shapely.LineString([here, here + forward * along])):
+            # A bisection to a nanometre: the walls may be curved, and the first meeting counts.
+            share, blocked = 0.0, 1.0
+            while (blocked - share) * abs(forward) > 1e-9:
+                middle = (share + blocked) / 2
+                if self._space.covers(shapely.LineString([here, here + middle * forward * along])):
+                    share = middle
+                else:
+                    blocked = middle
+        self.x, self.y = (here + share * forward * along).tolist()
+        return share
+
+    def _feel(self, *, pushing: bool) -> None:
+        if not (pushing or self.bump_left or self.bump_right):
+            return
+        angles = self.theta + _PROBES
+        walls = ~shapely.contains_xy(
+            self._space, self.x + _HELD * np.cos(angles), self.y + _HELD * np.sin(angles)
+        )
+        # Between two probes, or at a corner sharper than they are: the wall is straight ahead.
+        side = float(_PROBES[walls].mean()) if walls.any() else 0.0
+        held = pushing or bool(walls.any())
+        self.bump_left = held and side > -_MIDDLE
+        self.bump_right = held and side < _MIDDLE

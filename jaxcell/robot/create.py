@@ -1,0 +1,186 @@
+"""Moves a Create 2 or Roomba 600 by given distances and angles."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from .driver import Driver, RobotStopped
+from .open_interface import MAX_SPEED
+from .packets import WHEEL_BASE
+from .reading import Reading
+
+
+# Motions slow down in proportion to what is left, seconds, to a wheel speed that the motors still
+# hold, m/s. A robot going straight steers back at this rate, 1/s, by at most this wheel speed.
+_SLOWING = 0.25
+_SLOWEST = 0.03
+_STEERING = 2.0
+_MOST_STEERING = 0.05
+
+
+class Moved(NamedTuple):
+    """How a motion ended."""
+
+    distance: float
+    "How far the body's centre has gone by the encoders, metres."
+    angle: float
+    "How far the body has turned by the encoders, radians counterclockwise."
+    bumped: bool
+    "Whether a bumper ended the motion."
+
+
+class Create(Driver):
+    """A robot on a serial line that moves by given distances and angles, by its encoders.
+
+    ```python
+    with Create.open("/dev/ttyUSB0") as robot:
+        robot.arm()
+        robot.forward(0.5)
+    ```
+
+    When and why the wheels stop: see [`jaxcell.robot.driver.Driver`][], which has the constructor.
+    """
+
+    def forward(
+        self,
+        distance: float,
+        *,
+        speed: float = 0.2,
+        tolerance: float = 0.005,
+        timeout: float | None = None,
+    ) -> Moved:
+        """Drives straight, up to a distance or to the first bump.
+
+        **Arguments:**
+
+        - `distance`: metres, backward if negative.
+        - `speed`: metres per second, up to 0.5.
+        - `tolerance`: how near is near enough by the encoders, metres.
+        - `timeout`: seconds; twice what it should take and 3 s if not given.
+
+        **Returns:** [`Moved`][].
+
+        **Raises:** [`RobotStopped`][] if the robot is not armed, or no more, or out of time.
+        """
+        start = self.sensors()
+
+        def wheels(rest: float, now: Reading) -> tuple[float, float]:
+            velocity = _slowed(rest, speed, _SLOWEST)
+            steer = _STEERING * (start.heading - now.heading) * WHEEL_BASE / 2
+            steer = min(max(steer, -_MOST_STEERING), _MOST_STEERING)
+            return velocity + steer, velocity - steer
+
+        return self._move(
+            f"forward {distance} m",
+            lambda now: distance - (now.distance - start.distance),
+            wheels,
+            start=start,
+            speed=speed,
+            most=MAX_SPEED / 1000,
+            tolerance=tolerance,
+            timeout=timeout,
+            stop_on_bump=distance > 0,
+        )
+
+    def turn(
+        self,
+        angle: float,
+        *,
+        speed: float = 1.0,
+        tolerance: float = math.radians(1),
+        timeout: float | None = None,
+    ) -> Moved:
+        """Turns on the spot; a bumper does not end it, as one may be pressed from the start.
+
+        **Arguments:**
+
+        - `angle`: radians counterclockwise; a whole turn is not the same as none.
+        - `speed`: radians per second, up to 4.
+        - `tolerance`: how near is near enough by the encoders, radians.
+        - `timeout`: as for `forward`.
+
+        **Returns:** [`Moved`][].
+
+        **Raises:** as `forward`.
+        """
+        start = self.sensors()
+
+        def wheels(rest: float, now: Reading) -> tuple[float, float]:
+            velocity = _slowed(rest, speed, 2 * _SLOWEST / WHEEL_BASE) * WHEEL_BASE / 2
+            return velocity, -velocity
+
+        return self._move(
+            f"turn {angle} rad",
+            lambda now: angle - (now.heading - start.heading),
+            wheels,
+            start=start,
+            speed=speed,
+            most=4.0,
+            tolerance=tolerance,
+            timeout=timeout,
+            stop_on_bump=False,
+        )
+
+    def _move(
+        self,
+        what: str,
+        rest: Callable[[Reading], float],
+        wheels: Callable[[float, Reading], tuple[float, float]],
+        *,
+        start: Reading,
+        speed: float,
+        most: float,
+        tolerance: float,
+        timeout: float | None,
+        stop_on_bump: bool,
+    ) -> Moved:
+        """Drives until `rest` of a reading is within the tolerance, and the wheels are still."""
+        whole = abs(rest(start))
+        if not math.isfinite(whole):
+            raise ValueError(f"{what}: expected a finite number")
+        if not 0 < speed <= most:
+            raise ValueError(f"{what}: speed = {speed}: expected more than 0 and at most {most}")
+        if not tolerance > 0:
+            raise ValueError(f"{what}: tolerance = {tolerance}: expected more than 0")
+        if timeout is None:
+            timeout = 2 * whole / speed + 3
+        end = time.monotonic() + timeout
+        most_wheel = MAX_SPEED / 1000
+        self.stop()
+        try:
+            now = start
+            while True:
+                there = abs(rest(now)) <= tolerance
+                right, left = (0.0, 0.0) if there else wheels(rest(now), now)
+                free = self.drive(
+                    right=min(max(right, -most_wheel), most_wheel),
+                    left=min(max(left, -most_wheel), most_wheel),
+                    stop_on_bump=stop_on_bump,
+                )
+                if there or not free:
+                    now = self._settle()
+                    if self._bumped or abs(rest(now)) <= tolerance:
+                        return Moved(
+                            now.distance - start.distance, now.heading - start.heading, self._bumped
+                        )
+                if time.monotonic() > end:
+                    raise RobotStopped(f"{what}: {rest(now):.3g} are left after {timeout:.3g} s")
+                now = self._after(now)
+        finally:
+            self.stop()
+
+    def _settle(self) -> Reading:
+        """Waits for three readings in a row with the same encoders, or for 30."""
+        now = self.sensors()
+        same = 0
+        for _ in range(30):
+            before, now = now, self._after(now)
+            same = same + 1 if before.encoders == now.encoders else 0
+            if same == 2:
+                break
+        return now
+
+
+def _slowed(rest: float, speed: float, slowest: float) -> float:
+    return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

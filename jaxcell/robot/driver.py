@@ -1,0 +1,366 @@
+"""Keeps a line to a Create 2 or Roomba 600, and does not leave its wheels turning."""
+
+import contextlib
+import math
+import signal
+import threading
+import time
+from collections.abc import Callable, Mapping
+from types import FrameType
+from typing import Protocol, TypeVar, runtime_checkable
+
+from .open_interface import (
+    BAUD,
+    MAX_SPEED,
+    SAFE,
+    START,
+    STOP,
+    StreamParser,
+    drive_direct,
+    stream,
+)
+from .packets import Mode
+from .reading import STREAM, Reading
+from .watchdog import Watchdog
+
+
+_STILL = drive_direct(right=0, left=0)
+
+# A command cut short makes the robot wait for up to four bytes of data. Zeros fill it up; where
+# none are waited for, they are no opcode.
+_HALT = bytes(4) + _STILL + START
+
+_D = TypeVar("_D", bound="Driver")
+
+_UNARMED = "it is not armed"
+
+# Seconds between two ticks (see `Driver`).
+_TICK = 0.1
+
+
+class RobotStopped(RuntimeError):  # noqa: N818 (it says what happened, as StopIteration does)
+    """The driver has stopped the wheels. The message says why."""
+
+
+@runtime_checkable
+class Port(Protocol):
+    """What the driver needs of a serial line: a `serial.Serial` or the like of it."""
+
+    timeout: float | None
+    write_timeout: float | None
+
+    @property
+    def in_waiting(self) -> int: ...
+    def read(self, size: int = 1, /) -> bytes: ...
+    def write(self, data: bytes, /) -> int | None: ...
+    def fileno(self) -> int: ...
+    def close(self) -> None: ...
+
+
+class Driver:
+    """A robot on a serial line, with wheels that turn as long as it is safe.
+
+    The wheels stop when the block ends, however it ends (by SIGINT, SIGTERM and SIGHUP too), and
+
+    - when a wheel drops, a cliff or a charger is there, the battery is low, or the robot leaves
+      mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the robot again;
+    - when the robot sends nothing for `patience`: likewise;
+    - when the caller does not renew `drive` for `patience`;
+    - when this process is killed or hangs: see [`jaxcell.robot.watchdog`][].
+
+    A thread reads the stream and acts on it before the caller sees it. Another one ticks ten times
+    a second. It repeats the speeds, as a command can get lost, and watches the time.
+
+    **Arguments:**
+
+    - `port`: the open line, 115200 baud. It is closed together with the robot.
+    - `patience`: seconds, 0.2 to 10.
+
+    **Raises:** `ValueError` for another `patience`. The `with` statement raises `OSError` if the
+    line fails, and `ConnectionError` if no robot answers.
+    """
+
+    def __init__(self, port: Port, *, patience: float = 0.5):
+        if not 2 * _TICK <= patience <= 10:
+            raise ValueError(f"patience = {patience}: expected {2 * _TICK} to 10 seconds")
+        self._port = port
+        self._patience = patience
+        # Guards the fields below and every write to the line.
+        self._news = threading.Condition(threading.RLock())
+        self._reading: Reading | None = None
+        self._first_mode = 0
+        # Why the robot must not drive; `None` when armed.
+        self._reason: str | None = _UNARMED
+        # Whether to repeat the halt until the robot reports a mode in which it does not drive.
+        self._halting = False
+        self._wheels = (0, 0)
+        self._renewed = -math.inf
+        self._stop_on_bump = False
+        self._bumped = False
+
+        self._closing = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._watchdog: Watchdog | None = None
+        self._handled: list[signal.Signals] = []
+
+    @classmethod
+    def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
+        """Opens the line to a robot.
+
+        **Arguments:**
+
+        - `url`: a device such as `/dev/ttyUSB0`, or what else pySerial opens, as
+          `socket://host:port`.
+        - `patience`: see [`Driver`][].
+
+        **Raises:** `OSError` if there is no such line, or another process has it.
+        """
+        import serial
+
+        return cls(serial.serial_for_url(url, baudrate=BAUD, exclusive=True), patience=patience)
+
+    def __enter__(self: _D) -> _D:
+        try:
+            self._connect()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stops the wheels, closes the interface with Start and Stop, and closes the line."""
+        with self._news:
+            self._reason = "it is closed"
+            self._halt(self._reason)
+        if self._threads:
+            self._wait(lambda: not self._halting, 0.5)
+        self._closing.set()
+        for thread in self._threads:
+            thread.join()
+        self._threads.clear()
+        with self._news:
+            self._write(_HALT + STOP)
+        if self._watchdog is not None:
+            self._watchdog.dismiss()
+            self._watchdog = None
+        self._port.close()
+        for number in self._handled:
+            signal.signal(number, signal.SIG_DFL)
+        self._handled.clear()
+
+    def arm(self) -> None:
+        """Takes the robot to mode Safe, so that it can drive.
+
+        **Raises:** [`RobotStopped`][] if it must not drive now, or does not go to mode Safe.
+        """
+        if (danger := self.sensors().danger) is not None:
+            raise RobotStopped(danger)
+        for _ in range(3):
+            with self._news:
+                self._halting = False
+                self._wheels = (0, 0)
+                self._write(SAFE + _STILL)
+                if self._wait(lambda: self._in(Mode.SAFE), 0.5):
+                    self._reason = None
+                    return
+        with self._news:
+            self._halt("it does not go to mode Safe")
+        raise RobotStopped("it does not go to mode Safe")
+
+    def sensors(self) -> Reading:
+        """The latest reading, at most `patience` old.
+
+        **Raises:** [`RobotStopped`][] if there is none.
+        """
+        with self._news:
+            reading = self._reading
+            if reading is None or time.monotonic() - reading.time > self._patience:
+                known = self._reason not in (None, _UNARMED)
+                raise RobotStopped(self._reason if known else f"no reading for {self._patience} s")
+            return reading
+
+    def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
+        """Sets the speeds of the wheels, to be renewed within `patience`.
+
+        **Arguments:**
+
+        - `right`, `left`: metres per second, -0.5 to 0.5.
+        - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
+          stay still until a call without it, or `stop`.
+
+        **Returns:** whether the robot drives: `False` after a bump.
+
+        **Raises:** [`RobotStopped`][] if the robot is not armed, or no more. `ValueError` for a
+        speed out of range.
+        """
+        wheels = _millimetres("right", right), _millimetres("left", left)
+        with self._news:
+            self._stop_on_bump = stop_on_bump
+            self._bumped = stop_on_bump and (self._bumped or self.sensors().bump)
+            self._renewed = time.monotonic()
+            if self._reason is None:
+                self._roll((0, 0) if self._bumped else wheels)
+            if self._reason is not None:
+                raise RobotStopped(self._reason)
+            return not self._bumped
+
+    def stop(self) -> None:
+        """Stops the wheels. The robot stays armed."""
+        with self._news:
+            self._stop_on_bump = self._bumped = False
+            self._wheels = (0, 0)
+            self._write(_STILL)
+
+    def _after(self, reading: Reading) -> Reading:
+        """Waits for a newer reading."""
+        self._wait(lambda: self._reading is not reading, self._patience)
+        return self.sensors()
+
+    def _in(self, mode: Mode) -> bool:
+        return self._reading is not None and self._reading.mode is mode
+
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        with self._news:
+            return self._news.wait_for(condition, seconds)
+
+    def _connect(self) -> None:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGTERM, signal.SIGHUP):
+                if signal.getsignal(number) == signal.SIG_DFL:
+                    signal.signal(number, _exit)
+                    self._handled.append(number)
+        self._port.timeout = _TICK
+        self._port.write_timeout = self._patience
+        self._watchdog = Watchdog(
+            self._port.fileno(),
+            pause=_HALT,
+            farewell=_HALT + STOP,
+            patience=max(1.0, 2 * self._patience),
+        )
+        self._threads = [
+            threading.Thread(target=self._listen, daemon=True),
+            threading.Thread(target=self._tick, args=(self._watchdog,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        for attempt in range(3):
+            if attempt == 1:
+                self._wake()
+            if self._greet():
+                return
+        raise ConnectionError(
+            "the robot sends no readings: is it on, and on this line, and is the line 115200 baud?"
+        )
+
+    def _greet(self) -> bool:
+        """Opens the interface in mode Passive, with a stream; returns whether readings come."""
+        # The robot takes a moment to change its mode.
+        for command in (_HALT + STOP, START):
+            with self._news:
+                self._write(command)
+            time.sleep(0.05)
+        with self._news:
+            self._first_mode = 0
+            self._reading = None
+            self._write(stream(STREAM))
+            if not self._wait(lambda: self._reading is not None, 1.0):
+                return False
+            # In mode Passive. A robot that says 2 counts its modes from 1.
+            self._first_mode = int(self._in(Mode.SAFE))
+            return self._wait(lambda: self._in(Mode.PASSIVE), 1.0)
+
+    def _wake(self) -> None:
+        """Pulls the wake line of the robot (BRC) on cables that join it to RTS or DTR."""
+        for line in ("rts", "dtr"):
+            # A pseudo-terminal has no such lines and raises OSError 25.
+            with contextlib.suppress(OSError, AttributeError):
+                setattr(self._port, line, True)
+                time.sleep(0.1)
+                setattr(self._port, line, False)
+
+    def _listen(self) -> None:
+        parser = StreamParser(STREAM)
+        while not self._closing.is_set():
+            try:
+                data = self._port.read(max(1, self._port.in_waiting))
+            except OSError as error:
+                with self._news:
+                    self._halt(f"the line is lost: {error}")
+                return
+            for values in parser.feed(data):
+                self._hear(values)
+
+    def _hear(self, values: Mapping[str, int]) -> None:
+        with self._news:
+            now = self._reading = Reading.of(
+                values,
+                time=time.monotonic(),
+                previous=self._reading,
+                first_mode=self._first_mode,
+            )
+            if now.mode <= Mode.PASSIVE:
+                self._halting = False
+            if self._reason is None:
+                if now.danger is not None:
+                    self._halt(now.danger)
+                elif now.mode is not Mode.SAFE:
+                    self._halt(f"it went from mode Safe to {now.mode.name.capitalize()}")
+                elif self._stop_on_bump and now.bump and not self._bumped:
+                    self._bumped = True
+                    self._roll((0, 0))
+            self._news.notify_all()
+
+    def _tick(self, watchdog: Watchdog) -> None:
+        while not self._closing.wait(_TICK):
+            with self._news:
+                try:
+                    watchdog.beat()
+                except OSError as error:
+                    self._halt(f"the watchdog is gone: {error}")
+                now = time.monotonic()
+                if self._reason is None:
+                    if self._reading is None or now - self._reading.time > self._patience:
+                        self._halt(f"no reading for {self._patience} s")
+                    elif now - self._renewed > self._patience:
+                        self._wheels = (0, 0)
+                if self._reason is None:
+                    right, left = self._wheels
+                    self._write(drive_direct(right=right, left=left))
+                elif self._halting:
+                    self._write(_HALT)
+
+    def _roll(self, wheels: tuple[int, int]) -> None:
+        if wheels != self._wheels:
+            self._wheels = wheels
+            self._write(drive_direct(right=wheels[0], left=wheels[1]))
+
+    def _halt(self, reason: str) -> None:
+        self._forbid(reason)
+        self._write(_HALT)
+
+    def _forbid(self, reason: str) -> None:
+        # The first reason is the cause of the others.
+        if self._reason in (None, _UNARMED):
+            self._reason = reason
+        self._halting = True
+        self._wheels = (0, 0)
+        self._news.notify_all()
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self._port.write(data)
+        except OSError as error:
+            self._forbid(f"the line is lost: {error}")
+
+
+def _exit(number: int, _: FrameType | None) -> None:
+    raise SystemExit(128 + number)
+
+
+def _millimetres(name: str, speed: float) -> int:
+    if not abs(speed) <= MAX_SPEED / 1000:
+        raise ValueError(f"{name} = {speed}: expected -0.5 to 0.5 m/s")
+    return round(1000 * speed)

@@ -1,0 +1,326 @@
+import array
+import contextlib
+import dataclasses
+import fcntl
+import math
+import os
+import select
+import termios
+import threading
+import time
+import tty
+from collections import deque
+from types import TracebackType
+
+import numpy as np
+
+from .body import Body
+from .open_interface import MAX_SPEED, STRAIGHT, STREAM_PERIOD, Command, CommandParser, stream_frame
+from .packets import PACKETS, WHEEL_BASE, Contact, Mode, encode
+
+
+BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
+"""What the emulated robot prints after a reset."""
+
+_MOTORS = 1000.0
+_CLIFFS = ("cliff_left", "cliff_front_left", "cliff_front_right", "cliff_right")
+# Unread bytes of the host beyond which its robot waits, where time runs faster than the clock.
+_BEHIND = 64
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Line:
+    """The serial line to an emulated robot, and how fast its time runs."""
+
+    latency: float = 0.0
+    "Seconds from the arrival of a command to its effect."
+    dropped: float = 0.0
+    "Probability that a byte is lost, either way."
+    speedup: float = 1.0
+    """Seconds of the robot in a second of the clock. Beyond 1 the robot's time stands still while
+    the host has yet to read what it was sent, so that a busy machine makes it slower, not wrong."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.latency) and self.latency >= 0):
+            raise ValueError(f"latency: expected a finite number from 0, got {self.latency!r}")
+        if not 0 <= self.dropped < 1:
+            raise ValueError(f"dropped: expected a probability below 1, got {self.dropped!r}")
+        if not (math.isfinite(self.speedup) and self.speedup > 0):
+            raise ValueError(f"speedup: expected a finite number above 0, got {self.speedup!r}")
+
+
+class Emulator:
+    """A Create 2 on a pseudo-terminal, which moves a [`Body`][jaxcell.robot.body.Body] in a map.
+
+    A context manager: within it `port` is the name of a device that any host opens like that of a
+    serial line, and a thread plays the robot. It is seeded, but what a host does in it depends on
+    the clock, so two runs are alike and not equal.
+
+    It knows the modes and their changes, the drive commands, the stream and the queries, and it
+    takes the other commands without effect. Packets that no part of it makes read 0, among them the
+    robot's own odometry (19 and 20), which hosts should not use on a real one either.
+
+    The cells of a map and the body: a cell `z` is the pose `CellSpace.centre(z)`. A step of the
+    model leads from the centre of a cell to that of another, and a host that is to follow the model
+    drives so; see [`jaxcell.robot.walker.Walker`][]. With radius 0 the body is the point
+    robot of the maps of unit cells; with the radius of the map it is a disc, whose free space is
+    that of the model.
+    """
+
+    port: str
+    "Name of the device to open."
+    contact: Contact
+    "Wheels that hang in the air; set it to drop one, with no bits of the bumper."
+    cliffs: set[str]
+    "Names of the cliff packets (`cliff_left`, ...) that see no floor; change it at will."
+    charger: bool
+    "Whether the charger is plugged in."
+
+    def __init__(
+        self,
+        body: Body,
+        *,
+        line: Line | None = None,
+        charge: float = 2000.0,
+        capacity: float = 2696.0,
+        standby: float = 200.0,
+        seed: int = 0,
+    ) -> None:
+        """**Arguments:**
+
+        - `body`: what it drives, and where that is.
+        - `line`: the serial line; by default a perfect one, in real time.
+        - `charge`, `capacity`: of the battery, in mAh. When it is empty the robot is dead.
+        - `standby`: current that the robot draws at rest, in mA; its motors draw 1000 mA more.
+        - `seed`: of the bytes that are lost.
+        """
+        if not 0 < charge <= capacity <= 65535:
+            raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")
+        self.line = line or Line()
+        self.contact, self.cliffs, self.charger = Contact(0), set(), False
+        self.mode = Mode.OFF
+        self.trace: list[tuple[float, float, float, float]] = []
+        "Time in seconds and pose at every tick of 15 ms."
+        self._body, self._charge, self._capacity, self._standby = body, charge, capacity, standby
+        self._rng = np.random.default_rng(seed)
+        self._parser = CommandParser()
+        self._pending: deque[tuple[float, Command]] = deque()
+        self._now = 0.0
+        self._wheels = (0, 0)
+        self._ids: tuple[int, ...] = ()
+        self._streaming = False
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._failure: BaseException | None = None
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where the body is: x and y in metres, and its heading in radians."""
+        with self._lock:
+            return self._body.pose
+
+    @property
+    def wheels(self) -> tuple[int, int]:
+        """The speeds at which the left and the right wheel are told to turn, in mm/s."""
+        return self._wheels
+
+    @property
+    def seconds(self) -> float:
+        """The robot's time since the beginning."""
+        return self._now
+
+    def __enter__(self) -> "Emulator":
+        self._master, self._slave = os.openpty()
+        # Held open here, so that the line stays up while no host has it open.
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self._thread = threading.Thread(target=self._play, name="emulated robot", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._closing.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)
+        if self._failure is not None and error is None:
+            raise self._failure
+
+    def _play(self) -> None:
+        try:
+            before = time.monotonic()
+            frame_due = STREAM_PERIOD
+            while not self._closing.is_set():
+                due = min([frame_due, *(when for when, _ in self._pending)])
+                wait = max(due - self._now, 0.0) / self.line.speedup
+                readable, _, _ = select.select([self._master], [], [], min(wait, 0.05))
+                clock = time.monotonic()
+                # No tick is longer than a frame: when this machine stalls, so does the robot.
+                passed = min((clock - before) * self.line.speedup, STREAM_PERIOD)
+                before = clock
+                if self.line.speedup > 1 and not readable and self._unread() > _BEHIND:
+                    time.sleep(1e-4)
+                    continue
+                with self._lock:
+                    self._pass(passed)
+                    if readable:
+                        self._receive()
+                    self._obey()
+                    self._keep_safe()
+                    if self._now >= frame_due:
+                        frame_due = max(frame_due + STREAM_PERIOD, self._now)
+                        self.trace.append((self._now, *self._body.pose))
+                        if self._streaming:
+                            self._send(stream_frame(self._ids, self._values()))
+        except BaseException as error:
+            self._failure = error
+
+    def _pass(self, seconds: float) -> None:
+        """Lets the robot's time pass."""
+        self._now += seconds
+        left, right = self._wheels
+        self._body.advance(left / 1000, right / 1000, seconds)
+        self._charge += self._current() * seconds / 3600
+        if self._charge <= 0:
+            self._charge = 0.0
+            self._close_interface()
+
+    def _receive(self) -> None:
+        data = self._lossy(os.read(self._master, 4096))
+        due = self._now + self.line.latency
+        self._pending.extend((due, command) for command in self._parser.feed(data))
+
+    def _obey(self) -> None:
+        while self._pending and self._pending[0][0] <= self._now:
+            self._do(self._pending.popleft()[1])
+
+    def _do(self, command: Command) -> None:
+        if self._charge <= 0:
+            return
+        match command.opcode, command.data:
+            case 7, _:
+                self._close_interface()
+                self._send(BANNER)
+            case 128, _:
+                self._to(Mode.PASSIVE)
+            case _ if self.mode is Mode.OFF:
+                pass
+            case 173, _:
+                self._close_interface()
+            case 131, _:
+                self._to(Mode.SAFE)
+            case 132, _:
+                self._to(Mode.FULL)
+            case 133 | 134 | 135 | 136 | 143, _:
+                self._to(Mode.PASSIVE)
+            case 137 | 145 | 146, _ if self.mode is Mode.PASSIVE:
+                pass
+            case 137, _:
+                self._wheels = _arc(*command.words)
+            case 145, _:
+                right, left = command.words
+                self._wheels = _limited(left), _limited(right)
+            case 146, _:
+                right, left = command.words
+                self._wheels = _limited(left * MAX_SPEED // 255), _limited(right * MAX_SPEED // 255)
+            case 142, ids:
+                self._answer(ids)
+            case 149, data:
+                self._answer(data[1:])
+            case 148, data:
+                self._ids = tuple(data[1:])
+                self._streaming = self._known(self._ids)
+            case 150, data:
+                self._streaming = bool(data[0]) and self._known(self._ids)
+
+    def _answer(self, ids: bytes) -> None:
+        with contextlib.suppress(ValueError):
+            self._send(encode(ids, self._values()))
+
+    def _known(self, ids: tuple[int, ...]) -> bool:
+        """Whether a frame can be made of these: a lost byte may have made another request."""
+        try:
+            stream_frame(ids, self._values())
+        except ValueError:
+            return False
+        return True
+
+    def _to(self, mode: Mode) -> None:
+        if mode is Mode.PASSIVE:
+            self._wheels = (0, 0)
+        self.mode = mode
+
+    def _close_interface(self) -> None:
+        self.mode, self._wheels, self._streaming = Mode.OFF, (0, 0), False
+
+    def _keep_safe(self) -> None:
+        forward = sum(self._wheels) > 0
+        unsafe = self.contact & Contact.WHEEL_DROP or self.charger or (self.cliffs and forward)
+        if self.mode is Mode.SAFE and unsafe:
+            self._to(Mode.PASSIVE)
+
+    def _values(self) -> dict[str, int]:
+        body = self._body
+        bump = Contact.BUMP_LEFT * body.bump_left | Contact.BUMP_RIGHT * body.bump_right
+        left, right = self._wheels
+        left_count, right_count = body.counts
+        return {
+            **{packet.name: 0 for packet in PACKETS.values()},
+            "contact": int(self.contact | bump),
+            **{name: int(name in self.cliffs) for name in _CLIFFS},
+            "charging_state": 2 * self.charger,
+            "voltage": int(12000 + 4500 * self._charge / self._capacity),
+            "current": max(int(self._current()), -0x8000),
+            "temperature": 25,
+            "charge": int(self._charge),
+            "capacity": int(self._capacity),
+            "charger": int(self.charger),
+            "mode": self.mode,
+            "stream_packets": len(self._ids),
+            "requested_left": left,
+            "requested_right": right,
+            "left_encoder": left_count,
+            "right_encoder": right_count,
+        }
+
+    def _current(self) -> float:
+        """Into the battery, in mA."""
+        return -self._standby - _MOTORS * any(self._wheels)
+
+    def _send(self, data: bytes) -> None:
+        # A host that does not read loses what is sent: the line has no flow control.
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._master, self._lossy(data))
+
+    def _lossy(self, data: bytes) -> bytes:
+        if not self.line.dropped:
+            return data
+        kept = self._rng.random(len(data)) >= self.line.dropped
+        return bytes(np.frombuffer(data, np.uint8)[kept])
+
+    def _unread(self) -> int:
+        """How many bytes the host has yet to read."""
+        count = array.array("i", [0])
+        fcntl.ioctl(self._slave, termios.FIONREAD, count)
+        return count[0]
+
+
+def _limited(speed: int) -> int:
+    return max(-MAX_SPEED, min(MAX_SPEED, speed))
+
+
+def _arc(velocity: int, radius: int) -> tuple[int, int]:
+    """The speeds of the left and the right wheel on an arc."""
+    velocity = _limited(velocity)
+    if radius in (STRAIGHT, 0x7FFF):
+        return velocity, velocity
+    if radius in (-1, 1):
+        return -radius * velocity, radius * velocity
+    ratio = WHEEL_BASE * 1000 / 2 / radius if radius else 0.0
+    return _limited(round(velocity * (1 - ratio))), _limited(round(velocity * (1 + ratio)))

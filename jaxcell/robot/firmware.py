@@ -1,0 +1,28 @@
+import time
+
+from .driver import Port
+from .open_interface import RESET, START
+
+
+def firmware(port: Port, *, seconds: float = 10.0, quiet: float = 2.0) -> str:
+    """Reboots the robot and reads what it prints, its firmware version among it.
+
+    **Arguments:**
+
+    - `port`: the open line, with no driver on it.
+    - `seconds`: how long to read at most; a reboot takes about five.
+    - `quiet`: after how many seconds without a byte the robot has said all.
+
+    **Returns:** the printed lines; empty if the robot is silent.
+    """
+    port.timeout = 0.1
+    port.write(START + RESET)
+    text = b""
+    end = time.monotonic() + seconds
+    last = None
+    while (now := time.monotonic()) < end and (last is None or now - last < quiet):
+        data = port.read(max(1, port.in_waiting))
+        if data:
+            text, last = text + data, now
+    lines = text.decode("ascii", errors="replace").splitlines()
+    return "\n".join(line.strip() for line in lines if line.strip())

@@ -1,0 +1,284 @@
+"""The commands of the Create 2 Open Interface, and the frames of its sensor stream, as bytes.
+
+Both ends are here, the host's and the robot's, so that an emulator speaks the same code. Nothing
+here does input or output. Source: *iRobot Create 2 Open Interface*, 2016.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from .packets import decode, encode, members, size
+
+
+BAUD = 115200
+"""Bits per second of a Create 2 or Roomba 600, 8N1, no flow control."""
+
+STREAM_PERIOD = 0.015
+"""Seconds from one frame of the stream to the next; the sensors are read as often."""
+
+MAX_SPEED = 500
+"""Fastest wheel or body speed, mm/s."""
+
+MAX_RADIUS = 2000
+"""Largest radius of `drive`, mm."""
+
+STRAIGHT = -0x8000
+"""Radius of `drive` that means no turning."""
+
+HEADER = 19
+"""First byte of a frame of the stream."""
+
+RESET = bytes([7])
+"""Reboots the robot, which then prints its firmware version; ends in mode Off."""
+
+START = bytes([128])
+"""Opens the interface. From any mode to Passive."""
+
+SAFE = bytes([131])
+"""To mode Safe: the host drives; a cliff, a dropped wheel or a charger takes it to Passive."""
+
+FULL = bytes([132])
+"""To mode Full: the host drives and nothing stops the wheels."""
+
+STOP = bytes([173])
+"""Closes the interface: mode Off, no stream."""
+
+# Bytes of data after each opcode that a robot knows; a string counts its own data (see below).
+_DATA_BYTES = {
+    **dict.fromkeys((7, 128, 130, 131, 132, 133, 134, 135, 136, 143, 173), 0),
+    **dict.fromkeys((129, 138, 141, 142, 150, 165), 1),
+    162: 2,
+    **dict.fromkeys((139, 144, 168), 3),
+    **dict.fromkeys((137, 145, 146, 163, 164), 4),
+    167: 15,
+}
+
+
+def drive(velocity: int, radius: int = STRAIGHT) -> bytes:
+    """Drives along an arc.
+
+    **Arguments:**
+
+    - `velocity`: speed of the body's centre, -500 to 500 mm/s.
+    - `radius`: from the centre of the arc to the body's, -2000 to 2000 mm, positive to the left;
+        1 and -1 spin on the spot, counterclockwise and clockwise.
+
+    **Raises:** `ValueError` for a value out of range.
+    """
+    _check("velocity", velocity, MAX_SPEED)
+    if radius != STRAIGHT:
+        _check("radius", radius, MAX_RADIUS)
+    return struct.pack(">Bhh", 137, velocity, radius)
+
+
+def drive_direct(*, right: int, left: int) -> bytes:
+    """Sets the speed of each wheel, -500 to 500 mm/s. The right one goes first on the wire.
+
+    **Raises:** `ValueError` for a value out of range.
+    """
+    _check("right", right, MAX_SPEED)
+    _check("left", left, MAX_SPEED)
+    return struct.pack(">Bhh", 145, right, left)
+
+
+def sensors(id_: int) -> bytes:
+    """Asks once for a packet or a group.
+
+    **Raises:** `ValueError` for an unknown number.
+    """
+    members([id_])
+    return bytes([142, id_])
+
+
+def query_list(ids: Sequence[int]) -> bytes:
+    """Asks once for several packets or groups.
+
+    **Raises:** `ValueError` for an unknown number, or more than 255 of them.
+    """
+    return _list(149, ids)
+
+
+def stream(ids: Sequence[int]) -> bytes:
+    """Asks for a frame with these packets every 15 ms, from now on.
+
+    **Raises:** `ValueError` for an unknown number, for none, or for a frame of more than the 172
+    bytes that the line carries in 15 ms.
+    """
+    _frame_layout(ids)
+    return _list(148, ids)
+
+
+def pause_resume(on: bool) -> bytes:
+    """Pauses the stream, or resumes it with the packets asked for last."""
+    return bytes([150, on])
+
+
+def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
+    """A frame of the stream, as the robot sends it.
+
+    **Arguments:**
+
+    - `ids`: packets and groups, as given to `stream`.
+    - `values`: the values by name.
+
+    **Raises:** `ValueError` as `stream` and `encode` do.
+    """
+    _frame_layout(ids)
+    body = b"".join(bytes([id_]) + encode([id_], values) for id_ in ids)
+    frame = bytes([HEADER, len(body)]) + body
+    return frame + bytes([-sum(frame) % 256])
+
+
+class StreamParser:
+    """Finds the frames of a stream in bytes that come in pieces, some of them damaged.
+
+    A frame is accepted if its header, its length, its packet numbers in the order of the request,
+    and its checksum are right, and all its values within the ranges of their packets. Otherwise the
+    search goes on at the next byte. Nothing raises, whatever is fed.
+
+    What that guarantees depends on the packets. For `jaxcell.robot.STREAM` no values that are not
+    the robot's come out, and at most two frames are lost, if of three frames in a row one byte is
+    changed, lost or doubled. Two things make it so: wherever a frame could be read out of step, two
+    or more known bytes disagree; and the last packet has one byte that never equals the header, or
+    else that byte could get lost and the next header pass for the checksum. Worse damage can go
+    unseen, as an eight-bit checksum cannot tell one in 256 damaged frames that keep their length
+    and packet numbers from a right one.
+
+    **Arguments:**
+
+    - `ids`: packets and groups, as given to `stream`.
+
+    **Raises:** `ValueError` as `stream` does.
+    """
+
+    skipped: int
+    """Bytes so far that belong to no accepted frame."""
+
+    def __init__(self, ids: Sequence[int]):
+        self._ids = tuple(ids)
+        self._layout = _frame_layout(ids)
+        self._packets = members(ids)
+        self._buffer = bytearray()
+        self.skipped = 0
+
+    def feed(self, data: bytes) -> list[dict[str, int]]:
+        """Takes the next bytes of the line.
+
+        **Returns:** the values of each frame that they complete, by name.
+        """
+        frames = []
+        buffer = self._buffer
+        buffer += data
+        start = 0
+        while start < len(buffer):
+            frame = buffer[start : start + len(self._layout)]
+            if not self._fits(frame):
+                start += 1
+                self.skipped += 1
+            elif len(frame) < len(self._layout):
+                break
+            elif (values := self._values(frame)) is None:
+                start += 1
+                self.skipped += 1
+            else:
+                frames.append(values)
+                start += len(frame)
+        del buffer[:start]
+        return frames
+
+    def _fits(self, frame: bytearray) -> bool:
+        # zip stops at the shorter: the beginning of a frame is judged before its end has come.
+        pairs = zip(frame, self._layout, strict=False)
+        return all(expected is None or byte == expected for byte, expected in pairs)
+
+    def _values(self, frame: bytearray) -> dict[str, int] | None:
+        if sum(frame) % 256 != 0:
+            return None
+        free = bytes(b for b, e in zip(frame, self._layout, strict=True) if e is None)
+        values = decode(self._ids, free[:-1])
+        if any(not p.low <= values[p.name] <= p.high for p in self._packets):
+            return None
+        return values
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command as the robot receives it."""
+
+    opcode: int
+    "The number of the command."
+    data: bytes = b""
+    "Its data; a song's, stream's or query list's begins with the bytes that tell its length."
+
+    @property
+    def words(self) -> tuple[int, ...]:
+        """The data as signed 16-bit numbers, for the three drive commands."""
+        return struct.unpack(f">{len(self.data) // 2}h", self.data)
+
+
+class CommandParser:
+    """The robot's side: cuts bytes that come in pieces into commands.
+
+    As a robot does, it waits for missing data bytes, so that a command cut short swallows the next
+    one. A byte that is no opcode is passed over.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[Command]:
+        """Takes the next bytes of the line.
+
+        **Returns:** the commands that they complete.
+        """
+        commands = []
+        buffer = self._buffer
+        buffer += data
+        while buffer:
+            if (needed := _command_size(buffer)) == 0:
+                del buffer[0]
+            elif needed is None or len(buffer) < needed:
+                break
+            else:
+                commands.append(Command(buffer[0], bytes(buffer[1:needed])))
+                del buffer[:needed]
+        return commands
+
+
+def _command_size(buffer: bytearray) -> int | None:
+    """Bytes of the command that begins `buffer`; 0 if none does, `None` if not yet known."""
+    opcode = buffer[0]
+    if opcode in _DATA_BYTES:
+        return 1 + _DATA_BYTES[opcode]
+    if opcode in (148, 149):
+        return 2 + buffer[1] if len(buffer) > 1 else None
+    if opcode == 140:
+        return 3 + 2 * buffer[2] if len(buffer) > 2 else None
+    return 0
+
+
+def _frame_layout(ids: Sequence[int]) -> tuple[int | None, ...]:
+    """The bytes of a frame: those known beforehand, and `None` for data and checksum."""
+    members(ids)
+    body: list[int | None] = []
+    for id_ in ids:
+        body += [id_, *[None] * size([id_])]
+    if not 0 < len(body) <= 169:
+        raise ValueError(
+            f"ids = {list(ids)}: a frame of {len(body)} bytes and 3 around them; "
+            "expected at least one packet and at most 172 bytes in all"
+        )
+    return HEADER, len(body), *body, None
+
+
+def _list(opcode: int, ids: Sequence[int]) -> bytes:
+    members(ids)
+    if len(ids) > 255:
+        raise ValueError(f"{len(ids)} ids: expected at most 255")
+    return bytes([opcode, len(ids), *ids])
+
+
+def _check(name: str, value: int, largest: int) -> None:
+    if not -largest <= value <= largest:
+        raise ValueError(f"{name} = {value}: expected -{largest} to {largest}")

@@ -1,0 +1,217 @@
+"""The sensor packets of the Create 2 Open Interface: their names and how they are coded."""
+
+import enum
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+
+WHEEL_BASE = 0.235
+"""Distance between the wheels, metres."""
+
+METRES_PER_COUNT = math.pi * 0.072 / 508.8
+"""How far a wheel of 72 mm rolls in one encoder count, metres."""
+
+
+class Mode(enum.IntEnum):
+    """The mode of the Open Interface, packet 35."""
+
+    OFF = 0
+    PASSIVE = 1
+    SAFE = 2
+    FULL = 3
+
+
+class Contact(enum.IntFlag):
+    """The bits of packet 7: bumpers, and wheels that hang in the air."""
+
+    BUMP_RIGHT = 1
+    BUMP_LEFT = 2
+    WHEEL_DROP_RIGHT = 4
+    WHEEL_DROP_LEFT = 8
+
+    BUMP = BUMP_RIGHT | BUMP_LEFT
+    WHEEL_DROP = WHEEL_DROP_RIGHT | WHEEL_DROP_LEFT
+
+
+@dataclass(frozen=True)
+class Packet:
+    """One sensor packet: a big-endian integer of one or two bytes."""
+
+    id: int
+    "The number that asks for it."
+    name: str
+    "A key of what `decode` returns."
+    size: int
+    "In bytes."
+    low: int
+    "The smallest value; two's complement if it is negative."
+    high: int
+    "The largest value."
+    unit: str = ""
+    "Empty for flags, states and raw signals."
+
+    @property
+    def signed(self) -> bool:
+        return self.low < 0
+
+
+_I16 = (2, -(2**15), 2**15 - 1)
+_U16 = (2, 0, 2**16 - 1)
+_U8 = (1, 0, 255)
+
+_TABLE = (
+    Packet(7, "contact", 1, 0, 15),
+    Packet(8, "wall", 1, 0, 1),
+    Packet(9, "cliff_left", 1, 0, 1),
+    Packet(10, "cliff_front_left", 1, 0, 1),
+    Packet(11, "cliff_front_right", 1, 0, 1),
+    Packet(12, "cliff_right", 1, 0, 1),
+    Packet(13, "virtual_wall", 1, 0, 1),
+    Packet(14, "overcurrent", 1, 0, 31),
+    Packet(15, "dirt", *_U8),
+    Packet(16, "unused_16", *_U8),
+    Packet(17, "infrared_omni", *_U8),
+    Packet(18, "buttons", *_U8),
+    # The robot's own odometry, wrong in most firmware: use the encoders, 43 and 44.
+    Packet(19, "distance", *_I16, "mm"),
+    Packet(20, "angle", *_I16, "degree"),
+    Packet(21, "charging_state", 1, 0, 5),
+    Packet(22, "voltage", *_U16, "mV"),
+    Packet(23, "current", *_I16, "mA"),
+    Packet(24, "temperature", 1, -128, 127, "degree Celsius"),
+    Packet(25, "charge", *_U16, "mAh"),
+    Packet(26, "capacity", *_U16, "mAh"),
+    Packet(27, "wall_signal", 2, 0, 1023),
+    Packet(28, "cliff_left_signal", 2, 0, 4095),
+    Packet(29, "cliff_front_left_signal", 2, 0, 4095),
+    Packet(30, "cliff_front_right_signal", 2, 0, 4095),
+    Packet(31, "cliff_right_signal", 2, 0, 4095),
+    Packet(32, "unused_32", *_U8),
+    Packet(33, "unused_33", *_U16),
+    Packet(34, "charger", 1, 0, 3),
+    # Up to 3 in the specification; some robots count from 1, so that 4 is Full.
+    Packet(35, "mode", 1, 0, 4),
+    Packet(36, "song", 1, 0, 15),
+    Packet(37, "song_playing", 1, 0, 1),
+    Packet(38, "stream_packets", 1, 0, 108),
+    Packet(39, "requested_velocity", 2, -500, 500, "mm/s"),
+    Packet(40, "requested_radius", *_I16, "mm"),
+    Packet(41, "requested_right", 2, -500, 500, "mm/s"),
+    Packet(42, "requested_left", 2, -500, 500, "mm/s"),
+    Packet(43, "left_encoder", *_U16, "count"),
+    Packet(44, "right_encoder", *_U16, "count"),
+    Packet(45, "light_bumper", 1, 0, 127),
+    Packet(46, "light_bump_left", 2, 0, 4095),
+    Packet(47, "light_bump_front_left", 2, 0, 4095),
+    Packet(48, "light_bump_centre_left", 2, 0, 4095),
+    Packet(49, "light_bump_centre_right", 2, 0, 4095),
+    Packet(50, "light_bump_front_right", 2, 0, 4095),
+    Packet(51, "light_bump_right", 2, 0, 4095),
+    Packet(52, "infrared_left", *_U8),
+    Packet(53, "infrared_right", *_U8),
+    Packet(54, "left_current", *_I16, "mA"),
+    Packet(55, "right_current", *_I16, "mA"),
+    Packet(56, "main_brush_current", *_I16, "mA"),
+    Packet(57, "side_brush_current", *_I16, "mA"),
+    Packet(58, "stasis", 1, 0, 3),
+)
+
+PACKETS: Mapping[int, Packet] = {packet.id: packet for packet in _TABLE}
+"""The packets by number."""
+
+GROUPS: Mapping[int, range] = {
+    0: range(7, 27),
+    1: range(7, 17),
+    2: range(17, 21),
+    3: range(21, 27),
+    4: range(27, 35),
+    5: range(35, 43),
+    6: range(7, 43),
+    100: range(7, 59),
+    101: range(43, 59),
+    106: range(46, 52),
+    107: range(54, 59),
+}
+"""The numbers that ask for several packets at once."""
+
+
+def members(ids: Iterable[int]) -> list[Packet]:
+    """The packets that the robot sends for `ids`, in order.
+
+    **Raises:** `ValueError` for a number that is neither a packet nor a group.
+    """
+    packets: list[Packet] = []
+    for index, id_ in enumerate(ids):
+        if id_ not in PACKETS and id_ not in GROUPS:
+            raise ValueError(
+                f"ids[{index}] = {id_}: expected a packet (7 to 58) or a group {list(GROUPS)}"
+            )
+        packets.extend(PACKETS[member] for member in GROUPS.get(id_, (id_,)))
+    return packets
+
+
+def size(ids: Iterable[int]) -> int:
+    """Bytes of data that the robot sends for `ids`."""
+    return sum(packet.size for packet in members(ids))
+
+
+def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
+    """The values in the robot's answer to a request for `ids`.
+
+    **Arguments:**
+
+    - `ids`: packets and groups, in the order of the request.
+    - `data`: the answer, `size(ids)` bytes.
+
+    **Returns:** the values by the names in `PACKETS`, in their units. A value out of the range of
+    its packet is not refused.
+
+    **Raises:** `ValueError` for an unknown number or another length of `data`.
+    """
+    packets = members(ids)
+    expected = sum(packet.size for packet in packets)
+    if len(data) != expected:
+        raise ValueError(f"{len(data)} bytes of data; the packets {list(ids)} have {expected}")
+    values: dict[str, int] = {}
+    start = 0
+    for packet in packets:
+        end = start + packet.size
+        values[packet.name] = int.from_bytes(data[start:end], "big", signed=packet.signed)
+        start = end
+    return values
+
+
+def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
+    """The robot's answer to a request for `ids`: the inverse of `decode`.
+
+    **Arguments:**
+
+    - `ids`: packets and groups.
+    - `values`: the values by name; those of other packets are ignored.
+
+    **Raises:** `ValueError` for an unknown number, a missing value, or one out of its range.
+    """
+    data = b""
+    for packet in members(ids):
+        if packet.name not in values:
+            raise ValueError(f"values: packet {packet.id} needs {packet.name!r}, which is missing")
+        value = int(values[packet.name])
+        if not packet.low <= value <= packet.high:
+            raise ValueError(
+                f"{packet.name} = {value}: packet {packet.id} holds {packet.low} to {packet.high}"
+            )
+        data += value.to_bytes(packet.size, "big", signed=packet.signed)
+    return data
+
+
+def encoder_difference(before: int, after: int) -> int:
+    """Counts from one encoder reading to the next; the counters wrap at 16 bits.
+
+    **Arguments:**
+
+    - `before`, `after`: two readings less than 2**15 counts (14 m) apart.
+
+    **Returns:** their signed difference, right in both directions through the wrap.
+    """
+    return (after - before + 2**15) % 2**16 - 2**15

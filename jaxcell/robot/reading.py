@@ -1,0 +1,125 @@
+"""What the driver asks the robot to sense, and what it makes of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from .packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, encoder_difference
+
+
+STREAM = (7, 9, 10, 11, 12, 43, 44, 21, 22, 25, 26, 34, 35)
+"""The packets of the stream. `StreamParser` tells why the mode, 35, comes last."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one frame of the stream says, in SI units."""
+
+    time: float
+    "When the frame was complete, seconds by `time.monotonic`."
+    left: float
+    "How far the left wheel has rolled since the driver connected, metres."
+    right: float
+    "How far the right wheel has rolled, metres."
+    contact: Contact
+    "Bumpers and dropped wheels."
+    cliff: tuple[bool, bool, bool, bool]
+    "Whether there is no floor under the left, front left, front right and right sensor."
+    mode: Mode
+    "The mode of the Open Interface."
+    charger: bool
+    "Whether a charger is plugged in or the robot stands on its dock."
+    charging_state: int
+    "0 not charging, 1 reconditioning, 2 full, 3 trickle, 4 waiting, 5 fault."
+    voltage: float
+    "Of the battery, volts."
+    charge: float
+    "In the battery, ampere hours."
+    capacity: float
+    "Of the battery, ampere hours; 0 if the robot does not know."
+    encoders: tuple[int, int]
+    "The counters of the left and right wheel."
+
+    @classmethod
+    def of(
+        cls,
+        values: Mapping[str, int],
+        *,
+        time: float,
+        previous: "Reading | None",
+        first_mode: int = 0,
+    ) -> "Reading":
+        """Makes a reading of a frame.
+
+        The distances come from the encoders, as the robot's own (packets 19 and 20) are wrong in
+        most firmware. The encoders do not sense in which direction a wheel turns; the robot takes
+        the direction it last commanded, so that a robot pushed by hand counts the wrong way.
+
+        **Arguments:**
+
+        - `values`: the values of the packets in `STREAM`, by name.
+        - `time`: when the frame was complete.
+        - `previous`: the reading before this one, at most 14 m ago; `None` for the first.
+        - `first_mode`: the number this robot gives to mode Off. Some give 1, not 0.
+        """
+        encoders = values["left_encoder"], values["right_encoder"]
+        left = right = 0.0
+        if previous is not None:
+            before = previous.encoders
+            left = previous.left + METRES_PER_COUNT * encoder_difference(before[0], encoders[0])
+            right = previous.right + METRES_PER_COUNT * encoder_difference(before[1], encoders[1])
+        return cls(
+            time=time,
+            left=left,
+            right=right,
+            contact=Contact(values["contact"]),
+            cliff=(
+                bool(values["cliff_left"]),
+                bool(values["cliff_front_left"]),
+                bool(values["cliff_front_right"]),
+                bool(values["cliff_right"]),
+            ),
+            mode=Mode(min(max(values["mode"] - first_mode, 0), 3)),
+            charger=bool(values["charger"]),
+            charging_state=values["charging_state"],
+            voltage=values["voltage"] / 1000,
+            charge=values["charge"] / 1000,
+            capacity=values["capacity"] / 1000,
+            encoders=encoders,
+        )
+
+    @property
+    def distance(self) -> float:
+        """How far the body's centre has gone since the driver connected, metres."""
+        return (self.left + self.right) / 2
+
+    @property
+    def heading(self) -> float:
+        """How far the body has turned since, radians counterclockwise, not wrapped."""
+        return (self.right - self.left) / WHEEL_BASE
+
+    @property
+    def bump(self) -> bool:
+        """Whether a bumper is pressed."""
+        return bool(self.contact & Contact.BUMP)
+
+    @property
+    def battery(self) -> float:
+        """The charge as a fraction of the capacity; 1 if the robot does not know."""
+        return self.charge / self.capacity if self.capacity > 0 else 1.0
+
+    @property
+    def danger(self) -> str | None:
+        """Why the robot should not drive, if so."""
+        if self.contact & Contact.WHEEL_DROP:
+            return "a wheel hangs in the air"
+        if any(self.cliff):
+            return "there is a cliff"
+        if self.charger:
+            return "it is on the charger"
+        if self.battery < LOW_BATTERY:
+            return f"the battery is low ({self.battery:.0%})"
+        return None
+
+
+LOW_BATTERY = 0.1
+"""The fraction of its capacity below which the battery is low."""

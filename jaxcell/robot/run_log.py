@@ -1,0 +1,117 @@
+import dataclasses
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+
+_FORMAT = "jaxcell-robot-log"
+_VERSION = 1
+
+
+class RunLog:
+    """The log of a run: a JSON object a line, each on the disk before the robot goes on.
+
+    The first line tells what was run; each of the others is an event, with the seconds since then.
+    A context manager.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
+        """**Arguments:**
+
+        - `path`: the file, which must not exist: a log is never overwritten.
+        - `header`: what is run, a JSON object.
+
+        **Raises:** `FileExistsError`.
+        """
+        self._began = time.monotonic()
+        self._file = open(path, "x", encoding="utf-8")  # noqa: SIM115
+        self._write({"format": _FORMAT, "version": _VERSION, **header})
+
+    def event(self, name: str, **fields: Any) -> None:
+        """Writes an event."""
+        seconds = round(time.monotonic() - self._began, 3)
+        self._write({"event": name, "seconds": seconds, **fields})
+
+    def _write(self, line: Mapping[str, Any]) -> None:
+        self._file.write(json.dumps(line, allow_nan=False) + "\n")
+        self._file.flush()
+
+    def __enter__(self) -> "RunLog":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is not None:
+            self.event("stopped", reason=f"{type(error).__name__}: {error}")
+        self._file.close()
+
+
+@dataclasses.dataclass(frozen=True)
+class LoggedRun:
+    """A log that was read back."""
+
+    header: Mapping[str, Any]
+    "What was run."
+    events: tuple[Mapping[str, Any], ...]
+    "The events in order."
+    whole: bool
+    "Whether the last line is: the log of a robot that lost its power may end within one."
+
+    @property
+    def observations(self) -> str:
+        """What the robot sensed: 0 for a step, 1 for a bump."""
+        return "".join(str(event["observation"]) for event in self._observed())
+
+    @property
+    def colors(self) -> list[int]:
+        """The colours of the filter at each observation, where a filter was run."""
+        return [event["color"] for event in self._observed() if "color" in event]
+
+    def _observed(self) -> Iterator[Mapping[str, Any]]:
+        return (event for event in self.events if event["event"] == "observation")
+
+
+def read_log(path: str | os.PathLike[str]) -> LoggedRun:
+    """Reads the log of a run, of one that was cut off too.
+
+    **Raises:** `ValueError` that names the file and the line, if it is not such a log;
+    `FileNotFoundError`.
+    """
+    text = Path(path).read_bytes()
+    lines = text.split(b"\n")
+    # What follows the last newline is a line that was not finished.
+    unfinished = lines.pop()
+    parsed = []
+    for number, line in enumerate(lines, 1):
+        try:
+            parsed.append(json.loads(line))
+            if not isinstance(parsed[-1], dict):
+                raise ValueError("expected a JSON object")
+            if number > 1:
+                _check_event(parsed[-1])
+        except ValueError as error:
+            raise ValueError(f"{path}: line {number}: {error}") from None
+    header = parsed[0] if parsed else {}
+    found = header.get("format"), header.get("version")
+    if found != (_FORMAT, _VERSION):
+        raise ValueError(
+            f"{path}: line 1: expected the log of a robot, format {_FORMAT!r} version {_VERSION}, "
+            f"got {found[0]!r} version {found[1]!r}"
+        )
+    return LoggedRun(header, tuple(parsed[1:]), not unfinished)
+
+
+def _check_event(event: Mapping[str, Any]) -> None:
+    name = event.get("event")
+    if not isinstance(name, str):
+        raise ValueError(f"event: expected a name, got {name!r}")
+    if name == "observation" and event.get("observation") not in (0, 1):
+        raise ValueError(f"observation: expected 0 or 1, got {event.get('observation')!r}")

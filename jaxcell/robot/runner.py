@@ -1,0 +1,205 @@
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from ..automata import Filter
+from .run_log import LoggedRun, RunLog
+from .walker import Walker
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a run of a filter or a plan ended."""
+
+    result: Literal["localized", "arrived", "refuted", "unfinished"]
+    """`"localized"`: the filter is in a knowledge cycle; `"arrived"`: the plan is done;
+    `"refuted"`: what was sensed cannot be; `"unfinished"`: neither, after as many observations as
+    were allowed."""
+    observations: str
+    "What the robot sensed: 0 for a step, 1 for a bump."
+    reason: str
+    "A sentence for people."
+    colors: tuple[int, ...] = ()
+    "Of the filter after each observation; 0 where a filter without a trap has no state for it."
+    cells: tuple[int, ...] = ()
+    "The cells where the robot may be, by the filter."
+
+
+def run_filter(
+    walker: Walker, filter: Filter, bounce: float, *, log: RunLog | None = None, limit: int = 10_000
+) -> Outcome:
+    """Lets a robot bounce until a filter knows where it is, or that it cannot be in the map.
+
+    At each bump the robot turns by the bouncing angle (Alam 2018, section 2.4).
+
+    **Arguments:**
+
+    - `walker`: the robot, at the centre of an unknown cell.
+    - `filter`: a localization filter of either kind: an observation that cannot occur refutes it
+        also where it has no trap.
+    - `bounce`: the bouncing angle that the filter is for, in radians, counter-clockwise.
+    - `log`: where to write each observation as it comes.
+    - `limit`: how many observations to make at most.
+
+    **Returns:** [`Outcome`][].
+    """
+    follower = _Follower(filter)
+    while follower.result is None and len(follower.colors) < limit:
+        bumped = walker.step()
+        follower.observe(int(bumped))
+        _log_observation(log, walker, **follower.fields)
+        if bumped and follower.result != "refuted":
+            walker.rotate(bounce)
+    return _finished(follower.outcome(), log)
+
+
+def run_plan(walker: Walker, actions: Sequence[float], *, log: RunLog | None = None) -> Outcome:
+    """Lets a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
+
+    **Arguments:**
+
+    - `walker`: the robot, at the centre of the plan's first cell, in its direction.
+    - `actions`: 0 for a step forward, else the angle to turn by at a bump, in radians,
+        counter-clockwise; as `jaxcell.bounce.Plan.actions`.
+    - `log`: where to write each observation as it comes.
+
+    **Returns:** [`Outcome`][]: `"refuted"` at the first step that meets a wall where none can be,
+    or none where one must be.
+    """
+    for index, action in enumerate(actions):
+        bumped = walker.step()
+        _log_observation(log, walker, action=index)
+        if bumped != (action != 0):
+            break
+        if bumped:
+            walker.rotate(action)
+    return _finished(plan_outcome(actions, walker.observations), log)
+
+
+def plan_outcome(actions: Sequence[float], observations: str) -> Outcome:
+    """How a plan ended, or stands, by what the robot sensed on it.
+
+    **Arguments:**
+
+    - `actions`: as for [`run_plan`][].
+    - `observations`: 0 for a step and 1 for a bump, one for each action that was tried.
+
+    **Returns:** [`Outcome`][].
+    """
+    for index, (action, observation) in enumerate(zip(actions, observations, strict=False)):
+        if (observation == "1") != (action != 0):
+            slip = (
+                "the robot bumped where the plan has free space"
+                if observation == "1"
+                else "the robot met no wall where the plan has one"
+            )
+            reason = _with(f"action {index} of {len(actions)}: {slip}", observations)
+            return Outcome("refuted", observations, reason)
+    if len(observations) < len(actions):
+        reason = f"{len(observations)} of {len(actions)} actions are done"
+        return Outcome("unfinished", observations, reason)
+    return Outcome("arrived", observations, f"all {len(actions)} actions are done")
+
+
+def replay(run: LoggedRun, filter: Filter) -> Outcome:
+    """Gives a filter what a robot sensed in a logged run.
+
+    **Arguments:**
+
+    - `run`: the log of a run of a filter.
+    - `filter`: the filter that was run.
+
+    **Returns:** [`Outcome`][], that of the run if it was not cut off.
+
+    **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
+    it: it is of another filter.
+    """
+    follower = _Follower(filter)
+    observations = run.observations
+    for observation in observations:
+        follower.observe(int(observation))
+    pairs = zip(run.colors, follower.colors, strict=False)
+    differs = next((i for i, (logged, color) in enumerate(pairs) if logged != color), None)
+    if differs is not None:
+        raise ValueError(
+            f"observation {differs}: the log has colour {run.colors[differs]}, the filter "
+            f"{follower.colors[differs]}; the log is of another filter"
+        )
+    return follower.outcome()
+
+
+class _Follower:
+    """A filter along a run, which says when it is over."""
+
+    def __init__(self, filter: Filter) -> None:
+        self.colors: list[int] = []
+        self.observations = ""
+        self.result: Literal["localized", "refuted"] | None = None
+        self._filter, self._state = filter, filter.start()
+
+    def observe(self, observation: int) -> None:
+        """Takes the next observation, 0 or 1."""
+        self.observations += str(observation)
+        if self._filter.transition[self._state.index, observation] < 0:
+            self.result = "refuted"
+            self.colors.append(0)
+            return
+        self._state = self._state.observe(observation)
+        self.colors.append(self._state.color)
+        if self._state.refuted:
+            self.result = "refuted"
+        elif self._state.localized:
+            self.result = "localized"
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """What the log has of the last observation."""
+        refuted = self.result == "refuted"
+        return {
+            "color": self.colors[-1],
+            "state": None if refuted else self._state.index,
+            "uncertainty": 0 if refuted else self._state.uncertainty,
+        }
+
+    def outcome(self) -> Outcome:
+        """How it ended, or stands."""
+        count = len(self.observations)
+        cells: list[int] = [] if self.result == "refuted" else self._state.cells.tolist()
+        if self.result == "localized":
+            places = "1 configuration" if len(cells) == 1 else f"{len(cells)} configurations"
+            reason = f"localized to {places} after {count} observations"
+        elif self.result == "refuted":
+            reason = _with(
+                f"observation {count - 1} is {self.observations[-1]}, which cannot occur in the "
+                "map of the filter after those before it: the map is another, or the robot "
+                "slipped",
+                self.observations,
+            )
+        else:
+            reason = f"not localized after {count} observations; {len(cells)} configurations left"
+        return Outcome(
+            self.result or "unfinished", self.observations, reason, tuple(self.colors), tuple(cells)
+        )
+
+
+def _with(reason: str, observations: str) -> str:
+    return f"{reason}; the robot observed {observations}"
+
+
+def _log_observation(log: RunLog | None, walker: Walker, **fields: Any) -> None:
+    if log is None:
+        return
+    log.event(
+        "observation",
+        observation=int(walker.observations[-1]),
+        **fields,
+        estimate=np.round(walker.estimate, 4).tolist(),
+    )
+
+
+def _finished(outcome: Outcome, log: RunLog | None) -> Outcome:
+    if log is not None:
+        log.event("end", result=outcome.result, reason=outcome.reason)
+    return outcome

@@ -1,0 +1,189 @@
+import cmath
+import math
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from .create import Moved
+
+
+# A target so far behind is reached in reverse: the robot has just come from there.
+_BEHIND = math.radians(170.0)
+
+
+@runtime_checkable
+class Drivable(Protocol):
+    """What a walker needs of a robot: a [`Create`][jaxcell.robot.create.Create], or the like."""
+
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
+        """Goes straight, back if negative; forward it stops when the bumper is pressed."""
+
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
+        """Turns in place, by radians counter-clockwise."""
+
+
+def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
+    """Where the cell that holds the end of a step has its centre.
+
+    **Arguments:**
+
+    - `directions`: number of directions.
+    - `cell`: side of a cell, in metres.
+    - `step`: length of a step, in metres.
+
+    **Returns:** for each direction, how far ahead of the centre where the step began that of the
+    end is, and how far to the left, in metres. In the directions along an axis, and a step of a
+    cell, it is the step itself.
+    """
+    angle = 2 * np.pi * np.arange(directions) / directions
+    heading = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # As the cell space counts: ties go to the upper and right cell, on every platform.
+    hop = np.floor(np.round(np.round(step / cell * heading, 9) + 0.5, 9)) * cell
+    left = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
+    return np.stack([(hop * heading).sum(axis=1), (hop * left).sum(axis=1)], axis=1)
+
+
+class Walker:
+    """Takes a robot through the cells of a map, step by step, by the odometry of its wheels.
+
+    The model of a bouncing robot (Alam 2018, Eq. 2.4) knows only centres of cells. A step goes from
+    one straight along the heading; if nothing is in the way, the robot is next at the centre of the
+    cell where the step ended, which is not on its line unless it runs along an axis. If something
+    is in the way, the robot is where it was. A real robot does neither by itself, so the walker
+    does: after a step it drives on to the centre of the cell, and after a bump back to the centre
+    that it came from. A wall on the way to the centre counts as one in the way of the step.
+
+    To know where the centre is takes the heading, as from a compass, or from how the robot was put
+    down. The filter is not told. Without `strides` the walker needs none and takes every step to be
+    of one length, which is the model's where all headings are along the axes, and an approximation
+    otherwise.
+
+    Each target is a place in the frame of the odometry: what a step misses is made good in the
+    next. What the encoders do not see (slip) is not.
+    """
+
+    observations: str
+    "What the robot has sensed so far: 0 for a step, 1 for a bump."
+
+    def __init__(
+        self,
+        robot: Drivable,
+        step: float,
+        *,
+        strides: Float[np.ndarray, "directions 2"] | None = None,
+        direction: int = 0,
+        tolerance: float = 0.004,
+        turn_tolerance: float = math.radians(0.4),
+    ) -> None:
+        """**Arguments:**
+
+        - `robot`: e.g. [`jaxcell.robot.Create`][].
+        - `step`: length of a step, in metres.
+        - `strides`: the result of [`cell_strides`][], if the heading is known.
+        - `direction`: then the heading at the start, as a number of directions.
+        - `tolerance`, `turn_tolerance`: how near a target is near enough by the encoders, in metres
+            and in radians.
+
+        **Raises:** `ValueError` for a step or a tolerance that is not positive, or a direction that
+        is not one.
+        """
+        positive = {"step": step, "tolerance": tolerance, "turn_tolerance": turn_tolerance}
+        for name, value in positive.items():
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name}: expected a positive number, got {value}")
+        if strides is not None and not 0 <= direction < len(strides):
+            raise ValueError(f"direction: expected 0 to {len(strides) - 1}, got {direction}")
+        self.observations = ""
+        self._robot, self._step, self._strides = robot, step, strides
+        self._direction, self._tolerance, self._turn_tolerance = (
+            direction,
+            tolerance,
+            turn_tolerance,
+        )
+        # The frame of the odometry has the start at 0, and its heading along the real axis.
+        self._at, self._facing = 0j, 0.0
+        self._centre, self._heading = 0j, 0.0
+
+    @property
+    def estimate(self) -> tuple[float, float, float]:
+        """Where the wheels say the robot is: ahead and left of its start in metres, and turned."""
+        return self._at.real, self._at.imag, self._facing
+
+    @property
+    def error(self) -> float:
+        """How far that is from the centre where the model has the robot, in metres."""
+        return abs(self._at - self._centre)
+
+    def step(self) -> bool:
+        """Takes a step, and tells whether it was a bump: then the robot is where it was."""
+        ahead = cmath.rect(1.0, self._heading)
+        end = self._centre + self._step * ahead
+        targets = [end]
+        if self._strides is not None:
+            forward, left = self._strides[self._direction].tolist()
+            centre = self._centre + complex(forward, left) * ahead
+            straight = abs(left) < 1e-9 and forward >= self._step - 1e-9
+            targets = [centre] if straight else [end, centre]
+        bumped = False
+        passed = [self._centre]
+        for target in targets:
+            bumped = self._go(target)
+            if bumped:
+                break
+            passed.append(target)
+        if bumped:
+            # The way back is the way there: beside it there may be walls, which it does not feel.
+            for place in reversed(passed):
+                self._go(place, back=True)
+        else:
+            self._centre = targets[-1]
+            self._face(self._heading)
+        self.observations += "1" if bumped else "0"
+        return bumped
+
+    def rotate(self, angle: float) -> None:
+        """Turns the heading by an angle in radians, counter-clockwise.
+
+        **Raises:** `ValueError` if the heading is known and the angle is no whole number of
+        directions.
+        """
+        if self._strides is not None:
+            count = len(self._strides)
+            shift = angle * count / (2 * math.pi)
+            if abs(shift - round(shift)) > 1e-6:
+                raise ValueError(
+                    f"angle: {math.degrees(angle):g} deg is not a whole number of the {count} "
+                    "directions"
+                )
+            self._direction = (self._direction + round(shift)) % count
+        self._heading += angle
+        self._face(self._heading)
+
+    def _go(self, target: complex, *, back: bool = False) -> bool:
+        """Drives to a place, and tells whether something was in the way."""
+        way = target - self._at
+        if abs(way) < self._tolerance:
+            return False
+        bearing = cmath.phase(way)
+        if back or abs(_wrapped(bearing - self._facing)) > _BEHIND:
+            self._face(bearing + math.pi)
+            moved = self._robot.forward(-abs(way), tolerance=self._tolerance)
+        else:
+            self._face(bearing)
+            moved = self._robot.forward(abs(way), tolerance=self._tolerance)
+        self._at += cmath.rect(moved.distance, self._facing + moved.angle / 2)
+        self._facing += moved.angle
+        return moved.bumped
+
+    def _face(self, heading: float) -> None:
+        angle = _wrapped(heading - self._facing)
+        if abs(angle) > self._turn_tolerance:
+            moved = self._robot.turn(angle, tolerance=self._turn_tolerance)
+            self._at += cmath.rect(moved.distance, self._facing)
+            self._facing += moved.angle
+
+
+def _wrapped(angle: float) -> float:
+    """The same angle between -pi and pi."""
+    return math.remainder(angle, 2 * math.pi)

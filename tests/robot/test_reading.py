@@ -1,0 +1,69 @@
+import dataclasses
+import math
+
+import pytest
+
+from jaxcell.robot.packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, members
+from jaxcell.robot.reading import STREAM, Reading
+
+
+VALUES = {packet.name: 0 for packet in members(STREAM)} | {"capacity": 2696, "charge": 2000}
+
+
+def reading(previous=None, *, first_mode=0, **values):
+    return Reading.of(VALUES | values, time=0.0, previous=previous, first_mode=first_mode)
+
+
+def test_distances_add_up_through_the_wrap_in_both_directions():
+    now = reading(left_encoder=65530, right_encoder=5)
+    assert (now.left, now.right) == (0, 0)
+    now = reading(now, left_encoder=4, right_encoder=65535)
+    assert now.left == pytest.approx(10 * METRES_PER_COUNT)
+    assert now.right == pytest.approx(-6 * METRES_PER_COUNT)
+    now = reading(now, left_encoder=65530, right_encoder=5)
+    assert (now.left, now.right) == (pytest.approx(0), pytest.approx(0))
+
+
+def test_a_metre_and_a_quarter_turn():
+    counts = round(1 / METRES_PER_COUNT)
+    assert counts == pytest.approx(508.8 / (math.pi * 0.072), abs=0.5)
+    now = reading(reading(), left_encoder=counts, right_encoder=counts)
+    assert (now.distance, now.heading) == (pytest.approx(1, abs=1e-3), 0)
+    arc = round(math.pi / 2 * WHEEL_BASE / 2 / METRES_PER_COUNT)
+    now = reading(reading(), left_encoder=-arc % 65536, right_encoder=arc)
+    assert (now.distance, now.heading) == (0, pytest.approx(math.pi / 2, abs=0.01))
+
+
+@pytest.mark.parametrize(("said", "first", "mode"), [(2, 0, 2), (3, 1, 2), (4, 1, 3), (4, 0, 3)])
+def test_modes_of_robots_that_count_them_from_one(said, first, mode):
+    assert reading(mode=said, first_mode=first).mode is Mode(mode)
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({}, None),
+        ({"contact": int(Contact.BUMP)}, None),
+        ({"contact": int(Contact.WHEEL_DROP_LEFT)}, "wheel"),
+        ({"contact": int(Contact.WHEEL_DROP_RIGHT)}, "wheel"),
+        ({"cliff_left": 1}, "cliff"),
+        ({"cliff_front_left": 1}, "cliff"),
+        ({"cliff_front_right": 1}, "cliff"),
+        ({"cliff_right": 1}, "cliff"),
+        ({"charger": 1}, "charger"),
+        ({"charger": 2}, "charger"),
+        ({"charge": 269}, "battery"),
+        ({"charge": 0, "capacity": 0}, None),
+    ],
+)
+def test_dangers(values, named):
+    danger = reading(**values).danger
+    assert danger is None if named is None else named in danger
+
+
+def test_units():
+    now = reading(voltage=16123, charging_state=2)
+    assert (now.voltage, now.charge, now.capacity) == (16.123, 2.0, 2.696)
+    assert now.battery == pytest.approx(2000 / 2696)
+    assert not now.bump
+    assert dataclasses.replace(now, contact=Contact.BUMP_LEFT).bump

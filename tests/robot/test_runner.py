@@ -1,0 +1,225 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from wheels import Wheels, bounce_filter, bounce_tables, map_cells
+
+from jaxcell.robot.body import Body, Noise
+from jaxcell.robot.create import Create
+from jaxcell.robot.emulator import Emulator, Line
+from jaxcell.robot.run_log import RunLog, read_log
+from jaxcell.robot.runner import plan_outcome, replay, run_filter, run_plan
+from jaxcell.robot.walker import Walker, cell_strides
+
+
+LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
+STRIDES = cell_strides(8, 1.0, 1.0)
+
+
+def pose_of(cells, cell: int) -> tuple[float, float, float]:
+    x, y, theta = cells.centre(cell)
+    return float(x), float(y), float(theta)
+
+
+def walker_in(cells, cell: int, **fields) -> tuple[Walker, Body]:
+    body = Body(cells.workspace, pose_of(cells, cell), **fields)
+    direction = cell // cells.positions
+    return Walker(Wheels(body), 1.0, strides=STRIDES, direction=direction), body
+
+
+# The serial line, the driver and the wheels are all in this one.
+@pytest.mark.parametrize(("cell", "bounce_deg"), [(70, 45), (33, 135)])
+def test_the_emulated_robot_is_localized_to_its_true_configuration(cell, bounce_deg):
+    filter = bounce_filter(LAB_A, bounce_deg)
+    with Emulator(Body(LAB_A.workspace, pose_of(LAB_A, cell)), line=Line(speedup=100.0)) as robot:
+        with Create.open(robot.port, patience=5.0) as create:
+            create.arm()
+            walker = Walker(create, 1.0, strides=STRIDES, direction=cell // LAB_A.positions)
+            outcome = run_filter(walker, filter, math.radians(bounce_deg))
+            assert outcome.result == "localized"
+        assert int(LAB_A.index(*robot.pose)) in outcome.cells
+        state = filter.run(outcome.observations).states[-1].item()
+        assert outcome.cells == tuple(filter.cells(state).tolist())
+
+
+@pytest.mark.parametrize("bounce_deg", [45, 135])
+def test_it_is_localized_from_many_cells(bounce_deg):
+    filter = bounce_filter(LAB_A, bounce_deg)
+    image, bumped = bounce_tables(LAB_A, bounce_deg)
+    for cell in np.random.default_rng(2).choice(LAB_A.size, 10, replace=False).tolist():
+        walker, body = walker_in(LAB_A, cell)
+        outcome = run_filter(walker, filter, math.radians(bounce_deg))
+        observed = ""
+        for _ in outcome.observations:
+            observed += str(int(bumped[cell]))
+            cell = int(image[cell])
+        assert outcome.observations == observed
+        assert outcome.result == "localized"
+        assert len(outcome.cells) <= 4
+        assert cell in outcome.cells
+        assert int(LAB_A.index(*body.pose)) == cell
+        assert set(outcome.colors[:-1]) <= {1}
+        assert outcome.colors[-1] > 1
+
+
+@pytest.mark.parametrize("open_world", [False, True])
+def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, tmp_path):
+    filter = bounce_filter(LAB_B, 45, open_world=open_world)
+    # A cell of lab A from where the filter of lab B meets what cannot be.
+    image, bumped = bounce_tables(LAB_A, 45)
+    refuted = 0
+    for cell in range(0, LAB_A.size, 19):
+        walker, _ = walker_in(LAB_A, cell)
+        with RunLog(tmp_path / f"{cell}.jsonl", {"kind": "filter"}) as log:
+            outcome = run_filter(walker, filter, math.radians(45), log=log)
+        observed = ""
+        for _ in outcome.observations:
+            observed += str(int(bumped[cell]))
+            cell = int(image[cell])
+        assert outcome.observations == observed
+        if outcome.result == "refuted":
+            refuted += 1
+            with pytest.raises(ValueError, match=f"observation {len(observed) - 1} is"):
+                bounce_filter(LAB_B, 45).run(observed)
+            bounce_filter(LAB_B, 45).run(observed[:-1])
+            assert outcome.cells == ()
+            assert outcome.reason.endswith(f"the robot observed {observed}")
+            assert outcome.colors[-1] == (filter.color[-1] if open_world else 0)
+    assert refuted >= 2
+
+
+def test_a_slipping_robot_is_refuted_or_lost_and_never_an_error():
+    filter = bounce_filter(LAB_A, 45)
+    results = set()
+    for seed in range(6):
+        noise = Noise(distance=0.3, rotation=0.3)
+        walker, _ = walker_in(LAB_A, 70, noise=noise, rng=np.random.default_rng(seed))
+        results.add(run_filter(walker, filter, math.radians(45), limit=60).result)
+    assert "refuted" in results
+    assert results <= {"refuted", "localized", "unfinished"}
+
+
+def test_the_limit_ends_a_run():
+    walker, _ = walker_in(LAB_A, 70)
+    outcome = run_filter(walker, bounce_filter(LAB_A, 45), math.radians(45), limit=3)
+    assert outcome.result == "unfinished"
+    assert len(outcome.observations) == len(outcome.colors) == 3
+    assert outcome.reason.startswith("not localized after 3 observations; ")
+
+
+def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
+    path = tmp_path / "run.jsonl"
+    filter = bounce_filter(LAB_A, 45)
+    walker, _ = walker_in(LAB_A, 70)
+    seen = []
+    step = walker.step
+    walker.step = lambda: (seen.append(len(path.read_text().splitlines())), step())[1]
+    with RunLog(path, {"kind": "filter", "bounce_deg": 45}) as log:
+        outcome = run_filter(walker, filter, math.radians(45), log=log)
+    # Before each step the header and every observation so far are in the file.
+    assert seen == list(range(1, len(outcome.observations) + 1))
+    run = read_log(path)
+    assert run.whole
+    assert run.header["bounce_deg"] == 45
+    assert run.observations == outcome.observations
+    assert run.colors == list(outcome.colors) == filter.run(run.observations).colors[1:].tolist()
+    assert run.events[-1] == {
+        "event": "end",
+        "seconds": run.events[-1]["seconds"],
+        "result": "localized",
+        "reason": outcome.reason,
+    }
+    assert replay(run, filter) == outcome
+    with pytest.raises(ValueError, match=r"observation \d+: the log has colour"):
+        replay(run, bounce_filter(LAB_A, 135))
+    with pytest.raises(FileExistsError):
+        RunLog(path, {})
+
+
+def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
+    path = tmp_path / "run.jsonl"
+    walker, _ = walker_in(LAB_A, 70)
+    with RunLog(path, {"kind": "filter"}) as log:
+        outcome = run_filter(walker, bounce_filter(LAB_A, 45), math.radians(45), log=log)
+    whole = path.read_bytes()
+    lines = whole.count(b"\n")
+    for length in range(whole.index(b"\n") + 1, len(whole)):
+        path.write_bytes(whole[:length])
+        run = read_log(path)
+        events = whole[:length].count(b"\n") - 1
+        assert run.observations == outcome.observations[: min(events, lines - 2)]
+        assert run.whole == (whole[length - 1 : length] == b"\n")
+
+
+def test_an_error_ends_a_log_with_its_reason(tmp_path):
+    def run() -> None:
+        with RunLog(tmp_path / "run.jsonl", {}) as log:
+            log.event("observation", observation=1)
+            raise RuntimeError("the line is lost")
+
+    with pytest.raises(RuntimeError):
+        run()
+    assert read_log(tmp_path / "run.jsonl").events[-1]["reason"] == "RuntimeError: the line is lost"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: expected the log of a robot"),
+        ("{}\n", "line 1: expected the log of a robot"),
+        ("[]\n", "line 1: expected a JSON object"),
+        ("{HEADER}\n{\n", "line 2: "),
+        ('{HEADER}\n{"event": 3}\n', "line 2: event: expected a name, got 3"),
+        ('{HEADER}\n{"event": "observation", "observation": 2}\n', "line 2: observation: expected"),
+    ],
+)
+def test_a_file_that_is_no_log(tmp_path, text, message):
+    header = json.dumps({"format": "jaxcell-robot-log", "version": 1})
+    path = tmp_path / "run.jsonl"
+    path.write_text(text.replace("{HEADER}", header))
+    with pytest.raises(ValueError, match=message):
+        read_log(path)
+
+
+# A cell with free space ahead.
+PLAN_START = int(np.flatnonzero(~bounce_tables(LAB_A, 135)[1])[0])
+
+
+def plan_of(cell: int, count: int) -> list[float]:
+    """A plan that keeps one angle: it follows the bounce map."""
+    image, bumped = bounce_tables(LAB_A, 135)
+    actions = []
+    for _ in range(count):
+        actions.append(math.radians(135) if bumped[cell] else 0.0)
+        cell = int(image[cell])
+    return actions
+
+
+def test_a_plan_arrives(tmp_path):
+    cell, actions = PLAN_START, plan_of(PLAN_START, 20)
+    walker, body = walker_in(LAB_A, cell)
+    with RunLog(tmp_path / "run.jsonl", {"kind": "plan", "actions": actions}) as log:
+        outcome = run_plan(walker, actions, log=log)
+    assert outcome.result == "arrived"
+    image, _ = bounce_tables(LAB_A, 135)
+    for _ in actions:
+        cell = int(image[cell])
+    assert int(LAB_A.index(*body.pose)) == cell
+    run = read_log(tmp_path / "run.jsonl")
+    assert plan_outcome(run.header["actions"], run.observations) == outcome
+
+
+def test_a_plan_and_reality_disagree():
+    actions = plan_of(PLAN_START, 20)
+    wall = next(i for i, action in enumerate(actions) if action)
+    for wrong, text in [
+        ([*actions[:wall], 0.0], "bumped where the plan has free space"),
+        ([math.pi / 4, *actions[1:]], "met no wall where the plan has one"),
+    ]:
+        walker, _ = walker_in(LAB_A, PLAN_START)
+        outcome = run_plan(walker, wrong)
+        assert outcome.result == "refuted"
+        assert text in outcome.reason
+        assert outcome.reason.endswith(f"the robot observed {outcome.observations}")
+    assert plan_outcome(actions, outcome.observations[:0]).result == "unfinished"

@@ -1,0 +1,79 @@
+import json
+import math
+
+import pytest
+import serial
+from wheels import bounce_filter, map_cells
+
+from jaxcell.robot.body import Body
+from jaxcell.robot.emulator import BANNER, Emulator, Line
+from jaxcell.robot.firmware import firmware
+from jaxcell.robot.tasks import FilterTask, PlanTask, load_task
+
+
+LAB = map_cells("lab_a.json")
+SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
+
+
+def test_a_filter_is_read_with_what_its_robot_has_to_know(tmp_path):
+    path = tmp_path / "filter.jxf"
+    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    task = load_task(path)
+    assert isinstance(task, FilterTask)
+    assert task.bounce == math.radians(45)
+    assert (task.cell, task.directions, task.step, task.radius) == (1.0, 8, 1.0, 0.0)
+    assert task.strides[1] == pytest.approx([math.sqrt(2), 0])
+    assert task.header["kind"] == "filter"
+    json.dumps(task.header)
+
+
+def test_a_plan_is_read(tmp_path):
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0, 135, 0]}))
+    task = load_task(path)
+    assert isinstance(task, PlanTask)
+    assert task.start == 3
+    assert task.actions == (0, math.radians(135), 0)
+    assert task.header["actions"] == task.actions
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"found": False}, "there is no path"),
+        ({"actions_deg": None}, "actions_deg: expected a list of angles"),
+        ({"actions_deg": [0, "x"]}, "actions_deg: expected a list of angles"),
+        ({"step_m": None}, "step_m: expected a finite number"),
+        ({"cell_m": math.inf}, "cell_m: expected a finite number"),
+        ({"directions": True}, "directions: expected a finite number"),
+        ({"start": "3"}, "start: expected a finite number"),
+    ],
+)
+def test_bad_plans(tmp_path, changed, message):
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]} | changed))
+    with pytest.raises(ValueError, match=message) as caught:
+        load_task(path)
+    assert str(path) in str(caught.value)
+
+
+def test_other_bad_files(tmp_path):
+    path = tmp_path / "filter.jxf"
+    bounce_filter(LAB, 45, metadata=SPEC).save(path)
+    with pytest.raises(ValueError, match="bounce_deg: expected a finite number"):
+        load_task(path)
+    for text in ("{", "[]"):
+        (tmp_path / "plan.json").write_text(text)
+        with pytest.raises(ValueError, match=r"plan\.json: "):
+            load_task(tmp_path / "plan.json")
+    with pytest.raises(FileNotFoundError):
+        load_task(tmp_path / "none.jxf")
+
+
+def test_firmware_is_what_the_robot_prints():
+    body = Body(LAB.workspace, (0.5, 0.5, 0.0))
+    with (
+        Emulator(body, line=Line(speedup=20.0)) as robot,
+        serial.serial_for_url(robot.port, 115200) as line,
+    ):
+        assert firmware(line, quiet=0.3).encode() == BANNER.replace(b"\r", b"").strip()

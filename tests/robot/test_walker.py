@@ -1,0 +1,115 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from wheels import Wheels, bounce_tables, map_cells
+
+from jaxcell.robot.body import Body, Noise
+from jaxcell.robot.walker import Walker, cell_strides
+from jaxcell.space import CellSpace, Workspace
+
+
+def walker_at(cells: CellSpace, cell: int, **fields) -> tuple[Walker, Body]:
+    x, y, theta = map(float, cells.centre(cell))
+    body = Body(cells.workspace, (x, y, theta), **fields)
+    walker = Walker(
+        Wheels(body),
+        cells.cell,
+        strides=cell_strides(cells.directions, cells.cell, cells.cell),
+        direction=cell // cells.positions,
+        tolerance=cells.cell / 200,
+        turn_tolerance=math.radians(0.2),
+    )
+    return walker, body
+
+
+@pytest.mark.parametrize("directions", [1, 4, 8, 12, 16, 360])
+@pytest.mark.parametrize("step", [1.0, 1.4, 2.0])
+def test_strides_lead_to_the_centre_of_the_cell_where_the_step_ends(directions, step):
+    cells = CellSpace.of_grid(np.ones((9, 9), bool), directions, cell=0.5)
+    for k, (ahead, left) in enumerate(cell_strides(directions, 0.5, step * 0.5)):
+        x, y, theta = map(float, cells.centre(k * cells.positions + 40))
+        end = cells.index(
+            x + step * 0.5 * round(math.cos(theta), 9), y + step * 0.5 * round(math.sin(theta), 9)
+        )
+        centre = cells.centre(int(end))
+        assert x + ahead * math.cos(theta) - left * math.sin(theta) == pytest.approx(centre[0])
+        assert y + ahead * math.sin(theta) + left * math.cos(theta) == pytest.approx(centre[1])
+
+
+# Curved walls and a disc robot are among them, and directions that no line of centres has.
+@pytest.mark.parametrize(
+    ("name", "bounce_deg", "starts", "steps", "give"),
+    [
+        ("lab_a.json", 45, 6, 25, 1e-2),
+        ("lab_b.json", 135, 6, 25, 1e-2),
+        ("depot.json", 135, 3, 40, 1e-2),
+        ("maze.txt", 45, 4, 40, 1e-2),
+        ("cafe.json", 67.5, 5, 40, 1e-3),
+        ("arena.json", 90, 4, 60, 2e-3),
+    ],
+)
+def test_a_robot_without_errors_is_where_the_cells_say(name, bounce_deg, starts, steps, give):
+    cells = map_cells(name, **({"directions": 8} if name == "maze.txt" else {}))
+    image, bumped = bounce_tables(cells, bounce_deg)
+    for cell in np.random.default_rng(0).choice(cells.size, starts, replace=False).tolist():
+        walker, body = walker_at(cells, cell, give=give)
+        for _ in range(steps):
+            bump = walker.step()
+            assert bump == bumped[cell]
+            if bump:
+                walker.rotate(math.radians(bounce_deg))
+            cell = int(image[cell])
+            assert int(cells.index(*body.pose)) == cell
+            x, y, _ = map(float, cells.centre(cell))
+            assert math.hypot(body.x - x, body.y - y) < cells.cell / 20
+
+
+def test_without_a_heading_every_step_is_of_one_length():
+    hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
+    body = Body(hall, (0.0, 0.0, math.radians(45)))
+    walker = Walker(Wheels(body), 1.0)
+    for _ in range(3):
+        assert not walker.step()
+    assert math.hypot(body.x, body.y) == pytest.approx(3, abs=0.01)
+    assert walker.estimate == pytest.approx((3, 0, 0), abs=0.01)
+
+
+def test_what_a_step_misses_is_made_good_in_the_next():
+    hall = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
+    body = Body(hall, (0.0, 0.0, 0.0))
+    walker = Walker(Wheels(body), 1.0, tolerance=0.05, turn_tolerance=0.02)
+    for _ in range(10):
+        for _ in range(4):
+            walker.step()
+        walker.rotate(math.pi / 2)
+    # Forty misses of up to 5 cm, to one side of the target, would be up to two metres.
+    assert math.hypot(body.x - 4, body.y - 4) < 0.3
+    assert walker.error < 0.2
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_slip_is_not_seen_by_the_estimate(seed):
+    hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
+    noise = Noise(distance=0.1, rotation=0.05)
+    body = Body(hall, (0.0, 0.0, 0.0), noise=noise, rng=np.random.default_rng(seed))
+    walker = Walker(Wheels(body), 1.0)
+    for _ in range(2):
+        walker.step()
+    assert walker.estimate == pytest.approx((2, 0, 0), abs=0.01)
+    assert math.hypot(body.x - 2, body.y) > 1e-6
+
+
+def test_bad_input():
+    wheels = Wheels(Body(Workspace([(0, 0), (9, 0), (9, 9)]), (5.0, 2.0, 0.0)))
+    for field, value in itertools.product(["step", "tolerance"], [0.0, math.nan, -1.0]):
+        with pytest.raises(ValueError, match=f"{field}: expected a positive number"):
+            Walker(wheels, **{"step": 1.0, field: value})
+    strides = cell_strides(8, 1.0, 1.0)
+    with pytest.raises(ValueError, match="direction: expected 0 to 7, got 8"):
+        Walker(wheels, 1.0, strides=strides, direction=8)
+    with pytest.raises(ValueError, match="30 deg is not a whole number of the 8 directions"):
+        Walker(wheels, 1.0, strides=strides).rotate(math.radians(30))
