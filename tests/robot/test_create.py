@@ -381,8 +381,12 @@ def test_a_jammed_wheel_ends_a_motion(terminal):
         eventually(lambda: robot.wheels == (0, 0))
 
 
+# A shell that starts these tests in the background has signals ignored that a terminal would not.
 DRIVING = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGTERM, signal.SIG_DFL)
 from jaxcell.robot import Create
 with Create.open(sys.argv[1], patience=1.0) as robot:
     robot.arm()
