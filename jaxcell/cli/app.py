@@ -9,6 +9,7 @@ import tyro
 
 from .cover import Cover
 from .demo import Demo
+from .drift import Drift
 from .export import Export
 from .groups import Groups
 from .localize import Localize
@@ -22,6 +23,7 @@ from .team import Team
 _COMMANDS = {
     "cover": Cover,
     "demo": Demo,
+    "drift": Drift,
     "export": Export,
     "groups": Groups,
     "localize": Localize,

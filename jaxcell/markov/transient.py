@@ -38,6 +38,8 @@ class Transient:
 
         - `matrix`: the transition matrix, without zeros among its entries.
         - `inside`: the cells of the part, each of which can leave it.
+
+        **Raises:** `RuntimeError` if one cannot, because it is on a circuit of certain steps.
         """
         cells = np.flatnonzero(inside)
         step = matrix[cells][:, cells]
@@ -50,6 +52,11 @@ class Transient:
         end = np.where(on_run, hop[:-1], np.arange(count))
         hops = []
         while (hop < count).any():
+            if len(hops) > count.bit_length():
+                raise RuntimeError(
+                    f"cell {cells[np.flatnonzero(hop < count)[0]]} is on a circuit that the chain "
+                    "never leaves: what led here was lost in rounding"
+                )
             hops.append(hop[:-1])
             hop, end = hop[hop], end[end]
         branching = np.flatnonzero(~on_run)

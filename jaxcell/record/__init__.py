@@ -18,15 +18,22 @@ from .dataset import (
     localization_dataset as localization_dataset,
     save_dataset as save_dataset,
 )
+from .deployment_files import (
+    save_deployment_csv as save_deployment_csv,
+    save_deployment_geojson as save_deployment_geojson,
+)
+from .drift_dataset import drift_dataset as drift_dataset
 from .map_patrol import MapPatrol as MapPatrol
 from .navigation_dataset import navigation_dataset as navigation_dataset
 from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
 from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
+from .sea_drift import SeaDrift as SeaDrift
 from .team_dataset import team_dataset as team_dataset
 
 
 if TYPE_CHECKING:
     from .coverage import log_coverage as log_coverage
+    from .drift import log_drift as log_drift
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
     from .navigation import log_navigation as log_navigation
@@ -37,6 +44,7 @@ if TYPE_CHECKING:
 
 _LOGGED = (
     "coverage",
+    "drift",
     "groups",
     "localization",
     "navigation",

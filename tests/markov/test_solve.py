@@ -181,3 +181,9 @@ def test_runs_are_taken_out_and_put_back(part, seed):
     np.testing.assert_allclose(visits, expected[taken.branching], rtol=1e-10, atol=1e-14)
     certain = (step == 1).any(axis=1)
     np.testing.assert_array_equal(taken.branching, np.flatnonzero(~certain))
+
+
+def test_a_part_that_is_never_left_is_refused():
+    around = scipy.sparse.csr_array(np.roll(np.eye(3), 1, axis=1))
+    with pytest.raises(RuntimeError, match="never leaves"):
+        Transient.of(around, np.ones(3, bool))

@@ -1,0 +1,276 @@
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell import drift
+from jaxcell.cli import main
+
+
+GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
+# The number of seconds with three groups in every layer.
+STEP = ("--duration", 3400)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+
+
+def run(capsys, *args, file=GYRES):
+    """Exit status, the JSON object on standard output, and standard error."""
+    status = main(["drift", str(file), *map(str, args), "--json"])
+    captured = capsys.readouterr()
+    return status, json.loads(captured.out) if captured.out else None, captured.err
+
+
+@pytest.fixture(scope="module")
+def stream(tmp_path_factory):
+    """A file in which the water goes to the East, a kilometre an hour."""
+    east = np.full((1, 1, 4, 9), 1 / 3.6, np.float32)
+    names = "sea_water_velocity"
+    currents = xr.Dataset(
+        {
+            "u": (("time", "depth", "lat", "lon"), east, {"standard_name": f"eastward_{names}"}),
+            "v": (
+                ("time", "depth", "lat", "lon"),
+                np.zeros_like(east),
+                {"standard_name": f"northward_{names}"},
+            ),
+        },
+        coords={
+            "time": ("time", [np.datetime64("2020-05-01", "ns")]),
+            "depth": ("depth", [0.0], {"units": "m", "positive": "down"}),
+            "lat": ("lat", 0.009 * np.arange(4), {"units": "degrees_north"}),
+            "lon": ("lon", 0.009 * np.arange(9), {"units": "degrees_east"}),
+        },
+    )
+    file = tmp_path_factory.mktemp("stream") / "stream.nc"
+    currents.to_netcdf(file)
+    return file
+
+
+def behaviours(duration, **options):
+    """The long-term behaviour of each layer of the gyres, by the library."""
+    currents = drift.open_currents(GYRES)
+    found = []
+    for layer in range(3):
+        water = drift.Water.of(currents, layer)
+        flow = drift.Flow.of(currents, layer).mean()
+        chain = drift.drift_map(water, flow, duration, **options)
+        found.append(drift.long_term_behaviour(chain, duration))
+    return currents, found
+
+
+def test_groups_and_times_of_each_layer(capsys):
+    status, found, error = run(capsys, *STEP)
+    assert (status, error) == (0, "")
+    assert found["east_from"].startswith("u (by the standard names")
+    assert found["duration_s"] == 3400
+    assert (len(found["records"]), found["records"][0]) == (24, "2011-07-01T00:00:00")
+    _, expected = behaviours(3400)
+    for layer, one in zip(found["layers"], expected, strict=True):
+        sizes = [group["cells"] for group in layer["persistent_groups"]]
+        assert sizes == np.asarray(one.groups.size).tolist()
+        single = np.asarray(one.basin) >= 0
+        leads = sum(group["single_domicile_cells"] for group in layer["persistent_groups"])
+        assert leads == layer["single_domicile_cells"] == single.sum() - sum(sizes)
+        assert sum(sizes) + leads + layer["multiple_domicile_cells"] == layer["cells"]
+        hours = np.asarray(one.hours)
+        hours = hours[hours > 0]
+        assert layer["longest_hours"] == pytest.approx(hours.max())
+        assert layer["mean_hours"] == pytest.approx(hours.mean())
+        parts = {tuple(part["domiciles"]): part for part in layer["transient_groups"]}
+        assert sum(part["cells"] for part in parts.values()) == hours.size
+        weighed = sum(part["cells"] * part["mean_hours"] for part in parts.values())
+        assert weighed == pytest.approx(hours.sum())
+        assert layer["warning"] is None
+        assert layer["leaving"] == pytest.approx(0, abs=1e-12)
+    assert [layer["depth_m"] for layer in found["layers"]] == [0, 5, 10]
+    assert found["sensitivity"]["rhos"] == [1, 0.8]
+    assert found["sensitivity"]["groups"][1][1] == 3
+    assert found["sensitivity"]["durations_s"] == [1700, 3400, 6800, 13600]
+    assert found["reach"] is None
+    assert found["voyage"] is None
+
+
+def test_deployment(capsys):
+    _, found, _ = run(capsys, *STEP, "--range", 6000, "--depths", 0)
+    currents, (surface, *_) = behaviours(3400)
+    water = drift.Water.of(currents, 0)
+    cells = drift.deployment_cells(surface).cells
+    told = [water.cell(one["lon"], one["lat"]) for one in found["deployment"]]
+    assert told == cells.tolist()
+    assert len(found["minimum_deployment"]) == drift.minimum_deployment(surface.chain).size
+    assert found["coverage_curve"][-1] == water.cells
+    views = drift.visible_deployment(water, 6000.0, surface.groups)
+    assert found["visibility"]["places"] == views.cover.size
+    assert [water.cell(*one) for one in found["visibility"]["drifters"]] == views.cells.tolist()
+    assert len(found["layers"]) == 1
+
+
+def test_the_way_to_a_goal(capsys):
+    status, found, _ = run(
+        capsys, *STEP, "--start", "-118.0,33.5", "--goal", "-118.1,33.45,5", "--discount", 0.98
+    )
+    assert status == 0
+    currents, layers = behaviours(3400)
+    waters = [drift.Water.of(currents, layer) for layer in range(3)]
+    sea = drift.Sea.of(waters, [one.chain for one in layers])
+    start = waters[0].cell(-118.0, 33.5)
+    goal = waters[0].cells + waters[1].cell(-118.1, 33.45)
+    keeping = drift.reachable_by_layer(sea, start)
+    changing = drift.reachable_at_depth(sea, start)
+    for layer, one in enumerate(found["reach"]):
+        assert one["at_its_depth"] == keeping[sea.layer == layer].sum()
+        assert one["at_any_depth"] == changing[sea.layer == layer].sum()
+    ways = {
+        "discounted": drift.discounted_voyage(sea, goal, 0.98),
+        "surest": drift.surest_voyage(sea, goal),
+    }
+    voyage = found["voyage"]
+    assert voyage["iterations"] == ways["discounted"].certificate.iterations
+    assert voyage["value_error"] <= 1e-8
+    for name, way in ways.items():
+        told = voyage["from_start"][name]
+        assert told["probability"] == pytest.approx(float(way.probability[start]))
+        assert told["hours"] == pytest.approx(float(way.time[start]) * 3400 / 3600)
+        mean = float(np.asarray(way.probability).mean())
+        assert voyage["overall"][name]["mean_probability"] == pytest.approx(mean)
+    assert np.abs(np.subtract(voyage["goal"], [-118.1, 33.45, 5])).max() < 0.006
+
+
+def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
+    args = ("--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
+    status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)
+    assert status == 1
+    assert found["voyage"]["from_start"]["surest"] == {
+        "probability": 0,
+        "hours": None,
+        "hours_if_it_arrives": None,
+    }
+    assert error == "No policy brings a drifter from the start to the goal.\n"
+    status, found, error = run(capsys, *args, "--goal", "0.07,0.01,0", file=stream)
+    assert (status, error) == (0, "")
+    told = found["voyage"]["from_start"]["discounted"]
+    assert told["probability"] == 1
+    # Four cells, a kilometre each, at a kilometre an hour.
+    assert told["hours"] == pytest.approx(4, rel=0.01)
+    assert found["layers"][0]["leaving"] == 1
+    assert found["layers"][0]["persistent_groups"] == []
+    assert found["sensitivity"]["groups"][1:] == [[0], [0], [0]]
+
+
+def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
+    _, found, _ = run(capsys)
+    shifts = [layer["mean_shift_cells"] for layer in found["layers"]]
+    assert min(shifts) == pytest.approx(1)
+    _, found, _ = run(capsys, "--depths", 0)
+    assert found["layers"][0]["mean_shift_cells"] == pytest.approx(1)
+
+
+def test_a_part_of_the_file(capsys):
+    _, found, _ = run(capsys, "--time", 3, "--bounds", -118.1, 33.4, -118.05, 33.5, "--depths", 5)
+    assert found["records"] == ["2011-07-01T03:00:00"]
+    assert found["depths_m"] == [5]
+    currents = drift.open_currents(GYRES, time=3, depths=5, bounds=(-118.1, 33.4, -118.05, 33.5))
+    assert found["layers"][0]["cells"] == int(currents.water.sum())
+    _, same, _ = run(
+        capsys,
+        *("--time", "2011-07-01T03:00", "--depths", 5),
+        *("--bounds", -118.1, 33.4, -118.05, 33.5),
+    )
+    assert same["layers"] == found["layers"]
+
+
+def test_a_step_that_is_too_short_is_warned_of(capsys):
+    assert main(["drift", str(GYRES), "--duration", "900", "--depths", "0"]) == 0
+    captured = capsys.readouterr()
+    assert re.search("At 0 m: .* the grid, and not the water", captured.err)
+    assert "Persistent groups, the first 20 of" in captured.out
+
+
+def test_tables_for_people(capsys):
+    args = ["--start", "-118.0,33.5", "--goal", "-118.1,33.45,5", "--range", "6000"]
+    assert main(["drift", str(GYRES), *map(str, STEP), *args]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    out = captured.out
+    assert re.search(r"persistent groups +│ 3 +│ 3 +│ 3 ", out)
+    assert re.search(r"cells of water +│ 538 +│ 538 +│ 436 ", out)
+    assert re.search(r"towards the East +│ u \(by the standard names", out)
+    assert re.search(r"places from which the sea bed is seen +│ +17 │", out)
+    assert "Reached from -118.0,33.5" in out
+    assert "To the goal -118.1,33.45,5" in out
+
+
+def test_writes_its_results(capsys, tmp_path):
+    out = tmp_path / "new" / "out"
+    status, found, _ = run(capsys, *STEP, "--depths", 0, "--out", out)
+    assert status == 0
+    assert {path.name for path in out.iterdir()} == {
+        "deployment.csv",
+        "deployment.geojson",
+        "drift.nc",
+        "drift.rrd",
+        "summary.json",
+    }
+    assert json.loads((out / "summary.json").read_text()) == found
+    with xr.open_dataset(out / "drift.nc") as dataset:
+        assert dataset.sizes["layer"] == 1
+        assert int(dataset.group.max()) == len(found["layers"][0]["persistent_groups"]) - 1
+        assert json.loads(dataset.attrs["spec"])["duration_s"] == 3400
+    with (out / "deployment.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["lon"]) for row in rows] == pytest.approx(
+        [one["lon"] for one in found["deployment"]], abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--rho", 1.5), "--rho: expected a probability from 0 to 1, got 1.5"),
+        (("--duration", 0), "--duration: expected more than 0 seconds, got 0"),
+        (("--discount", 1), "--discount: expected more than 0 and less than 1, got 1"),
+        (("--range", -2), "--range: expected more than 0 m, got -2"),
+        (("--range", 20, "--depths", 0), "--range: reach: expected 707"),
+        (("--start", "here"), "--start 'here': expected \"lon,lat\" in degrees"),
+        (("--start", "5,6"), r"--start 5,6: place \(5, 6\) is off the grid"),
+        (("--goal", "-118,33.5"), "--goal '-118,33.5': expected \"lon,lat,depth\" in degrees"),
+        (("--goal", "-118,33.5,3"), "expected one of the depths 0, 5, 10 m, got 3"),
+        (("--goal", "-117.85,33.45,10"), "is not in the water at 10 m"),
+        (("--depths", 3), "3"),
+        (("--time", 99), "99"),
+        (("--time", "1999-01-01"), "1999-01-01"),
+        (("--bounds", 0, 0, 1, 1), "gyres.nc: bounds"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(capsys, args, message):
+    status, found, error = run(capsys, *args)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert re.search(f"^jaxcell drift: .*{message}", error), error
+
+
+def test_bad_files_are_one_line_and_status_2(capsys, tmp_path):
+    (tmp_path / "cut.nc").write_bytes(GYRES.read_bytes()[:5000])
+    (tmp_path / "text.nc").write_text("no")
+    for name in ("cut.nc", "text.nc", "none.nc"):
+        status, found, error = run(capsys, file=tmp_path / name)
+        assert (status, found) == (2, None)
+        assert re.fullmatch(rf"jaxcell drift: .*{name}.*\n", error), error
+
+
+def test_no_answer_is_status_1(capsys, monkeypatch):
+    def stalls(*args, **options):
+        raise RuntimeError("the residual stayed above the tolerance")
+
+    monkeypatch.setattr("jaxcell.drift.discounted_voyage", stalls)
+    status, found, error = run(capsys, *STEP, "--goal", "-118.1,33.45,5")
+    assert (status, found) == (1, None)
+    assert error == "jaxcell drift: the residual stayed above the tolerance\n"

@@ -1,0 +1,464 @@
+import csv
+import json
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+import xarray as xr
+from seas import sea
+
+from jaxcell import drift, record
+from jaxcell.record.drift import log_drift
+from jaxcell.record.drift_dataset import drift_dataset
+from jaxcell.record.drift_groups import group_classes
+from jaxcell.record.sea_drift import SeaDrift
+from jaxcell.record.sea_map import Clock, SeaMap, place_name, round_below
+
+
+GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
+# At 5 m, in the western basin.
+GOAL = 538 + 167
+
+
+def study(currents, duration=None, *, start=None, goal=None, reach=None, **options):
+    """What is made of currents, by the functions of the library."""
+    names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
+    currents = currents.assign_attrs({**names, **currents.attrs})
+    layers = range(currents.sizes["layer"])
+    waters = [drift.Water.of(currents, k) for k in layers]
+    flows = [drift.Flow.of(currents, k).mean() for k in layers]
+    duration = duration or drift.crossing_time(waters[0], flows[0])
+    behaviours = [
+        drift.long_term_behaviour(drift.drift_map(*pair, duration, **options), duration)
+        for pair in zip(waters, flows, strict=True)
+    ]
+    diagnoses = [
+        drift.diagnose(water, flow, one.groups, duration)
+        for water, flow, one in zip(waters, flows, behaviours, strict=True)
+    ]
+    chains = [one.chain for one in behaviours]
+    whole = drift.Sea.of(waters, chains)
+    surface = behaviours[0]
+    return SeaDrift(
+        currents,
+        tuple(behaviours),
+        tuple(diagnoses),
+        drift.deployment_cells(surface),
+        drift.minimum_deployment(surface.chain),
+        curve=drift.coverage_curve(surface.chain),
+        views=None if reach is None else drift.visible_deployment(waters[0], reach, surface.groups),
+        reach=reach,
+        start=start,
+        voyage=None if goal is None else drift.discounted_voyage(whole, goal),
+        surest=None if goal is None else drift.surest_voyage(whole, goal),
+    )
+
+
+@pytest.fixture(scope="module")
+def gyres():
+    # The goal is at 5 m.
+    return study(drift.open_currents(GYRES), 3400, start=317, goal=GOAL, reach=6000.0)
+
+
+@pytest.fixture(scope="module")
+def dataset(gyres, tmp_path_factory):
+    file = tmp_path_factory.mktemp("drift") / "drift.nc"
+    record.save_dataset(drift_dataset(gyres, spec={"file": "gyres"}), file)
+    return xr.load_dataset(file)
+
+
+@pytest.fixture(scope="module")
+def leaving():
+    """A sea in which everything drifts to the East, and off the grid, past an island."""
+    wet = np.ones((4, 7), bool)
+    wet[1, 3] = False
+    east = np.where(wet, 0.5, 0)
+    return study(sea(east, 0.1 * east, wet, angle=0.5), 2000, edge="exit")
+
+
+def matrix_of(dataset):
+    """The chain of all layers, from its entries."""
+    count = int(dataset.cell.max()) + 1
+    matrix = np.zeros((count, count))
+    matrix[dataset.from_cell, dataset.to_cell] = dataset.transition
+    return matrix
+
+
+def by_cell(dataset, name):
+    """The values of a variable by the number of the cell."""
+    wet = dataset.cell.values >= 0
+    values = np.empty(wet.sum(), dataset[name].dtype)
+    values[dataset.cell.values[wet]] = dataset[name].values[wet]
+    return values
+
+
+def test_the_dataset_holds_the_chain_and_what_follows_from_it(gyres, dataset):
+    matrix = matrix_of(dataset)
+    np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-12)
+    layer = np.repeat(np.arange(3), [538, 538, 436])
+    assert (matrix[layer[:, None] != layer] == 0).all()
+    graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
+    ends = list(nx.attracting_components(graph))
+    group = by_cell(dataset, "group")
+    persistent = group >= 0
+    assert persistent.sum() == sum(map(len, ends))
+    assert {frozenset(one) for one in ends} == {
+        frozenset(np.flatnonzero((layer == k) & (group == number)).tolist())
+        for k in range(3)
+        for number in range(group[layer == k].max() + 1)
+    }
+    inner = matrix[np.ix_(~persistent, ~persistent)]
+    steps = np.linalg.solve(np.eye(len(inner)) - inner, np.ones(len(inner)))
+    hours = by_cell(dataset, "absorption_time")
+    np.testing.assert_allclose(hours[~persistent], steps * 3400 / 3600, rtol=1e-7)
+    assert (hours[persistent] == 0).all()
+
+    for k in range(3):
+        number = np.where(layer == k, group, -1)
+        for index in range(int(number.max()) + 1):
+            into = matrix[np.ix_(~persistent, number == index)].sum(axis=1)
+            chance = (number == index).astype(float)
+            chance[~persistent] = np.linalg.solve(np.eye(len(inner)) - inner, into)
+            told = dataset.probability.sel(layer=k, group_index=index)
+            wet = dataset.cell[k].values >= 0
+            np.testing.assert_allclose(
+                told.values[wet], chance[dataset.cell[k].values[wet]], atol=1e-8
+            )
+    assert float(np.nanmax(np.abs(dataset.leaving))) < 1e-8
+
+
+def test_the_dataset_holds_the_domiciles(dataset):
+    matrix = matrix_of(dataset)
+    graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
+    group, part = by_cell(dataset, "group"), by_cell(dataset, "transient_group")
+    basin = by_cell(dataset, "basin")
+    layer = np.repeat(np.arange(3), [538, 538, 436])
+    offset = dataset.domicile_offset.values
+    homes = {
+        (int(k), int(number)): set(dataset.domicile.values[offset[i] : offset[i + 1]].tolist())
+        for i, (k, number) in enumerate(
+            zip(dataset.transient_layer, dataset.transient_number, strict=True)
+        )
+    }
+    for cell in range(0, len(group), 7):
+        reached = {int(group[c]) for c in nx.descendants(graph, cell) | {cell} if group[c] >= 0}
+        if group[cell] < 0:
+            assert homes[int(layer[cell]), int(part[cell])] == reached
+        assert basin[cell] == (reached.pop() if len(reached) == 1 else -1)
+
+
+def test_the_dataset_says_where_and_with_what(gyres, dataset):
+    assert dataset.attrs["Conventions"] == "CF-1.8"
+    assert json.loads(dataset.attrs["spec"]) == {"file": "gyres"}
+    assert dataset.attrs["step_seconds"] == 3400
+    assert dataset.lon.standard_name == "longitude"
+    assert dataset.depth.values.tolist() == [0, 5, 10]
+    # Land is where there is no water.
+    for name, blank in (("group", -2), ("action", -2)):
+        assert ((dataset[name].values == blank) == ~gyres.currents.water.values).all()
+    assert (np.isnan(dataset.absorption_time.values) == ~gyres.currents.water.values).all()
+    cell = int(dataset.deployment_cell[1])
+    lon, lat, depth = gyres.place(cell)
+    row, column = np.argwhere(dataset.cell[0].values == cell)[0]
+    assert (lon, lat, depth) == (dataset.lon[row, column], dataset.lat[row, column], 0)
+    assert gyres.place(538 + 538)[2] == 10
+
+
+def test_the_dataset_holds_the_reach_and_the_voyage(gyres, dataset):
+    graph = nx.from_numpy_array(matrix_of(dataset), create_using=nx.DiGraph)
+    column = dataset.cell.values[:, *np.argwhere(dataset.cell[0].values == 317)[0]].tolist()
+    reached = set(column).union(*(nx.descendants(graph, cell) for cell in column))
+    assert set(np.flatnonzero(by_cell(dataset, "reached")).tolist()) == reached
+    assert by_cell(dataset, "reached_at_any_depth").sum() >= len(reached)
+
+    assert dataset.goal.values.tolist() == [GOAL]
+    action = by_cell(dataset, "action")
+    closed = matrix_of(dataset)
+    place = np.argwhere(dataset.cell.values >= 0)[
+        np.argsort(dataset.cell.values[dataset.cell >= 0])
+    ]
+    for cell in np.flatnonzero(action):
+        layer, row, column = place[cell]
+        closed[cell] = 0
+        closed[cell, dataset.cell.values[layer + action[cell], row, column]] = 1
+    goal = GOAL
+    closed[goal] = 0
+    others = np.delete(np.arange(len(closed)), goal)
+    inner = closed[np.ix_(others, others)]
+    hours = np.linalg.solve(np.eye(len(inner)) - inner, np.ones(len(inner))) * 3400 / 3600
+    sure = by_cell(dataset, "arrival_probability")[others] == 1
+    assert sure.all()
+    np.testing.assert_allclose(by_cell(dataset, "arrival_time")[others], hours, rtol=1e-6)
+    # The surest policy is, among those that surely arrive, the quickest.
+    assert (by_cell(dataset, "surest_arrival_time")[others] <= hours * (1 + 1e-9)).all()
+
+
+def test_what_leaves_is_told(leaving):
+    found = drift_dataset(leaving)
+    wet = found.cell.values >= 0
+    assert (found.group.values[wet] == -1).all()
+    np.testing.assert_allclose(found.leaving.values[wet], 1)
+    assert found.sizes["group_index"] == 0
+    assert found.domicile.values.tolist() == [-1]
+
+
+def test_deployment_files(gyres, dataset, tmp_path):
+    record.save_deployment_csv(gyres, tmp_path / "d.csv")
+    record.save_deployment_geojson(gyres, tmp_path / "d.geojson")
+    with (tmp_path / "d.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    places = json.loads((tmp_path / "d.geojson").read_text())
+    assert places["type"] == "FeatureCollection"
+    assert len(rows) == len(places["features"])
+    for row, feature in zip(rows, places["features"], strict=True):
+        lon, lat = feature["geometry"]["coordinates"]
+        assert (row["lon"], row["lat"]) == (str(lon), str(lat))
+        # The cell is the one whose centre is there.
+        assert gyres.waters[0].cell(lon, lat) == int(row["cell"]) == feature["properties"]["cell"]
+        assert (row["group"] == "") != (row["transient_group"] == "")
+    reach = [int(row["cell"]) for row in rows if row["purpose"] == "reach"]
+    assert reach == dataset.deployment_cell.values.tolist()
+    assert [int(row["cell"]) for row in rows if row["purpose"] == "view"] == (
+        gyres.views.cells.tolist()
+    )
+    graph = nx.from_numpy_array(matrix_of(dataset), create_using=nx.DiGraph)
+    for cells in (reach, dataset.minimum_cell.values.tolist()):
+        assert len(set(cells).union(*(nx.descendants(graph, one) for one in cells))) == 538
+    with pytest.raises(FileNotFoundError, match="no folder"):
+        record.save_deployment_csv(gyres, tmp_path / "none" / "d.csv")
+
+
+@pytest.fixture(scope="module")
+def found(gyres, tmp_path_factory, read):
+    file = tmp_path_factory.mktemp("drift") / "drift.rrd"
+    log_drift(file, gyres, seed=3, spec={"file": "a|b"})
+    assert file.stat().st_size < 6_000_000
+    return read(file)
+
+
+def test_the_recording_shows_groups(gyres, found):
+    assert len(found.blueprints) == 1
+    assert found.timelines == {"minute"}
+    scale = np.reshape(found.static("/map", "Transform3D:scale"), -1)
+    np.testing.assert_array_equal(scale, [1, -1, 1])
+    for layer, water in enumerate(gyres.waters):
+        behaviour = gyres.behaviours[layer]
+        labels = found.classes(f"/map/grid/groups_{layer}")
+        buffer = found.static(f"/map/grid/groups_{layer}", "SegmentationImage:buffer")[0]
+        picture = np.reshape(buffer, water.number.shape)
+        assert {labels[kind] for kind in picture[water.number < 0]} == {"land"}
+        group, part = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
+        for cell, kind in enumerate(picture[water.row, water.column].tolist()):
+            homes = () if group[cell] >= 0 else behaviour.transient.domiciles[part[cell]]
+            if group[cell] >= 0:
+                expected = f"persistent group {group[cell]}"
+            elif len(homes) == 1:
+                expected = f"ends in group {homes[0]} for sure"
+            else:
+                expected = f"may end in groups {', '.join(map(str, homes))}"
+            assert labels[kind] == expected
+    # A group and what leads there for sure have one colour, in two shades.
+    kind, classes = group_classes(gyres.behaviours[0])
+    colors = {one.label: np.array(one.color[:3], float) for one in classes}
+    for number in range(3):
+        full, pale = (
+            colors[name]
+            for name in (f"persistent group {number}", f"ends in group {number} for sure")
+        )
+        assert full.argmax() == pale.argmax() or np.ptp(pale) < np.ptp(full)
+        assert pale.sum() > full.sum()
+
+
+def test_the_recording_shows_currents_and_drifters(gyres, found):
+    sea_map = SeaMap(gyres)
+    arrows = found.over("minute", "/map/current_1", "Arrows2D:vectors")
+    assert list(arrows) == [60 * hour for hour in range(24)]
+    water = gyres.waters[1]
+    for time in (0, 600):
+        east = gyres.currents.u.values[time // 60, 1][water.row, water.column]
+        north = gyres.currents.v.values[time // 60, 1][water.row, water.column]
+        shown = np.array(arrows[time])
+        along = shown / np.linalg.norm(shown, axis=1, keepdims=True)
+        np.testing.assert_allclose(
+            along, np.stack([east, north], axis=1) / np.hypot(east, north)[:, None], atol=2e-3
+        )
+    places = found.over("minute", "/map/drifters_0/here", "Points2D:positions")
+    width, height = sea_map.size
+    assert len(places) == sea_map.clock.frames + 1
+    first, last = (np.array(places[time]) for time in (0, sea_map.clock.last))
+    for at in (first, last):
+        square = np.floor(at / sea_map.side).astype(int)
+        assert (gyres.waters[0].number[square[:, 1], square[:, 0]] >= 0).all()
+    # They gather.
+    assert first.std(axis=0).prod() > last.std(axis=0).prod()
+    assert last[:, 0].max() < width
+    assert last[:, 1].max() < height
+
+
+def test_the_recording_shows_times_deployment_and_reach(gyres, found):
+    sea_map = SeaMap(gyres)
+    buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
+    water = gyres.waters[0]
+    kind = np.reshape(buffer, water.number.shape)[water.row, water.column].astype(int)
+    hours = np.asarray(gyres.behaviours[0].hours)
+    assert (kind[hours == 0] == 1).all()
+    order = np.argsort(hours)
+    assert (np.diff(kind[order]) >= 0).all()
+    marks = np.array(found.static("/map/deployment", "Points2D:positions"))
+    np.testing.assert_allclose(marks, sea_map.centres(0, gyres.deployment.cells), rtol=1e-5)
+    labels = found.classes("/map/grid/reach_2")
+    buffer = found.static("/map/grid/reach_2", "SegmentationImage:buffer")[0]
+    water = gyres.waters[2]
+    kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
+    stays = np.array(["stays" in labels[one] for one in kind])
+    np.testing.assert_array_equal(stays, gyres.of_layer(gyres.reached[0], 2))
+    text = found.static("/reach/text", "TextDocument:text")[0]
+    assert f"| 10 m | {stays.sum()} |" in text
+    assert "| file | a&#124;b |" in found.static("/groups/text", "TextDocument:text")[0]
+    assert f"**{gyres.views.cells.size}** drifters" in (
+        found.static("/deployment/text", "TextDocument:text")[0].replace("\n", " ")
+    )
+    assert len(found.static("/map/views/discs", "LineStrips2D:strips")) == gyres.views.cover.size
+
+
+def test_the_recording_shows_the_voyage(gyres, found):
+    action = np.asarray(gyres.voyage.action)
+    vectors = np.array(found.static("/space/policy/arrows", "Arrows3D:vectors"))
+    others = np.delete(np.arange(action.size), GOAL)
+    assert (np.sign(np.round(vectors[:, 2], 6)) == -action[others]).all()
+    assert (np.abs(vectors[action[others] == 0][:, :2]).sum(axis=1) > 0).all()
+    goal = np.array(found.static("/space/goal", "Points3D:positions"))
+    assert goal.shape == (1, 3)
+    np.testing.assert_allclose(
+        goal[0, :2], SeaMap(gyres).centres(1, np.array([GOAL - 538]))[0], rtol=1e-5
+    )
+    assert goal[0, 2] < 0
+    # Drifters start above one another, at the surface.
+    places = found.over("minute", "/space/drifters", "Points3D:positions")
+    first = np.array(places[0])
+    assert np.ptp(first[:, 2]) == 0
+    assert np.ptp(first[:, :2], axis=0).max() < 1
+    text = found.static("/voyage/text", "TextDocument:text")[0]
+    assert "| cells that surely arrive | 1,512 | 1,512 |" in text
+
+
+def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
+    """No groups, no start, no goal, one record, a turned grid; drifters go."""
+    log_drift(tmp_path / "away.rrd", leaving)
+    found = read(tmp_path / "away.rrd")
+    assert not {one for one in found.entities if "reach" in one or one.startswith("/space")}
+    places = found.over("minute", "/map/drifters_0/here", "Points2D:positions")
+    counts = [0 if one is None else len(one) for one in places.values()]
+    assert counts[0] == 27
+    assert counts[-1] < counts[0]
+    # None is drawn on the island.
+    for at in places.values():
+        square = np.floor(np.reshape(at or [], (-1, 2))).astype(int)
+        assert (leaving.waters[0].number[square[:, 1], square[:, 0]] >= 0).all()
+    assert "| 0 m | 27 | 0: none | 27 | 0 |" in found.static("/groups/text", "TextDocument:text")[0]
+    assert "leaves the map for sure" in found.classes("/map/grid/groups_0")
+    arrow = np.array(found.static("/map/frame/north", "Arrows2D:vectors"))[0]
+    assert np.arctan2(arrow[0], arrow[1]) == pytest.approx(0.5)
+    # Arrows are along the grid: the current, turned back by its angle.
+    (vectors,) = found.over("minute", "/map/current_0", "Arrows2D:vectors").values()
+    angle = np.arctan2(*np.array(vectors)[0, ::-1])
+    assert angle == pytest.approx(np.arctan2(0.1, 1) - 0.5, abs=1e-5)
+
+
+def test_all_cells_persistent(tmp_path, read):
+    """Nothing is absorbed, so that there is no tab about it."""
+    swirl = np.linspace(-1, 1, 5)
+    one = study(sea(np.tile(swirl[:, None], 5), np.tile(-swirl, (5, 1))), 2000, spread="all")
+    assert one.behaviours[0].transient.count == 0
+    log_drift(tmp_path / "all.rrd", one)
+    found = read(tmp_path / "all.rrd")
+    assert not {entity for entity in found.entities if "absorption" in entity}
+
+
+def test_what_takes_almost_for_ever_is_told(tmp_path, read):
+    """An eddy that holds drifters for some 10^20 steps, in cells that are transient."""
+    currents = drift.open_currents(GYRES, depths=0)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents).mean()
+    chain = drift.drift_map(water, flow, 3600)
+    behaviour = drift.long_term_behaviour(chain, 3600, throw=False)
+    late = np.asarray(behaviour.absorption.value) > 10_000
+    assert 0 < late.sum() < water.cells
+    one = SeaDrift(
+        currents,
+        (behaviour,),
+        (drift.diagnose(water, flow, behaviour.groups, 3600),),
+        drift.deployment_cells(behaviour),
+        drift.minimum_deployment(chain),
+    )
+    np.testing.assert_array_equal(one.almost_for_ever(0), late)
+    log_drift(tmp_path / "late.rrd", one)
+    found = read(tmp_path / "late.rrd")
+    labels = found.classes("/map/grid/absorption_0")
+    buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
+    kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
+    shown = np.array([labels[one].startswith("almost for ever") for one in kind])
+    np.testing.assert_array_equal(shown, late)
+    text = found.static("/absorption/text", "TextDocument:text")[0]
+    assert f"| {late.sum()} cells |" in text
+    assert "take what holds" in text.replace("\n", " ")
+
+
+def test_a_large_sea_makes_a_small_file(tmp_path):
+    row, column = np.mgrid[:160, :240] / 40
+    currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=500.0)
+    large = study(currents, 200, spread="all", start=5, goal=np.arange(10_000))
+    log_drift(tmp_path / "large.rrd", large)
+    assert (tmp_path / "large.rrd").stat().st_size < 6_000_000
+
+
+def test_many_groups_have_few_colours(tmp_path, read):
+    """Every cell is a group of its own where the step is too short."""
+    east = np.random.default_rng(0).uniform(-1, 1, (2, 15, 20))
+    one = study(sea(*east), 100, edge="exit", start=0)
+    assert one.behaviours[0].groups.count > 200
+    log_drift(tmp_path / "many.rrd", one)
+    found = read(tmp_path / "many.rrd")
+    labels = found.classes("/map/grid/groups_0")
+    assert len(labels) <= 255
+    assert "a smaller persistent group" in labels
+    assert one.diagnoses[0].warning in found.static("/groups/text", "TextDocument:text")[0]
+
+
+@pytest.mark.parametrize(
+    ("duration", "hours", "unit", "frame"),
+    [
+        (4 * 3600, 1, "hour", 1),
+        (40, 0.01, "second", 10),
+        (2400, 24, "minute", 12),
+        (9, 1, "second", 30),
+    ],
+)
+def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
+    currents = sea(*np.full((2, 3, 3, 4), 0.2), hours=hours)
+    one = study(currents, duration, spread="all")
+    clock = Clock.of(one)
+    assert clock.unit == unit
+    assert clock.frame == frame
+    # It goes on for 40 steps, and to the last record.
+    wanted = max(40 * duration, 2 * hours * 3600)
+    assert wanted <= clock.last * clock.seconds <= wanted + clock.frame * clock.seconds
+    assert clock.frames <= 241
+
+
+def test_what_does_not_belong_together_is_refused(gyres):
+    fields = {name: getattr(gyres, name) for name in gyres.__dataclass_fields__}
+    for change, message in (
+        ({"behaviours": gyres.behaviours[:2]}, "behaviours: expected 3, one a layer, got 2"),
+        ({"diagnoses": ()}, "diagnoses: expected 3, one a layer, got 0"),
+        ({"start": 538}, "start: expected a cell of the surface, 0 to 537"),
+        ({"reach": None}, "views: expected their reach too"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            SeaDrift(**{**fields, **change})
+
+
+def test_names_and_lengths():
+    assert place_name(-118.1, 33.456) == "33.46° N, 118.10° W"
+    assert place_name(5.0, -0.5) == "0.50° S, 5.00° E"
+    assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]
