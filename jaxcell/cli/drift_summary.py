@@ -168,6 +168,8 @@ def _from(drift: "SeaDrift", way: "Voyage", cell: int) -> dict[str, Any]:
 
 
 def _overall(drift: "SeaDrift", way: "Voyage") -> dict[str, Any]:
+    from ..certificate import Outcome
+
     hours = drift.duration / 3600
     probability, time = np.asarray(way.probability), np.asarray(way.time) * hours
     sure = probability == 1
@@ -176,6 +178,8 @@ def _overall(drift: "SeaDrift", way: "Voyage") -> dict[str, Any]:
         "cells_that_arrive_for_sure": int(sure.sum()),
         "their_mean_hours": _finite(time[sure].mean()),
         "cells": probability.size,
+        "policy_certified": way.certificate.outcome is Outcome.CONVERGED,
+        "times_certified": way.arrival.outcome is Outcome.CONVERGED,
     }
 
 
@@ -331,13 +335,24 @@ def _show_voyage(summary: dict[str, Any]) -> None:
         ("their mean hours", *(_hours(one["their_mean_hours"]) for one in overall)),
         ("sweeps of value iteration", f"{voyage['iterations']:,}", ""),
         ("bound of the error of a value", f"{voyage['value_error']:.1e}", ""),
+        ("policy is certified", *(_yes(one["policy_certified"]) for one in overall)),
+        ("all times are certified", *(_yes(one["times_certified"]) for one in overall)),
     ]
     title = f"To the goal {summary['goal']}"
     table(title, ("quantity", f"discount {summary['discount']:g}", "surest"), rows)
+    if not all(one["policy_certified"] and one["times_certified"] for one in overall):
+        note(
+            "What is not certified is beyond 64-bit numbers somewhere: an eddy holds drifters there "
+            "almost for ever. It may be right elsewhere; simulate it, or take another step."
+        )
 
 
 def _hours(hours: float | None, otherwise: str = "for ever") -> str:
     return otherwise if hours is None else f"{hours:.4g}"
+
+
+def _yes(certified: bool) -> str:
+    return "yes" if certified else "no"
 
 
 def _percent(share: float | None) -> str:

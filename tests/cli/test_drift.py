@@ -141,6 +141,8 @@ def test_the_way_to_a_goal(capsys):
         assert told["hours"] == pytest.approx(float(way.time[start]) * 3400 / 3600)
         mean = float(np.asarray(way.probability).mean())
         assert voyage["overall"][name]["mean_probability"] == pytest.approx(mean)
+        assert voyage["overall"][name]["policy_certified"]
+        assert voyage["overall"][name]["times_certified"]
     assert np.abs(np.subtract(voyage["goal"], [-118.1, 33.45, 5])).max() < 0.006
 
 
