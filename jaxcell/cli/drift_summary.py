@@ -342,7 +342,7 @@ def _show_voyage(summary: dict[str, Any]) -> None:
     table(title, ("quantity", f"discount {summary['discount']:g}", "surest"), rows)
     if not all(one["policy_certified"] and one["times_certified"] for one in overall):
         note(
-            "What is not certified is beyond 64-bit numbers somewhere: an eddy holds drifters there "
+            "What is not certified is beyond 64-bit numbers somewhere: an eddy holds drifters "
             "almost for ever. It may be right elsewhere; simulate it, or take another step."
         )
 

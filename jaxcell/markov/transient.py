@@ -50,7 +50,7 @@ class Transient:
         hop = np.full(count + 1, count)
         hop[:-1][on_run] = step.indices[start[on_run]]
         end = np.where(on_run, hop[:-1], np.arange(count))
-        hops: list[Int[np.ndarray, part]] = []
+        hops: list[np.ndarray] = []
         while (hop < count).any():
             if len(hops) > count.bit_length():
                 raise RuntimeError(
