@@ -130,7 +130,12 @@ class Workspace:
         # A margin too small for float64 to hold makes GEOS turn the polygons inside out.
         if self.robot_radius <= coordinate_rounding(self.boundary, self.obstacles):
             return self.environment
-        return shapely.normalize(self.environment.buffer(-self.robot_radius, quad_segs=16))
+        # GEOS may get the margin within pieces that touch wrong; around each polygon it does not.
+        margin = self.robot_radius
+        inside = shapely.Polygon(self.boundary).buffer(-margin, quad_segs=16)
+        solid = [shapely.Polygon(r).buffer(margin, quad_segs=16) for r in self.obstacles]
+        with np.errstate(all="ignore"):
+            return shapely.normalize(shapely.difference(inside, shapely.union_all(solid)))
 
     @property
     def pieces(self) -> int:

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, reject, strategies as st
+from hypothesis import example, given, reject, strategies as st
 
 from jaxcell.space import Workspace
 
@@ -236,6 +236,15 @@ obstacles_of_the_hall = (
 
 
 @given(st.lists(obstacles_of_the_hall, max_size=4), st.floats(0, 0.6))
+@example(
+    [
+        [(0, 3), (-1, 3), (-2, 1)],
+        [(-1, -2), (-2, 1), (-2, -1)],
+        [(0, 1), (3, -3), (0, 3), (-3, -2)],
+        [(0, 1), (3, -3), (0, 3), (-3, -2)],
+    ],
+    0.25,
+)
 def test_membership_is_that_of_the_parts(obstacles, radius):
     """A point is free just where it is in the boundary, and a radius away from every wall."""
     try:
