@@ -2,7 +2,7 @@ import dataclasses
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,6 +19,9 @@ class RunLog:
     A context manager.
     """
 
+    on_event: Callable[[str, Mapping[str, Any]], None] | None
+    "Called with the name and the fields of each event after it is written, such as to show it."
+
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         """**Arguments:**
 
@@ -27,6 +30,7 @@ class RunLog:
 
         **Raises:** `FileExistsError`.
         """
+        self.on_event = None
         self._began = time.monotonic()
         self._file = open(path, "x", encoding="utf-8")  # noqa: SIM115
         self._write({"format": _FORMAT, "version": _VERSION, **header})
@@ -35,6 +39,8 @@ class RunLog:
         """Writes an event."""
         seconds = round(time.monotonic() - self._began, 3)
         self._write({"event": name, "seconds": seconds, **fields})
+        if self.on_event is not None:
+            self.on_event(name, {"seconds": seconds, **fields})
 
     def _write(self, line: Mapping[str, Any]) -> None:
         self._file.write(json.dumps(line, allow_nan=False) + "\n")

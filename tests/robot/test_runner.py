@@ -152,6 +152,18 @@ def test_a_log_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
         assert run.whole == (whole[length - 1 : length] == b"\n")
 
 
+def test_a_log_tells_its_events_once_they_are_written(tmp_path):
+    path, told = tmp_path / "run.jsonl", []
+    with RunLog(path, {"kind": "filter"}) as log:
+        log.on_event = lambda name, fields: told.append(
+            ({"event": name, **fields}, json.loads(path.read_text().splitlines()[-1]))
+        )
+        walker, _ = walker_in(LAB_A, 70)
+        run_filter(walker, bounce_filter(LAB_A, 45), math.radians(45), log=log)
+    assert [event for event, _ in told] == list(read_log(path).events)
+    assert all(event == written for event, written in told)
+
+
 def test_an_error_ends_a_log_with_its_reason(tmp_path):
     def run() -> None:
         with RunLog(tmp_path / "run.jsonl", {}) as log:
