@@ -18,6 +18,7 @@ from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
 from .robot import RobotCheck, RobotReplay, RobotRun
 from .team import Team
+from .view import View
 
 
 _COMMANDS = {
@@ -34,6 +35,7 @@ _COMMANDS = {
     "robot replay": RobotReplay,
     "robot run": RobotRun,
     "team": Team,
+    "view": View,
 }
 
 _DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping.

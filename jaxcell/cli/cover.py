@@ -79,7 +79,7 @@ class Cover(MapOptions, OutputOptions):
                 record.save_dataset(dataset, self.out / "coverage.nc")
                 recording = self.out / "coverage.rrd"
                 record.log_coverage(recording, cells, policy, bounces=bounces, spec=spec)
-        self.finish(summary, "coverage.rrd", lambda: show(cells, summary))
+        self.finish(summary, lambda: show(cells, summary))
         return 0
 
 

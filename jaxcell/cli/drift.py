@@ -86,7 +86,7 @@ class Drift(OutputOptions):
         summary = {**spec, **described, "seconds": round(seconds, 3)}
         if self.out is not None:
             self._write(self.out, drift, spec)
-        self.finish(summary, "drift.rrd", lambda: show(summary))
+        self.finish(summary, lambda: show(summary))
         if drift.surest is None or drift.start is None or drift.surest.probability[drift.start] > 0:
             return 0
         note("No policy brings a drifter from the start to the goal.")

@@ -56,7 +56,7 @@ class Groups(MapOptions, OutputOptions):
                 dataset = record.groups_dataset(cells, groups, bounce=angles, spec=spec)
                 record.save_dataset(dataset, self.out / "groups.nc")
                 record.log_groups(self.out / "groups.rrd", cells, groups, bounce=angles, spec=spec)
-        self.finish(summary, "groups.rrd", lambda: show(cells, summary))
+        self.finish(summary, lambda: show(cells, summary))
         return 0
 
 

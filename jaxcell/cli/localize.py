@@ -59,7 +59,7 @@ class Localize(MapOptions, OutputOptions):
         if self.out is not None:
             with status(f"writing {self.out}"):
                 write(self.out, cells, groups, filter, run, spec)
-        self.finish(summary, "localization.rrd", lambda: show(cells, summary))
+        self.finish(summary, lambda: show(cells, summary))
         return 0
 
 

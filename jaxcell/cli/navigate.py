@@ -53,7 +53,7 @@ class Navigate(MapOptions, OutputOptions):
                 dataset = record.navigation_dataset(cells, found, spec=spec)
                 record.save_dataset(dataset, self.out / "navigation.nc")
                 record.log_navigation(self.out / "navigation.rrd", cells, found, spec=spec)
-        self.finish(summary, "navigation.rrd", lambda: show(cells, summary))
+        self.finish(summary, lambda: show(cells, summary))
         return 0 if found.found else 1
 
 

@@ -78,7 +78,7 @@ class OutputOptions:
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
 
-    def finish(self, summary: dict[str, Any], recording: str, show: Callable[[], None]) -> None:
+    def finish(self, summary: dict[str, Any], show: Callable[[], None]) -> None:
         """Writes `summary.json`, and then prints the summary as JSON, or shows it to people."""
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
@@ -87,7 +87,7 @@ class OutputOptions:
             return
         show()
         if self.out is not None:
-            note_results(self.out / recording)
+            note_results(self.out)
 
 
 def cell_at(cells: "CellSpace", text: str, option: str) -> int:

@@ -88,7 +88,7 @@ class PatrolGraph(OutputOptions):
         }
         if self.out is not None:
             self._write(self.out, graph, names, measures, game, spec)
-        self.finish(summary, "patrol.rrd", lambda: show(summary))
+        self.finish(summary, lambda: show(summary))
         return 0
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:

@@ -76,7 +76,7 @@ class PatrolMap(OutputOptions):
         summary = {**spec, **described, "seconds": round(seconds, 3)}
         if self.out is not None:
             self._write(self.out, found, spec)
-        self.finish(summary, "patrol_map.rrd", lambda: show(summary))
+        self.finish(summary, lambda: show(summary))
         return 0
 
     def _patrol(self, cells: "CellSpace") -> "MapPatrol":

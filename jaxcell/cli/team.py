@@ -72,7 +72,7 @@ class Team(MapOptions, OutputOptions):
                     record.team_dataset(cells, run, spec=spec), self.out / "team.nc"
                 )
                 record.log_team(self.out / "team.rrd", cells, run, spec=spec)
-        self.finish(summary, "team.rrd", lambda: show(cells, summary))
+        self.finish(summary, lambda: show(cells, summary))
         return 1 if run.uncovered.size else 0
 
     def _cells_of_robots(self, cells: "CellSpace") -> list[int]:

@@ -24,13 +24,16 @@ def status(text: str) -> Status:
     return Console(stderr=True).status(text + " ...")
 
 
-def note_results(recording: Path) -> None:
+def note_results(results: Path) -> None:
     """Says where the results are, and how to look at them from this shell."""
+    note(f"Results are in {results}; to look at them: {own_command('jaxcell')} view {results}")
+
+
+def own_command(name: str) -> str:
+    """How to call a command of this Python's environment from this shell."""
     # A virtual environment that is not activated has its commands beside its Python.
-    beside = Path(sys.executable).with_name("rerun")
-    shortest = min(str(beside), os.path.relpath(beside), key=len)
-    viewer = "rerun" if shutil.which("rerun") else shortest
-    note(f"Results are in {recording.parent}; to look at them: {viewer} {recording}")
+    beside = Path(sys.executable).with_name(name)
+    return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
 
 
 def note(text: str) -> None:
