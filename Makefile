@@ -17,7 +17,7 @@ lint: .venv/.dev
 	$(BIN)/lint-imports
 
 bench: .venv/.dev
-	for script in experiments/benchmarks/bench_*.py; do $(BIN)/python $$script || exit 1; done
+	$(BIN)/python experiments/benchmarks/run.py $(if $(JSON),--json "$(JSON)")
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"jaxcell needs Python 3.11 or newer, and this is {sys.version.split()[0]}; name one with make PYTHON=...")'

@@ -9,22 +9,19 @@ time, and those that have arrived no more; the other is a plain loop over runs, 
 timed on fewer runs. `off` is the difference of the mean from the exact one in standard errors.
 """
 
-import argparse
-import os
 import statistics
-import time
-from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 from bench_commute import grid
+from rows import Row, options, write_rows
+from timing import begin, line, timed
 
 from jaxcell.mapping import Chain
 from jaxcell.markov import first_arrival, mean_first_arrival, simulate_arrival
 from jaxcell.optimize import minimum_commute
 from jaxcell.patrol import random_walk
-from jaxcell.runtime import configure_jax
 
 
 RUNS = 5000
@@ -91,23 +88,14 @@ def by_loop(
     return taken
 
 
-def timed(program: Callable[[], Any]) -> tuple[float, Any]:
-    began = time.perf_counter()
-    result = jax.block_until_ready(program())
-    return time.perf_counter() - began, result
-
-
 def row(
     target: int, program: str, seconds: list[float], ratio: float, mean: float, off: str
 ) -> None:
-    print(
-        f"| {target} | {program} | {min(seconds):.3f} | {statistics.median(seconds):.3f} | "
-        f"{ratio:.3g} | {mean:.2f} | {off} |",
-        flush=True,
-    )
+    told = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}", f"{ratio:.3g}")
+    line(target, program, *told, f"{mean:.2f}", off)
 
 
-def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> None:
+def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> list[Row]:
     cells = chains[0].cells
     there = np.isin(np.arange(cells), target)
     outside = np.flatnonzero(~there)
@@ -127,15 +115,17 @@ def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> None:
     exact = mean_first_arrival(chains, starts, target).value
     least = min(seconds for seconds, _ in ours)
 
-    def line(program: str, seconds: list[float], times: np.ndarray) -> None:
+    def simulations(program: str, seconds: list[float], times: np.ndarray) -> None:
         error = times.std(ddof=1) / np.sqrt(times.size)
         off = f"{(times.mean() - exact) / error:+.1f}"
         row(len(target), program, seconds, min(seconds) / least, times.mean(), off)
 
-    line("jaxcell, warm", [t for t, _ in ours], np.concatenate([found for _, found in ours]))
+    warm, steps = zip(*ours, strict=True)
+    simulations("jaxcell, warm", list(warm), np.concatenate(steps))
     row(len(target), "jaxcell, first call", [cold], cold / least, exact, "")
-    line("NumPy, batch", [t for t, _ in batch], np.concatenate([found for _, found in batch]))
-    line(f"NumPy, loop (x {RUNS // PLAIN_RUNS})", [plain * RUNS / PLAIN_RUNS], few)
+    batch_s, steps = zip(*batch, strict=True)
+    simulations("NumPy, batch", list(batch_s), np.concatenate(steps))
+    simulations(f"NumPy, loop (x {RUNS // PLAIN_RUNS})", [plain * RUNS / PLAIN_RUNS], few)
     last = int(20 * exact)
     for program, solve in (
         ("exact mean", lambda: mean_first_arrival(chains, starts, target).value),
@@ -143,20 +133,24 @@ def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> None:
     ):
         seconds = [timed(solve)[0] for _ in range(repeats)]
         row(len(target), program, seconds, min(seconds) / least, exact, "")
+    what = f"first of {ROBOTS} robots in one of {len(target)} cells, {RUNS:,} runs"
+    median, theirs = statistics.median(warm), statistics.median(batch_s)
+    return [
+        Row("arrival", what, f"{cells} cells", median, "NumPy, all runs at once", theirs),
+        Row("arrival", what, f"{cells} cells", median, "NumPy, loop", plain * RUNS / PLAIN_RUNS),
+    ]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs of ours")
-    arguments = parser.parse_args()
-    configure_jax()
-    versions = f"jax {jax.__version__}, numpy {np.__version__}"
-    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n")
+    arguments = options(__doc__, repeats=5).parse_args()
+    begin("jax", "numpy")
     chains = patrol()
-    print("| targets | program | min, s | median, s | to ours | mean steps | off |")
-    print("|--:|---|--:|--:|--:|--:|--:|")
+    line("targets", "program", "min, s", "median, s", "to ours", "mean steps", "off")
+    line("--:", "---", *["--:"] * 5)
+    rows = []
     for target in (np.arange(1), np.arange(60, 70)):
-        side_by_side(chains, target, arguments.repeats)
+        rows += side_by_side(chains, target, arguments.repeats)
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":

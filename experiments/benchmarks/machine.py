@@ -1,0 +1,55 @@
+"""What a benchmark ran on, and with what."""
+
+import datetime
+import os
+import platform
+import re
+from pathlib import Path
+from typing import Any
+
+import psutil
+from timing import version
+
+
+# Ours, what it stands on, and the peers of all benchmarks.
+PACKAGES = (
+    "jaxcell",
+    "jax",
+    "numpy",
+    "scipy",
+    "shapely",
+    "numba",
+    "automata-lib",
+    "cvxpy",
+    "quantecon",
+    "pymdptoolbox",
+    "deeptime",
+    "gldpy",
+    "visilibity",
+)
+
+
+def versions() -> dict[str, str | None]:
+    """The version of each package; `None` if it is not installed."""
+    return {package: version(package) for package in PACKAGES}
+
+
+def machine() -> dict[str, Any]:
+    """The machine, the time, and how busy it is."""
+    return {
+        "cpu": cpu(),
+        "cores": os.cpu_count(),
+        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "load": round(os.getloadavg()[0], 1),
+    }
+
+
+def cpu() -> str:
+    """The model of the processor, as the system names it."""
+    file = Path("/proc/cpuinfo")
+    if file.exists() and (found := re.search(r"^model name\s*:\s*(.+)$", file.read_text(), re.M)):
+        return found[1].strip()
+    return platform.processor() or platform.machine()

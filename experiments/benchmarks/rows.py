@@ -1,0 +1,130 @@
+"""What a benchmark reports: one `Row` for each comparison that is worth a line in the table of all.
+
+The convention, which `run.py` (`make bench`) relies on, is short. A script `bench_NAME.py`
+
+- takes its options from `options(__doc__, ...)`, so it knows `--rows FILE`;
+- prints what it likes, in full, on standard output;
+- ends with `write_rows(arguments.rows, rows)`, where `rows` is its list of `Row`s;
+- stops with an error where results differ, or anything else goes wrong;
+- takes less than 45 s with its default options; what takes longer is behind `--full`.
+
+`rows_of` makes the rows of the timings of `timing.take_turns`. By hand, a row is
+
+    Row("plans", "plans between all pairs", "1,464 cells", 0.016, "scipy, Dijkstra", 0.188)
+
+and one without a peer is `Row("subset", "localization filter", "880,000 cells", 0.7)`.
+"""
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from timing import Timing
+
+from jaxcell.files import replacing
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One program of ours, and a peer where there is one.
+
+    **Arguments:**
+
+    - `benchmark`: the name of the script, without `bench_` and `.py`.
+    - `what`: what both programs find, in few words.
+    - `size`: how large the problem is, with its unit.
+    - `ours_s`: the median of our seconds.
+    - `peer`: the peer, and which of its programs; `None` if there is none.
+    - `peer_s`: the median of its seconds; `None` also if it is not installed, or cannot do it.
+    """
+
+    benchmark: str
+    what: str
+    size: str
+    ours_s: float
+    peer: str | None = None
+    peer_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("benchmark", "what", "size"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or not value:
+                raise ValueError(f"Row: {name} is {value!r}; expected words")
+        if not isinstance(self.peer, str | None):
+            raise ValueError(f"Row: peer is {self.peer!r}; expected words or None")
+        if self.peer is None and self.peer_s is not None:
+            raise ValueError(f"Row: peer_s is {self.peer_s!r}, but there is no peer")
+        for name in ("ours_s", "peer_s"):
+            value = getattr(self, name)
+            if name == "peer_s" and value is None:
+                continue
+            if not isinstance(value, int | float) or not 0 < value < float("inf"):
+                raise ValueError(f"Row: {name} is {value!r}; expected seconds above 0")
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times our seconds the peer takes."""
+        return None if self.peer_s is None else self.peer_s / self.ours_s
+
+    def to_json(self) -> dict[str, Any]:
+        return {**dataclasses.asdict(self), "ratio": self.ratio}
+
+    @classmethod
+    def from_json(cls, entry: Any) -> "Row":
+        """**Raises:** `ValueError` if `entry` has not the fields of a row."""
+        names = {field.name for field in dataclasses.fields(cls)}
+        if not isinstance(entry, dict) or set(entry) != names | {"ratio"}:
+            raise ValueError(f"a row is {entry!r}; expected the fields {sorted(names)} and ratio")
+        return cls(**{name: entry[name] for name in names})
+
+
+def rows_of(
+    benchmark: str,
+    what: str,
+    size: str,
+    timings: Mapping[str, Timing],
+    absent: Iterable[str] = (),
+) -> list[Row]:
+    """A row for each peer: the programs of `timings` but the first, and those that are absent."""
+    ours, *peers = timings
+    seconds = timings[ours].median
+    measured = [Row(benchmark, what, size, seconds, peer, timings[peer].median) for peer in peers]
+    return measured + [Row(benchmark, what, size, seconds, peer) for peer in absent]
+
+
+def options(doc: str, repeats: int, full: str | None = None) -> argparse.ArgumentParser:
+    """The options that benchmarks share.
+
+    **Arguments:**
+
+    - `doc`: the docstring of the script, whose first line is shown by `--help`.
+    - `repeats`: how often each program is timed, by default.
+    - `full`: what `--full` adds; `None` if there is no such option.
+    """
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=repeats, help="timed turns of each program")
+    if full is not None:
+        parser.add_argument("--full", action="store_true", help=f"add {full}")
+    parser.add_argument("--rows", type=Path, metavar="FILE", help="write rows here, as JSON")
+    return parser
+
+
+def write_rows(path: Path | None, rows: Sequence[Row]) -> None:
+    """Writes rows to `path`, if there is one."""
+    if path is not None:
+        with replacing(path) as file:
+            file.write_text(json.dumps([row.to_json() for row in rows], indent=1) + "\n")
+
+
+def read_rows(path: Path) -> list[Row]:
+    """**Raises:** `ValueError` if the file holds no rows, `OSError` if there is none."""
+    try:
+        entries = json.loads(path.read_text())
+        if not isinstance(entries, list) or not entries:
+            raise ValueError("expected a list of rows")
+        return [Row.from_json(entry) for entry in entries]
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error

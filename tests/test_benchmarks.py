@@ -1,0 +1,167 @@
+"""How the table of all benchmarks is made; the benchmarks themselves are too long for a test."""
+
+import importlib
+import json
+from pathlib import Path
+
+import pytest
+
+
+ROOT = Path(__file__).parents[1]
+ROW = {"benchmark": "good", "what": "this", "size": "9 cells", "ours_s": 0.5}
+ROWS = [
+    {**ROW, "peer": "scipy", "peer_s": 2.0, "ratio": 4.0},
+    {**ROW, "peer": "gldpy", "peer_s": None, "ratio": None},
+    {**ROW, "peer": None, "peer_s": None, "ratio": None},
+]
+README = "before\n<!-- bench -->\nold\n<!-- /bench -->\nafter\n"
+
+
+@pytest.fixture(scope="module")
+def benchmarks():
+    """The modules beside the benchmarks, by name."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "experiments" / "benchmarks")
+        yield {name: importlib.import_module(name) for name in ("rows", "timing", "run")}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "README.md").write_text(README)
+    script(tmp_path, "good", f"Path(sys.argv[2]).write_text({json.dumps(ROWS)!r})")
+    return tmp_path
+
+
+def script(folder, name, does):
+    lines = ("import sys", "from pathlib import Path", "assert sys.argv[1] == '--rows'", does)
+    (folder / f"bench_{name}.py").write_text("\n".join(lines))
+
+
+def make_bench(benchmarks, folder):
+    return benchmarks["run"].main(
+        [
+            *("--scripts", str(folder), "--logs", str(folder / "logs")),
+            *("--readme", str(folder / "README.md"), "--json", str(folder / "bench.json")),
+        ]
+    )
+
+
+def test_rows_come_back_from_their_file(benchmarks, tmp_path):
+    rows = benchmarks["rows"]
+    written = [rows.Row.from_json(row) for row in ROWS]
+    rows.write_rows(tmp_path / "rows.json", written)
+    assert json.loads((tmp_path / "rows.json").read_text()) == ROWS
+    assert rows.read_rows(tmp_path / "rows.json") == written
+    assert [row.ratio for row in written] == [4.0, None, None]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("ours_s", 0.0), ("ours_s", None), ("peer_s", float("nan")), ("peer", None), ("what", "")],
+)
+def test_a_row_that_makes_no_sense_is_refused(benchmarks, field, value):
+    with pytest.raises(ValueError, match=f"Row: {field}"):
+        benchmarks["rows"].Row.from_json({**ROWS[0], field: value})
+
+
+def test_all_rows_are_written_and_the_readme_shows_them(benchmarks, folder, capsys):
+    assert make_bench(benchmarks, folder) == 0
+    whole = json.loads((folder / "bench.json").read_text())
+    assert whole["rows"] == ROWS
+    assert whole["failed"] == []
+    assert whole["versions"]["jax"]
+    assert {"cpu", "cores", "memory_gb", "date"} <= set(whole["machine"])
+    before, table, after = (folder / "README.md").read_text().partition("| good |")
+    assert before.startswith("before\n<!-- bench -->\n| ")
+    assert "old" not in before
+    assert (
+        table + after.splitlines()[0] == "| good | this | 9 cells | 500 ms | scipy | 2.0 s | 4.0 |"
+    )
+    assert "| gldpy | - |  |" in after
+    assert whole["versions"]["jax"] in after
+    assert after.endswith("<!-- /bench -->\nafter\n")
+    assert "500 ms" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("does", "told"),
+    [
+        ("print('first'); sys.exit('they disagree')", "exit status 1: they disagree"),
+        ("pass", "no rows"),
+        ("Path(sys.argv[2]).write_text('[]')", "no rows"),
+        ("Path(sys.argv[2]).write_text('[{}]')", "no rows"),
+        ("Path(sys.argv[2]).write_text('half of')", "no rows"),
+    ],
+)
+def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, told):
+    script(folder, "bad", does)
+    assert make_bench(benchmarks, folder) == 1
+    whole = json.loads((folder / "bench.json").read_text())
+    assert whole["failed"] == ["bench_bad.py"]
+    assert whole["rows"] == ROWS
+    assert (folder / "README.md").read_text() == README
+    shown = capsys.readouterr().err
+    assert f"FAILED: {told}" in shown
+    assert "failed: bench_bad.py; README.md stays as it is" in shown
+
+
+def test_rows_of_an_earlier_run_do_not_count(benchmarks, folder):
+    assert make_bench(benchmarks, folder) == 0
+    script(folder, "good", "pass")
+    assert make_bench(benchmarks, folder) == 1
+
+
+def test_a_readme_without_markers_is_refused_at_once(benchmarks, folder):
+    (folder / "README.md").write_text("no table here\n")
+    with pytest.raises(SystemExit, match="2"):
+        make_bench(benchmarks, folder)
+    assert not (folder / "logs").exists()
+
+
+def test_the_readme_of_the_project_has_a_place_for_the_table(benchmarks):
+    run = benchmarks["run"]
+    assert run.MISSING in run.between_markers((ROOT / "README.md").read_text(), run.MISSING)
+
+
+def test_programs_take_turns_after_a_check(benchmarks):
+    calls = []
+    timings = benchmarks["timing"].take_turns(
+        {"ours": lambda: calls.append("ours"), "peer": lambda: calls.append("peer")},
+        2,
+        lambda results: calls.append(set(results)),
+    )
+    assert calls == ["ours", "peer", {"ours", "peer"}, "ours", "peer", "ours", "peer"]
+    assert all(0 < t.least <= t.median for t in timings.values())
+    (row,) = benchmarks["rows"].rows_of("a", "b", "c", timings)
+    assert (row.ours_s, row.peer, row.peer_s) == (
+        timings["ours"].median,
+        "peer",
+        timings["peer"].median,
+    )
+
+
+def test_who_is_slow_takes_fewer_turns(benchmarks, monkeypatch):
+    """By a clock that each program moves."""
+    now = 0.0
+
+    def takes(seconds):
+        def program():
+            nonlocal now
+            now += seconds
+
+        return program
+
+    monkeypatch.setattr(benchmarks["timing"].time, "perf_counter", lambda: now)
+    counts = {}
+    programs = {"ours": takes(12.0), "quick": takes(3.0), "slow": takes(11.0)}
+    for name, program in programs.items():
+        counts[name] = 0
+
+        def counted(name=name, program=program):
+            counts[name] += 1
+            program()
+
+        programs[name] = counted
+    timings = benchmarks["timing"].take_turns(programs, 9, patience_s=10.0)
+    assert counts == {"ours": 2, "quick": 5, "slow": 1}
+    assert [t.median for t in timings.values()] == [12.0, 3.0, 11.0]
