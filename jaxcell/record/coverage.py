@@ -26,6 +26,7 @@ from .blueprint import (
 from .coverage_dataset import check_policy
 from .coverage_text import coverage_text, directions_text
 from .palette import BELIEF, CATEGORIES, CLEAR, FREE, LegendEntry, PictureClass, mix, ramp
+from .pictures import on_squares
 
 
 # So many angles have maps, those with the largest shares of time.
@@ -125,16 +126,8 @@ def _log_heat(
 ) -> None:
     classes = heat_classes(most)
     log_classes(stream, path, classes)
-    pictures = _on_squares(cells, heat_class(heat, len(classes)))
+    pictures = on_squares(cells, heat_class(heat, len(classes)))
     log_pictures(stream, path, "direction", times, pictures)
-
-
-def _on_squares(
-    cells: CellSpace, kind: UInt8[np.ndarray, "pictures positions"]
-) -> UInt8[np.ndarray, "pictures rows columns"]:
-    pictures = np.zeros((len(kind), cells.free.size), np.uint8)
-    pictures[:, cells.square] = kind
-    return pictures.reshape(-1, *cells.free.shape)
 
 
 def _heat_legend(most: float) -> list[LegendEntry]:
@@ -190,7 +183,7 @@ def _log_angle(
     kind = _group_pictures(groups, np.asarray(limiting.weights))
     classes = _group_classes(groups.count)
     log_classes(stream, f"map/grid/{name}/groups", classes)
-    pictures = _on_squares(cells, kind.reshape(cells.directions, -1))
+    pictures = on_squares(cells, kind.reshape(cells.directions, -1))
     log_pictures(stream, f"map/grid/{name}/groups", "direction", every, pictures)
 
     heat = np.asarray(limiting.value).reshape(cells.directions, -1) * cells.size

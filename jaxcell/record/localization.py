@@ -39,7 +39,7 @@ from .palette import (
     cycle_color,
     mix,
 )
-from .pictures import group_pictures
+from .pictures import group_pictures, on_squares
 from .tables import check_filter, group_table, host_groups
 from .texts import groups_text, localization_text
 
@@ -129,18 +129,16 @@ def _log_belief(
         classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shades]
         log_classes(stream, "map/grid/belief", classes)
         times = np.arange(min(crowded[-1] + 2, size.size))
-        pictures = [_shade(cells, filter, state) for state in run.states[times].tolist()]
-        log_pictures(stream, "map/grid/belief", "step", times, np.stack(pictures))
+        kind = np.stack([_shade(cells, filter, state) for state in run.states[times].tolist()])
+        log_pictures(stream, "map/grid/belief", "step", times, on_squares(cells, kind))
 
 
-def _shade(cells: CellSpace, filter: Filter, state: int) -> UInt8[np.ndarray, "rows columns"]:
-    """The share of directions that are possible at each square; none if arrows say it."""
-    picture = np.zeros(cells.free.size, np.uint8)
-    if filter.uncertainty[state] > _MOST_ARROWS:
-        positions = filter.cells(state) % cells.positions
-        count = np.bincount(positions, minlength=cells.positions)
-        picture[cells.square] = np.ceil(count * (_SHADES / cells.directions))
-    return picture.reshape(cells.free.shape)
+def _shade(cells: CellSpace, filter: Filter, state: int) -> UInt8[np.ndarray, "positions"]:
+    """The share of directions that are possible at each position; none if arrows say it."""
+    if filter.uncertainty[state] <= _MOST_ARROWS:
+        return np.zeros(cells.positions, np.uint8)
+    count = np.bincount(filter.cells(state) % cells.positions, minlength=cells.positions)
+    return np.ceil(count * (_SHADES / cells.directions)).astype(np.uint8)
 
 
 def _log_robot(stream: rr.RecordingStream, cells: CellSpace, run: Localization) -> None:

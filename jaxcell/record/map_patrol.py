@@ -1,7 +1,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from ..optimize import Graph
 from ..patrol.attack import Vulnerability
@@ -83,11 +83,3 @@ class MapPatrol:
         """The centre of each cell, in metres."""
         x, y, _ = self.cells.centre(np.arange(self.cells.positions))
         return np.stack([x, y], axis=1)
-
-    def picture(
-        self, kind: UInt8[np.ndarray, "*pictures cells"]
-    ) -> UInt8[np.ndarray, "*pictures rows columns"]:
-        """Classes of cells as pictures, with 0 for what is not free; the first row is lowest."""
-        pictures = np.zeros((*kind.shape[:-1], self.cells.free.size), np.uint8)
-        pictures[..., self.cells.square] = kind
-        return pictures.reshape(*kind.shape[:-1], *self.cells.free.shape)

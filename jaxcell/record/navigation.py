@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
 from ..bounce import Plan
 from ..space import CellSpace
@@ -40,6 +40,7 @@ from .palette import (
     PictureClass,
     ramp,
 )
+from .pictures import on_squares
 from .texts import describe, made_with
 
 
@@ -223,7 +224,7 @@ def _log_reaching(stream: rr.RecordingStream, cells: CellSpace, plan: Plan) -> N
         classes.append(PictureClass(label, (red, green, blue)))
     heat = 1 + np.searchsorted(bound, reaching.sum(axis=0))
     log_classes(stream, "map/grid/heat", classes)
-    picture = rr.SegmentationImage(_pictures(cells, heat[None])[0])
+    picture = rr.SegmentationImage(on_squares(cells, heat))
     stream.log("map/grid/heat", picture, static=True)
 
     one = [PictureClass("not free", CLEAR), PictureClass("not from here", PLAIN)]
@@ -235,7 +236,7 @@ def _log_reaching(stream: rr.RecordingStream, cells: CellSpace, plan: Plan) -> N
     for timeline, times, headings in (("direction", every, every), ("step", turns, heading[turns])):
         if timeline == "step" and not plan.found:
             continue
-        shown = _pictures(cells, 1 + reaching[headings])
+        shown = on_squares(cells, 1 + reaching[headings])
         log_pictures(stream, "map/grid/heading", timeline, times, shown)
         legends = [_reaching_legend(cells, classes, k) for k in headings.tolist()]
         log_legends(stream, "reaching/legend", timeline, times, legends)
@@ -258,15 +259,6 @@ def _reaching_legend(
         LegendEntry(len(classes), f"from here, heading {degrees}", KNOWN),
         LegendEntry(len(classes) + 1, f"not from here, heading {degrees}", PLAIN),
     ]
-
-
-def _pictures(
-    cells: CellSpace, classes: Int[np.ndarray, "pictures positions"]
-) -> UInt8[np.ndarray, "pictures rows columns"]:
-    """Pictures of the classes of positions; squares that are not free have class 0."""
-    pictures = np.zeros((len(classes), cells.free.size), np.uint8)
-    pictures[:, cells.square] = classes
-    return pictures.reshape(-1, *cells.free.shape)
 
 
 def _places(cells: CellSpace, plan: Plan) -> Float[np.ndarray, "visited 2"]:

@@ -30,6 +30,7 @@ from .palette import (
     PictureClass,
     mix,
 )
+from .pictures import on_squares
 from .team import robot_color
 
 
@@ -224,7 +225,7 @@ def _log_seen(stream: rr.RecordingStream, patrol: MapPatrol, attacks: Attacks) -
     by = seen.sum(axis=1)
     kind = np.where(by == 1, (2 + seen.argmax(axis=1) % colors).astype(np.uint8), kind)
     kind = np.where(by > 1, np.uint8(colors + 2), kind)
-    pictures = patrol.picture(kind)
+    pictures = on_squares(patrol.cells, kind)
     log_pictures(stream, "map/grid/seen", "step", np.arange(len(pictures)), pictures)
 
 

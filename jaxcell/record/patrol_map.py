@@ -37,6 +37,7 @@ from .palette import (
 from .patrol_attacks import attacks_layout, log_attacks, simulate_attacks
 from .patrol_map_text import cover_text, patrol_text, policies_text, regions_text
 from .patrol_target import log_target, log_vulnerability
+from .pictures import on_squares
 from .team import robot_color
 
 
@@ -139,7 +140,8 @@ def _log_covers(stream: rr.RecordingStream, patrol: MapPatrol) -> rrb.Container:
             ("cover", 1 + np.arange(stops.size)),
             ("step", _STRIDE * np.arange(stops.size)),
         ):
-            log_pictures(stream, f"map/grid/{name}", timeline, times, patrol.picture(kind))
+            pictures = on_squares(patrol.cells, kind)
+            log_pictures(stream, f"map/grid/{name}", timeline, times, pictures)
             log_outlines(stream, f"map/{name}/outline", timeline, times, rings)
             so_far = [xy[stops[: k + 1]] for k in range(stops.size)]
             dots = rr.Points2D.columns(positions=np.concatenate(so_far))
@@ -240,7 +242,8 @@ def _log_regions(stream: rr.RecordingStream, patrol: MapPatrol) -> rrb.Container
         of = np.array([*owner, -1])[regions.region] % len(colors)
         kind = np.where(regions.region < 0, 1, 2 + 2 * of + regions.view).astype(np.uint8)
         log_classes(stream, f"map/grid/{name}", classes)
-        stream.log(f"map/grid/{name}", rr.SegmentationImage(patrol.picture(kind)), static=True)
+        picture = rr.SegmentationImage(on_squares(patrol.cells, kind))
+        stream.log(f"map/grid/{name}", picture, static=True)
         _log_contacts(stream, patrol, f"map/{name}_contacts", policies)
         shown = [f"grid/{name}", f"{name}_contacts", "base/station", "base/label"]
         views.append(map_view(patrol.cells, title, shown))

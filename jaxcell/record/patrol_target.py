@@ -30,6 +30,7 @@ from .palette import (
     ramp,
 )
 from .patrol_map_text import target_text, vulnerability_text
+from .pictures import on_squares
 from .plot import Plot, ticks
 
 
@@ -57,7 +58,7 @@ def log_target(stream: rr.RecordingStream, patrol: MapPatrol) -> rrb.Container:
     ]
     kind = (1 + attack.view + (attack.view & attack.boundary)).astype(np.uint8)
     log_classes(stream, "map/grid/target_view", classes)
-    picture = rr.SegmentationImage(patrol.picture(kind))
+    picture = rr.SegmentationImage(on_squares(patrol.cells, kind))
     stream.log("map/grid/target_view", picture, static=True)
     rings = outlines(patrol, np.array([attack.target]))
     log_outlines(stream, "map/target_outline", "step", _ONCE, rings)
@@ -166,7 +167,7 @@ def log_vulnerability(stream: rr.RecordingStream, patrol: MapPatrol) -> rrb.Cont
         kind[open_] = level[open_]
         if patrol.regions is not None:
             kind[patrol.regions.view] = _LEVELS + 1
-        picture = rr.SegmentationImage(patrol.picture(kind.astype(np.uint8)))
+        picture = rr.SegmentationImage(on_squares(patrol.cells, kind.astype(np.uint8)))
         stream.log(path, picture, static=True)
         worst = int(open_[caught[open_].argmin()])
         _log_worst(stream, patrol, f"map/worst_{name}", worst, float(caught[worst]))

@@ -1,7 +1,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Int, UInt8
+from jaxtyping import Int, Integer, UInt8
 
 from ..space import CellSpace
 from .palette import (
@@ -44,6 +44,15 @@ class GroupPictures:
     "What the colours mean, for each direction."
 
 
+def on_squares(
+    cells: CellSpace, kind: Integer[np.ndarray, "*pictures positions"]
+) -> UInt8[np.ndarray, "*pictures rows columns"]:
+    """Classes of positions as pictures, with 0 for what is not free; the first row is lowest."""
+    pictures = np.zeros((*kind.shape[:-1], cells.free.size), np.uint8)
+    pictures[..., cells.square] = kind
+    return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
+
+
 def group_pictures(cells: CellSpace, groups: HostGroups, table: GroupTable) -> GroupPictures:
     """Draws the periodic groups of a map.
 
@@ -65,9 +74,9 @@ def group_pictures(cells: CellSpace, groups: HostGroups, table: GroupTable) -> G
     share, classes = step_classes(longest)
     steps = np.where(groups.periodic, 1, 2 + (groups.step - 1) // share).astype(np.uint8)
     return GroupPictures(
-        groups=_draw(cells, by_direction),
-        steps=_draw(cells, steps.reshape(by_direction.shape)),
-        cycles=_draw(cells, cycles),
+        groups=on_squares(cells, by_direction),
+        steps=on_squares(cells, steps.reshape(by_direction.shape)),
+        cycles=on_squares(cells, cycles),
         step_classes=classes,
         legends=_legends(cells, table, rank, family),
     )
@@ -80,14 +89,6 @@ def _rank(table: GroupTable) -> Int[np.ndarray, "groups"]:
     rank = np.empty(order.size, np.int64)
     rank[order] = np.arange(order.size) - np.searchsorted(direction, direction)
     return rank
-
-
-def _draw(
-    cells: CellSpace, kind: UInt8[np.ndarray, "directions positions"]
-) -> UInt8[np.ndarray, "directions rows columns"]:
-    pictures = np.zeros((cells.directions, cells.free.size), np.uint8)
-    pictures[:, cells.square] = kind
-    return pictures.reshape(cells.directions, *cells.free.shape)
 
 
 def _legends(

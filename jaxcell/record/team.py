@@ -20,6 +20,7 @@ from .blueprint import (
     send_blueprint,
 )
 from .palette import BELIEF, CATEGORIES, CLEAR, FREE, PLAIN, Color, PictureClass, mix
+from .pictures import on_squares
 from .team_dataset import check_team, first_visits
 from .texts import describe, made_with
 
@@ -94,9 +95,7 @@ def _log_visited(stream: rr.RecordingStream, cells: CellSpace, team: TeamTraject
     shown = np.linspace(0, len(changes) - 1, min(len(changes), _MOST_PICTURES)).round().astype(int)
     changes = changes[shown]
     seen = (time >= 0) & (time <= changes[:, None])
-    pictures = np.zeros((len(changes), cells.free.size), np.uint8)
-    pictures[:, cells.square] = np.where(seen, 1 + visitor % len(_COLORS), 0)
-    pictures = pictures.reshape(-1, *cells.free.shape)
+    pictures = on_squares(cells, np.where(seen, 1 + visitor % len(_COLORS), 0))
     log_pictures(stream, "map/grid/visited", "step", changes, pictures)
 
 
