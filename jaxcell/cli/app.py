@@ -12,6 +12,7 @@ from .demo import Demo
 from .drift import Drift
 from .export import Export
 from .groups import Groups
+from .info import Info
 from .localize import Localize
 from .navigate import Navigate
 from .patrol_graph import PatrolGraph
@@ -27,6 +28,7 @@ _COMMANDS = {
     "drift": Drift,
     "export": Export,
     "groups": Groups,
+    "info": Info,
     "localize": Localize,
     "navigate": Navigate,
     "patrol graph": PatrolGraph,

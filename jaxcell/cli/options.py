@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -80,6 +81,7 @@ class OutputOptions:
 
     def finish(self, summary: dict[str, Any], show: Callable[[], None]) -> None:
         """Writes `summary.json`, and then prints the summary as JSON, or shows it to people."""
+        summary = {"command": f"jaxcell {command_name(type(self))}", **summary}
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
@@ -88,6 +90,11 @@ class OutputOptions:
         show()
         if self.out is not None:
             note_results(self.out)
+
+
+def command_name(command: type) -> str:
+    """The name on the command line of a class of options: `patrol map` for `PatrolMap`."""
+    return re.sub("(?<=[a-z])(?=[A-Z])", " ", command.__name__).lower()
 
 
 def cell_at(cells: "CellSpace", text: str, option: str) -> int:

@@ -1,0 +1,215 @@
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from .terminal import table
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Info:
+    """Tell what a file is, and what is in it: a map, a graph, currents, or a result."""
+
+    file: tyro.conf.Positional[Path]
+    """Any file that jaxcell reads or writes, or a directory of results."""
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+    def run(self) -> int:
+        found = describe(self.file)
+        if self.json:
+            print(json.dumps(found))
+        else:
+            rows = [(name.replace("_", " "), _shown(value)) for name, value in found.items()]
+            table(str(self.file), ("", ""), rows)
+        return 0
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """What a file is (`what`), and what is in it.
+
+    **Raises:** `ValueError` if it is none that we know, or is damaged; `FileNotFoundError`.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if path.is_dir():
+        return _directory(path)
+    suffix = path.suffix.lower()
+    if suffix not in _KINDS:
+        raise ValueError(f"{path}: expected a file of a kind among {', '.join(_KINDS)}")
+    return _KINDS[suffix](path)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return "\n".join(f"{name}: {_shown(part)}" for name, part in value.items())
+    if isinstance(value, list):
+        parts = [_shown(part).replace("\n", ", ") for part in value]
+        return ("\n" if any(isinstance(part, dict) for part in value) else ", ").join(parts)
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+
+
+def _directory(path: Path) -> dict[str, Any]:
+    files = sorted(
+        str(file.relative_to(path))
+        for file in path.rglob("*")
+        if file.suffix.lower() in _KINDS and file.is_file()
+    )
+    if not files:
+        raise ValueError(f"{path}: there is no file of jaxcell's in it")
+    return {"what": "a directory", "files": files}
+
+
+def _filter(path: Path) -> dict[str, Any]:
+    from ..automata import Filter
+
+    filter = Filter.load(path)
+    return {
+        "what": "a localization filter",
+        "states": len(filter.transition),
+        "open_world": filter.open_world,
+        "knowledge_cycles": [
+            {"color": cycle.color, "uncertainty": cycle.uncertainty, "length": len(cycle.states)}
+            for cycle in filter.cycles
+        ],
+        **filter.metadata,
+    }
+
+
+def _netcdf(path: Path) -> dict[str, Any]:
+    import xarray as xr
+
+    try:
+        dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False)
+    except OSError as error:
+        raise ValueError(f"{path}: not a NetCDF file that can be read: {error}") from None
+    with dataset:
+        ours = "jaxcell_version" in dataset.attrs
+        attributes = {
+            name: str(value) for name, value in dataset.attrs.items() if ours or name == "title"
+        }
+        title = attributes.pop("title", "without a title")
+        return {
+            "what": f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}",
+            "dimensions": {str(name): size for name, size in dataset.sizes.items()},
+            "variables": {str(name): _variable(dataset[name]) for name in dataset.data_vars},
+            **attributes,
+        }
+
+
+def _variable(array: Any) -> str:
+    units = f", {array.attrs['units']}" if "units" in array.attrs else ""
+    meaning = f": {array.attrs['long_name']}" if "long_name" in array.attrs else ""
+    return f"({', '.join(map(str, array.dims))}){units}{meaning}"
+
+
+def _recording(path: Path) -> dict[str, Any]:
+    from rerun.chunk import RrdReader
+
+    from .view import recordings_in
+
+    recordings_in(path)
+    try:
+        reader = RrdReader(str(path))
+        [entry] = reader.recordings()
+        schema = reader.store().schema()
+    except Exception as error:
+        # Rerun has no exception of its own for a damaged file.
+        message = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(f"{path}: the recording cannot be read: {message}") from None
+    return {
+        "what": "a Rerun recording; to look at it: jaxcell view",
+        "application": entry.application_id,
+        "bytes": path.stat().st_size,
+        "timelines": [index.name for index in schema.index_columns()],
+        "entities": len(schema.entity_paths()),
+    }
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: not valid JSON, or cut short: {error}") from None
+    if not isinstance(fields, dict):
+        raise ValueError(f"{path}: expected a JSON object, as all of ours are")
+    if "format" in fields and fields["format"] == "jaxcell-map":
+        return _map(path)
+    if "nodes" in fields:
+        return _graph(path)
+    if "command" in fields:
+        plain = {name: value for name, value in fields.items() if not isinstance(value, dict)}
+        return {"what": f"the summary of {plain.pop('command')}", **plain}
+    raise ValueError(f"{path}: neither a map, nor a graph, nor a summary of a command")
+
+
+def _map(path: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from ..space import CellSpace, Workspace
+
+    workspace = Workspace.load(path)
+    corners = np.asarray(workspace.boundary, float)
+    width, height = np.ptp(corners, axis=0).tolist()
+    found = {
+        "what": "a map",
+        "name": workspace.name,
+        "width_m": round(width, 6),
+        "height_m": round(height, 6),
+        "obstacles": len(workspace.obstacles),
+        "robot_radius_m": workspace.robot_radius,
+        "cell_m": workspace.cell,
+        "directions": workspace.directions,
+    }
+    if workspace.cell is not None:
+        cells = CellSpace.of(workspace, workspace.cell, workspace.directions or 1)
+        found |= {"positions": cells.positions}
+    return found
+
+
+def _graph(path: Path) -> dict[str, Any]:
+    from ..patrol import load_graph
+
+    graph, names = load_graph(path)
+    return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
+
+
+def _map_or_graph(path: Path) -> dict[str, Any]:
+    try:
+        return _map(path)
+    except ValueError as no_map:
+        try:
+            return _graph(path)
+        except ValueError:
+            raise no_map from None
+
+
+def _log(path: Path) -> dict[str, Any]:
+    from ..robot.run_log import read_log
+
+    run = read_log(path)
+    end = next((event for event in run.events if event["event"] == "end"), None)
+    return {
+        "what": "the log of a robot",
+        **run.header,
+        "observations": run.observations,
+        "whole": run.whole,
+        "result": None if end is None else end.get("result"),
+    }
+
+
+_KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    ".jxf": _filter,
+    ".nc": _netcdf,
+    ".rrd": _recording,
+    ".json": _json,
+    ".jsonl": _log,
+    ".yaml": _map,
+    ".yml": _map,
+    ".txt": _map_or_graph,
+    ".edges": _graph,
+    ".graphml": _graph,
+}
