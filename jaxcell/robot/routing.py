@@ -1,0 +1,119 @@
+"""Ways through a grid by Lee's wave routing."""
+
+from collections.abc import Collection
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+
+def grid_steps(
+    free: Bool[np.ndarray, "rows columns"], closed: Collection[tuple[int, int]] = ()
+) -> Int[np.ndarray, "4 positions"]:
+    """The position where a step from each square of a grid leads; itself where there is no way.
+
+    **Arguments:**
+
+    - `free`: which squares are free; row 0 is the lowest. The free squares are the positions,
+        counted row by row, as in [`jaxcell.space.CellSpace`][].
+    - `closed`: ways between free squares that do not exist either, as a position and one of the
+        four ways: 0 East, 1 North, 2 West, 3 South. Each is closed from both sides.
+
+    **Raises:** `ValueError` if a position or way does not exist.
+    """
+    position = np.full(np.add(free.shape, 2), -1, np.int32)
+    inner = position[1:-1, 1:-1]
+    inner[free] = np.arange(np.count_nonzero(free), dtype=np.int32)
+    across = [position[1:-1, 2:], position[2:, 1:-1], position[1:-1, :-2], position[:-2, 1:-1]]
+    here = inner[free]
+    steps = np.stack([np.where(there[free] < 0, here, there[free]) for there in across])
+    for at, way in closed:
+        _check(steps, at, "closed")
+        if not 0 <= way < 4:
+            raise ValueError(f"closed: expected a way from 0 to 3, got {way}")
+        close(steps, at, way)
+    return steps
+
+
+def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> None:
+    """Closes a way and its way back, in place."""
+    there = int(steps[way, position])
+    if there != position:
+        steps[way, position], steps[(way + 2) % 4, there] = position, there
+
+
+def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "positions"]:
+    """How many steps each position is from a goal, -1 where no way leads there (Lee 1961).
+
+    The wave starts at the goal and spreads to all neighbours at once.
+
+    **Arguments:**
+
+    - `steps`: the result of [`grid_steps`][]: each way can be gone back.
+    - `goal`: a position.
+
+    **Raises:** `ValueError` if the goal does not exist.
+    """
+    _check(steps, goal, "goal")
+    distance = np.full(steps.shape[1], -1, np.int32)
+    front = np.array([goal])
+    count = 0
+    while front.size:
+        distance[front] = count
+        front = np.unique(steps[:, front])
+        front = front[distance[front] < 0]
+        count += 1
+    return distance
+
+
+def next_way(
+    steps: Int[np.ndarray, "4 positions"],
+    distance: Int[np.ndarray, "positions"],
+    position: int,
+    ahead: int,
+) -> int:
+    """The way of the next step down a wave: straight ahead where that leads nearer, since turns
+    take time and cost precision, else the first of the four.
+
+    **Arguments:**
+
+    - `steps`: the result of [`grid_steps`][].
+    - `distance`: the result of [`wave`][], of the goal.
+    - `position`: where the robot is: not the goal, and with a way to it.
+    - `ahead`: the way that it faces.
+    """
+    nearer = distance[steps[:, position]] == distance[position] - 1
+    return ahead if nearer[ahead] else int(nearer.argmax())
+
+
+def route(
+    steps: Int[np.ndarray, "4 positions"], start: int, goal: int, ahead: int = 0
+) -> list[int]:
+    """A shortest way through a grid (Lee 1961).
+
+    **Arguments:**
+
+    - `steps`: the result of [`grid_steps`][].
+    - `start`, `goal`: positions.
+    - `ahead`: the way that the robot faces at the start, see [`next_way`][].
+
+    **Returns:** the way of each step: 0 East, 1 North, 2 West, 3 South.
+
+    **Raises:** `ValueError` if a position does not exist, or no way leads to the goal.
+    """
+    distance = wave(steps, goal)
+    _check(steps, start, "start")
+    if distance[start] < 0:
+        raise ValueError(f"goal: no way leads from position {start} to {goal}")
+    ways = []
+    while start != goal:
+        ahead = next_way(steps, distance, start, ahead)
+        ways.append(ahead)
+        start = int(steps[ahead, start])
+    return ways
+
+
+def _check(steps: Int[np.ndarray, "4 positions"], position: int, name: str) -> None:
+    if not 0 <= position < steps.shape[1]:
+        raise ValueError(
+            f"{name}: position {position} does not exist; positions are 0 to {steps.shape[1] - 1}"
+        )
