@@ -18,6 +18,7 @@ from .navigate import Navigate
 from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
 from .robot import RobotCheck, RobotReplay, RobotRun
+from .sweep import Sweep, SweepState
 from .team import Team
 from .view import View
 
@@ -36,6 +37,8 @@ _COMMANDS = {
     "robot check": RobotCheck,
     "robot replay": RobotReplay,
     "robot run": RobotRun,
+    "sweep": Sweep,
+    "sweep status": SweepState,
     "team": Team,
     "view": View,
 }

@@ -1,0 +1,28 @@
+"""Which state of the source a result was made with."""
+
+import functools
+import subprocess
+from pathlib import Path
+
+
+@functools.cache
+def git_revision() -> str | None:
+    """The commit of the checkout that this file is part of, with `-dirty` where it was changed."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "--no-optional-locks", *arguments]
+        return subprocess.run(
+            command,
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            check=True,
+            text=True,
+            timeout=10,
+        ).stdout.strip()
+
+    try:
+        # An installed copy may lie inside a checkout of something else, which does not track it.
+        git("ls-files", "--error-unmatch", "__init__.py")
+        return git("describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
+    except (OSError, subprocess.SubprocessError):
+        return None

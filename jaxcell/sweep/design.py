@@ -1,0 +1,204 @@
+"""The parameters of a sweep: grids, lists and random samples, read from a specification."""
+
+import dataclasses
+import math
+import reprlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+
+LIST_DIMENSION = "member"
+RANDOM_DIMENSION = "sample"
+
+# `status` is a variable of every result; xarray would mistake a parameter of that name for it.
+_RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
+_MOST_VALUES = 100_000_000
+# A range ends before its stop, where rounding may have left the last value an ulp too small.
+_STEP_TOLERANCE = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """A parameter and its values along one dimension."""
+
+    name: str
+    dimension: str
+    "The parameter's own name for a grid; `member` for a list, `sample` for random ones."
+    values: np.ndarray
+    "One-dimensional: 64-bit integers or floats, booleans, or strings."
+
+
+def read_parameters(
+    grid: Mapping[str, Any], listed: Mapping[str, Any], random: Mapping[str, Any], seed: int
+) -> tuple[Parameter, ...]:
+    """The parameters of the tables `[grid]`, `[list]` and `[random]`, in their order.
+
+    **Arguments:**
+
+    - `grid`: for each parameter a list of values, `{start, stop, step}` (without the stop, as in
+        `range`), `{start, stop, num}` (with the stop, as in `numpy.linspace`) or `{count}`, which
+        is 0, 1, ..., count - 1.
+    - `listed`: for each parameter a list of values; all of one length.
+    - `random`: `samples`, and for each parameter a distribution: `{uniform = [low, high]}`,
+        `{loguniform = [low, high]}`, `{normal = [mean, deviation]}`, `{integers = [low, high]}`
+        (the high end included) or `{choice = [...]}`.
+    - `seed`: what the samples are drawn from, each parameter with its own stream, so that another
+        one more or less does not change them.
+
+    **Raises:** `ValueError` that names the field.
+    """
+    if listed and random:
+        raise ValueError("[list] and [random]: expected one of them, beside a [grid] or alone")
+    parameters = [
+        Parameter(name, name, _named(f"grid.{name}", _grid_values, given))
+        for name, given in grid.items()
+    ]
+    parameters += [
+        Parameter(name, LIST_DIMENSION, _named(f"list.{name}", _list_values, given))
+        for name, given in listed.items()
+    ]
+    lengths = {
+        parameter.name: parameter.values.size
+        for parameter in parameters
+        if parameter.dimension == LIST_DIMENSION
+    }
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise ValueError(f"[list]: expected lists of one length, got {told}")
+    if random:
+        parameters += _read_random(random, seed)
+    for parameter in parameters:
+        check_name(parameter.name)
+    names = [parameter.name for parameter in parameters]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{twice}: it is in two of the tables [grid], [list] and [random]")
+    if not parameters:
+        raise ValueError("there are no parameters; expected a table [grid], [list] or [random]")
+    return tuple(parameters)
+
+
+def check_name(name: str) -> None:
+    """Raises `ValueError` if a parameter cannot have this name."""
+    if not name.isidentifier() or name in _RESERVED:
+        reserved = ", ".join(_RESERVED)
+        raise ValueError(
+            f"{name!r}: expected a name of letters, digits and underscores, other than {reserved}"
+        )
+
+
+def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
+    samples = _count("random.samples", random.get("samples"))
+    found = []
+    for name, given in random.items():
+        if name != "samples":
+            rng = np.random.default_rng([seed, *name.encode()])
+            draw = _named(f"random.{name}", _distribution, given)
+            found.append(Parameter(name, RANDOM_DIMENSION, draw(rng, samples)))
+    if not found:
+        raise ValueError("[random]: expected a distribution for at least one parameter")
+    return found
+
+
+def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
+    try:
+        return read(given)
+    except ValueError as error:
+        raise ValueError(f"{field}: {error}") from None
+
+
+def _grid_values(given: Any) -> np.ndarray:
+    values = _range_values(given) if isinstance(given, Mapping) else _list_values(given)
+    # A dimension is told by its values; with one twice, `sel` would find two places.
+    if np.unique(values).size < values.size:
+        raise ValueError(f"expected different values, got {reprlib.repr(values.tolist())}")
+    return values
+
+
+def _list_values(given: Any) -> np.ndarray:
+    """A list of values of one kind as an array."""
+    if not isinstance(given, Sequence) or isinstance(given, str) or not given:
+        raise ValueError(f"expected a list of values, got {reprlib.repr(given)}")
+    if all(isinstance(value, bool | str) for value in given) and len(set(map(type, given))) == 1:
+        return np.array(given)
+    if not all(_number(value) for value in given):
+        raise ValueError(
+            f"expected finite numbers, or strings, or booleans, got {reprlib.repr(given)}"
+        )
+    if all(_whole(value) for value in given):
+        if not all(-(2**63) <= value < 2**63 for value in given):
+            raise ValueError(f"expected integers of 64 bits, got {reprlib.repr(given)}")
+        return np.array(given, np.int64)
+    return np.array(given, np.float64)
+
+
+def _range_values(given: Mapping[str, Any]) -> np.ndarray:
+    fields = set(given)
+    if fields == {"count"}:
+        return np.arange(_count("count", given["count"]), dtype=np.int64)
+    if fields not in ({"start", "stop", "step"}, {"start", "stop", "num"}):
+        raise ValueError(
+            "expected a list, {start, stop, step}, {start, stop, num} or {count}, "
+            f"got the fields {', '.join(sorted(fields)) or 'of an empty table'}"
+        )
+    for field in sorted(fields - {"num"}):
+        if not _number(given[field]):
+            raise ValueError(f"{field}: expected a finite number, got {given[field]!r}")
+    start, stop = given["start"], given["stop"]
+    if "num" in fields:
+        return np.linspace(start, stop, _count("num", given["num"]))
+    step = given["step"]
+    count = math.ceil((stop - start) / step - _STEP_TOLERANCE) if step else 0
+    if count < 1:
+        raise ValueError(f"no value lies from {start} up to {stop} in steps of {step}")
+    _count("the number of values", count)
+    kind = np.int64 if all(map(_whole, given.values())) else np.float64
+    return start + step * np.arange(count, dtype=kind)
+
+
+def _count(field: str, given: Any) -> int:
+    if not _whole(given) or not 0 < given <= _MOST_VALUES:
+        raise ValueError(f"{field}: expected a number from 1 to {_MOST_VALUES}, got {given!r}")
+    return given
+
+
+def _distribution(given: Any) -> Callable[[np.random.Generator, int], np.ndarray]:
+    if not isinstance(given, Mapping) or len(given) != 1:
+        raise ValueError(f"expected one of {_KINDS}, got {reprlib.repr(given)}")
+    (kind, values), *_ = given.items()
+    if kind == "choice":
+        choices = _list_values(values)
+        return lambda rng, samples: choices[rng.integers(choices.size, size=samples)]
+    if kind not in ("uniform", "loguniform", "normal", "integers"):
+        raise ValueError(f"expected one of {_KINDS}, got {kind!r}")
+    if not isinstance(values, Sequence) or len(values) != 2 or not all(map(_number, values)):
+        raise ValueError(f"{kind}: expected two finite numbers, got {reprlib.repr(values)}")
+    a, b = values
+    if kind == "normal":
+        if b < 0:
+            raise ValueError(f"normal: expected a deviation of at least 0, got {b}")
+        return lambda rng, samples: rng.normal(a, b, samples)
+    if not a <= b:
+        raise ValueError(f"{kind}: expected a low and then a high end, got {a} and {b}")
+    if kind == "integers":
+        if not (_whole(a) and _whole(b) and max(-a - 1, b) < 2**63):
+            raise ValueError(f"integers: expected integers of 64 bits, got {a} and {b}")
+        return lambda rng, samples: rng.integers(a, b, samples, endpoint=True)
+    if kind == "loguniform":
+        if not a > 0:
+            raise ValueError(f"loguniform: expected positive ends, got {a} and {b}")
+        return lambda rng, samples: np.exp(rng.uniform(math.log(a), math.log(b), samples))
+    return lambda rng, samples: rng.uniform(a, b, samples)
+
+
+_KINDS = "{uniform}, {loguniform}, {normal}, {integers} and {choice}"
+
+
+def _whole(given: Any) -> bool:
+    return isinstance(given, int) and not isinstance(given, bool)
+
+
+def _number(given: Any) -> bool:
+    return _whole(given) or (isinstance(given, float) and math.isfinite(given))

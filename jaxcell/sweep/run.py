@@ -1,0 +1,228 @@
+"""Sweeps: run, gone on with, looked at."""
+
+import contextlib
+import dataclasses
+import errno
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .engines import engine_named
+from .spec import Chunk, Spec
+from .store import DONE, FAILED, SweepStore, made_with, running
+from .work import Failed, Job, failure, find_task, jax_is_wide
+
+
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """A chunk that failed."""
+
+    chunk: int
+    parameters: Mapping[str, list[Any]]
+    "The values of each parameter that occur in it."
+    message: str
+    trace: str
+    "The end of the traceback, if there is one."
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepStatus:
+    """How far a sweep is."""
+
+    task: str
+    dimensions: Mapping[str, int]
+    members: int
+    chunks: int
+    done: int
+    "Chunks that are done."
+    failures: tuple[Failure, ...]
+    running: str | None
+    "Which process is at work on it, if any."
+
+    @property
+    def complete(self) -> bool:
+        return self.done == self.chunks
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far a run is."""
+
+    chunks: int
+    "All chunks of the sweep."
+    done: int
+    "Chunks that are done, those of former runs included."
+    failed: int
+    "Chunks that failed in this run."
+    rate: float
+    "Members computed in this run a second, those that failed included."
+    left: float
+    "Seconds that the rest will take at this rate."
+    failure: Failure | None
+    "The failure of the chunk that ended just now, if it failed."
+
+
+def run_sweep(
+    spec: Spec,
+    out: str | os.PathLike[str],
+    *,
+    engine: str = "local",
+    workers: int | None = None,
+    resume: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> SweepStatus:
+    """Runs a sweep.
+
+    A chunk is in the store whole or not at all, so a run may end at any moment, and another one
+    goes on with what is missing. What comes out does not depend on the engine, the order of chunks,
+    or on interruptions: the bytes in the store are the same.
+
+    **Arguments:**
+
+    - `spec`: what to run.
+    - `out`: the folder of the store. One run at a time can be at work on it.
+    - `engine`: `local`, `processes`, `dask` or `dask://host:port`; see [`engine_named`][].
+    - `workers`: how many processes, for `processes` and `dask`.
+    - `resume`: go on with the sweep that is there, if there is one: chunks that are done stay,
+        those that failed are tried again.
+    - `progress`: called when the work begins and with each chunk that ends.
+
+    **Returns:** how far the sweep is. A chunk that fails does not stop the others.
+
+    **Raises:** `ValueError` for an unknown task or engine, or if the sweep that is there is of
+    another specification, or was begun with another version of jaxcell or JAX; `FileExistsError` if
+    one is there and `resume` was not asked for;
+    `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
+    the scheduler of a cluster cannot be reached.
+    """
+    folder = Path(out)
+    start = engine_named(engine, workers)
+    try:
+        find_task(spec.task)
+    except ValueError as error:
+        raise ValueError(f"{spec.path}: {error}") from error
+    wide = jax_is_wide()
+    with SweepStore.opened(folder, spec, resume, made_with(wide)) as store:
+        numbers = np.flatnonzero(store.states() != DONE)
+        count = _Count(spec.chunk_count, spec.chunk_count - numbers.size)
+        jobs = (_job(spec, int(number), wide) for number in numbers)
+        if progress is not None:
+            progress(count.told(None))
+        with contextlib.closing(start(jobs)) as outcomes:
+            for job, outcome in outcomes:
+                chunk = spec.chunk(job.number)
+                failed = outcome if isinstance(outcome, Failed) else None
+                with _writing(folder):
+                    if not isinstance(outcome, Failed):
+                        try:
+                            store.write(chunk, outcome)
+                        except ValueError as error:
+                            failed = failure(error)
+                    if failed is not None:
+                        store.fail(chunk, failed)
+                count.add(chunk, failed is not None)
+                if progress is not None:
+                    told = None if failed is None else _failure(spec, chunk, failed)
+                    progress(count.told(told))
+    return sweep_status(folder)
+
+
+def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
+    """How far the sweep in a folder is; while it runs, too.
+
+    **Raises:** `ValueError` if there is none.
+    """
+    folder = Path(out)
+    if not (folder / "spec.toml").is_file():
+        raise ValueError(f"{folder}: expected the folder of a sweep; it has no spec.toml")
+    spec = Spec.load(folder / "spec.toml")
+    store = SweepStore(folder, spec, {})
+    states = store.states()
+    failures = []
+    for path in store.failure_files():
+        # A report may outlive its failure by a moment.
+        with contextlib.suppress(FileNotFoundError):
+            report = json.loads(path.read_text(encoding="utf-8"))
+            if states[report["chunk"]] == FAILED:
+                failures.append(Failure(**report))
+    return SweepStatus(
+        spec.task,
+        spec.dimensions,
+        spec.members,
+        spec.chunk_count,
+        int((states == DONE).sum()),
+        tuple(failures),
+        running(folder),
+    )
+
+
+def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
+    """The result of a sweep, as far as it is: arrays are read when they are used.
+
+    Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
+    booleans `False`.
+
+    **Raises:** `ValueError` if there is none, or no chunk of it is done yet.
+    """
+    path = Path(out) / "sweep.zarr"
+    if not path.is_dir():
+        told = sweep_status(out)
+        raise ValueError(f"{path}: no chunk is done yet, of {told.chunks}")
+    return xr.open_zarr(path, consolidated=True)
+
+
+class _Count:
+    """What a run has done so far."""
+
+    def __init__(self, chunks: int, done: int) -> None:
+        self.chunks, self.done, self.failed = chunks, done, 0
+        self._left, self._ended, self._members = chunks - done, 0, 0
+        self._began = time.monotonic()
+
+    def add(self, chunk: Chunk, failed: bool) -> None:
+        self.done += not failed
+        self.failed += failed
+        self._ended += 1
+        self._members += int(np.prod(chunk.shape))
+
+    def told(self, failed: Failure | None) -> Progress:
+        seconds = max(time.monotonic() - self._began, 1e-9)
+        each = seconds / self._ended if self._ended else float("nan")
+        return Progress(
+            self.chunks,
+            self.done,
+            self.failed,
+            self._members / seconds,
+            (self._left - self._ended) * each,
+            failed,
+        )
+
+
+def _job(spec: Spec, number: int, wide: bool) -> Job:
+    return Job(number, spec.task, spec.batch(spec.chunk(number)), spec.fixed, spec.seed, wide)
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Says where there was no room."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise OSError(
+                error.errno,
+                f"{os.strerror(error.errno)}; what is written is whole, and a run with resume "
+                "goes on with it",
+                str(folder),
+            ) from error
+        raise
+
+
+def _failure(spec: Spec, chunk: Chunk, failed: Failed) -> Failure:
+    return Failure(chunk.number, spec.values(chunk), failed.message, failed.trace)

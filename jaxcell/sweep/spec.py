@@ -1,0 +1,222 @@
+"""What a sweep is to do: a specification, read from a TOML file."""
+
+import dataclasses
+import itertools
+import math
+import os
+import reprlib
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .design import Parameter, check_name, read_parameters
+
+
+_TABLES = ("fixed", "grid", "list", "random")
+_FIELDS = ("task", "seed", "chunk", *_TABLES)
+_CHUNK = 64
+# A chunk is a file for each variable of the result, and a line in the books of the driver.
+_MOST_CHUNKS = 1_000_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Chunk:
+    """Members that are computed together and stored together: a box in the parameters."""
+
+    number: int
+    "From 0, with the last dimension fastest."
+    index: tuple[int, ...]
+    "The place among the chunks along each dimension; also that of its files in the store."
+    region: tuple[slice, ...]
+    "The places of its members along each dimension."
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(part.stop - part.start for part in self.region)
+
+
+@dataclasses.dataclass(frozen=True)
+class Spec:
+    """The specification of a sweep.
+
+    The *members* of a sweep are all combinations of parameters that it asks for. They lie in a box
+    of *dimensions*: one for each parameter of a grid, and one, `member` or `sample`, for a list or
+    for random samples. A *chunk* is a smaller box of members, computed in one call of the task.
+    """
+
+    path: Path
+    "The file."
+    text: bytes
+    "What is in it."
+    document: Mapping[str, Any]
+    "The same, parsed."
+    task: str
+    "The name of a task, or `module:function`."
+    seed: int
+    fixed: Mapping[str, Any]
+    "Values that all members share."
+    parameters: tuple[Parameter, ...]
+    lengths: Mapping[str, int]
+    "How many chunk members lie along each dimension; at an edge fewer may."
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Spec":
+        """Reads a specification.
+
+        **Raises:** `ValueError` that names the file, the field, and what is wrong;
+        `FileNotFoundError`.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: there is no such file")
+        if path.is_dir():
+            raise ValueError(f"{path}: expected a specification in TOML, got a directory")
+        text = path.read_bytes()
+        try:
+            document = tomllib.loads(text.decode("utf-8"))
+            return cls._read(path, text, document)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    @classmethod
+    def _read(cls, path: Path, text: bytes, document: dict[str, Any]) -> "Spec":
+        unknown = next((field for field in document if field not in _FIELDS), None)
+        if unknown is not None:
+            raise ValueError(f"unknown field {unknown!r}; expected {', '.join(_FIELDS)}")
+        task = document.get("task")
+        if not isinstance(task, str) or not task:
+            raise ValueError(
+                f'task: expected the name of a task, or "module:function", got {task!r}'
+            )
+        seed = document.get("seed", 0)
+        if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
+            raise ValueError(f"seed: expected an integer from 0 to 2^63 - 1, got {seed!r}")
+        tables = {name: document.get(name, {}) for name in _TABLES}
+        for name, table in tables.items():
+            if not isinstance(table, dict):
+                raise ValueError(f"{name}: expected a table, got {reprlib.repr(table)}")
+        fixed = tables["fixed"]
+        parameters = read_parameters(tables["grid"], tables["list"], tables["random"], seed)
+        for name in fixed:
+            check_name(name)
+            if any(name == parameter.name for parameter in parameters):
+                raise ValueError(f"fixed.{name}: it is a parameter too; expected one of both")
+        sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
+        lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
+        spec = cls(path, text, document, task, seed, fixed, parameters, lengths)
+        if spec.chunk_count > _MOST_CHUNKS:
+            raise ValueError(
+                f"chunk: {spec.chunk_count} chunks for {spec.members} members; expected at most "
+                f"{_MOST_CHUNKS}, so larger ones"
+            )
+        return spec
+
+    @property
+    def dimensions(self) -> dict[str, int]:
+        """The dimensions of the sweep and their sizes, in the order of the file."""
+        return {parameter.dimension: parameter.values.size for parameter in self.parameters}
+
+    @property
+    def members(self) -> int:
+        return math.prod(self.dimensions.values())
+
+    @property
+    def chunk_grid(self) -> tuple[int, ...]:
+        """The number of chunks along each dimension."""
+        return tuple(-(-size // self.lengths[name]) for name, size in self.dimensions.items())
+
+    @property
+    def chunk_count(self) -> int:
+        return math.prod(self.chunk_grid)
+
+    def chunk(self, number: int) -> Chunk:
+        """A chunk by its number."""
+        index = tuple(int(place) for place in np.unravel_index(number, self.chunk_grid))
+        region = tuple(
+            slice(place * self.lengths[name], min((place + 1) * self.lengths[name], size))
+            for place, (name, size) in zip(index, self.dimensions.items(), strict=True)
+        )
+        return Chunk(number, index, region)
+
+    def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
+        """The parameters of each member of a chunk, the last dimension fastest.
+
+        All chunks have batches of one length, so that one compilation does for all. Where a chunk
+        at an edge has fewer members, the last one along that dimension stands in for those beyond.
+        """
+        places = np.meshgrid(
+            *(
+                np.minimum(part.start + np.arange(self.lengths[name]), size - 1)
+                for part, (name, size) in zip(chunk.region, self.dimensions.items(), strict=True)
+            ),
+            indexing="ij",
+        )
+        along = dict(zip(self.dimensions, places, strict=True))
+        return {
+            parameter.name: parameter.values[along[parameter.dimension].ravel()]
+            for parameter in self.parameters
+        }
+
+    def values(self, chunk: Chunk) -> dict[str, list[Any]]:
+        """The values of each parameter that occur in a chunk."""
+        along = dict(zip(self.dimensions, chunk.region, strict=True))
+        return {
+            parameter.name: parameter.values[along[parameter.dimension]].tolist()
+            for parameter in self.parameters
+        }
+
+    def differences(self, other: "Spec") -> list[str]:
+        """What another specification says otherwise: a field and both values each."""
+        ours, theirs = dict(_flat(self.document)), dict(_flat(other.document))
+        told = []
+        for field in dict.fromkeys(itertools.chain(ours, theirs)):
+            there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
+            if there != here:
+                pairs = enumerate(zip(there, here, strict=False))
+                place = next((i for i, (a, b) in pairs if a != b), 0)
+                told.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
+        if not told and list(self.dimensions) != list(other.dimensions):
+            told.append(f"grid: in the order {', '.join(self.dimensions)} there")
+        return told
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """All fields of a table and its tables, with values as text: 1 is not 1.0."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, repr(value)
+
+
+def _cut(text: str, place: int) -> str:
+    """A long text around one place of it."""
+    start = max(place - 20, 0)
+    end = start + 60
+    return "..." * (start > 0) + text[start:end] + "..." * (end < len(text))
+
+
+def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
+    """The length of a chunk along each dimension."""
+    if isinstance(given, dict):
+        for name, length in given.items():
+            if name not in sizes:
+                raise ValueError(f"chunk.{name}: expected a dimension, {', '.join(sizes)}")
+            _check_length(f"chunk.{name}", length)
+        return {name: min(given.get(name, size), size) for name, size in sizes.items()}
+    _check_length("chunk", given)
+    lengths = {}
+    # The last dimensions are taken whole while they fit. Equal parts leave the least at the edge.
+    for name, size in reversed([*sizes.items()]):
+        parts = -(-size // min(given, size))
+        lengths[name] = -(-size // parts)
+        given = max(given // lengths[name], 1)
+    return {name: lengths[name] for name in sizes}
+
+
+def _check_length(field: str, given: Any) -> None:
+    if not isinstance(given, int) or isinstance(given, bool) or given < 1:
+        raise ValueError(f"{field}: expected a number of members from 1, got {given!r}")

@@ -1,0 +1,315 @@
+"""Where the result of a sweep is kept: a Zarr store, written chunk by chunk."""
+
+import contextlib
+import importlib.metadata
+import json
+import os
+import secrets
+import shutil
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+
+from .. import __version__
+from ..files import replacing
+from ..revision import git_revision
+from .design import LIST_DIMENSION, RANDOM_DIMENSION
+from .lock import holder, locked
+from .spec import Chunk, Spec
+from .work import Computed, Failed, Variable
+
+
+TO_DO, DONE, FAILED = 0, 1, 2
+
+_STATUS: dict[str, Any] = {
+    "long_name": "state of the chunk of a member",
+    "flag_values": [TO_DO, DONE, FAILED],
+    "flag_meanings": "to_do done failed",
+}
+
+
+class SweepStore:
+    """The folder of a sweep, for the one process that writes there.
+
+    - `sweep.zarr` is the result. Every variable has one file for each chunk of the sweep. That of
+        `status` is written last, when the others are on the disk; a chunk without one is computed
+        again. Nothing in it depends on the order of chunks or on the time.
+    - `spec.toml` is the specification as it was given.
+    - `failures/` has a file for each chunk that failed.
+    - `lock` tells which process writes.
+    """
+
+    def __init__(self, folder: Path, spec: Spec, versions: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.spec = spec
+        self.versions = versions
+        self.zarr = folder / "sweep.zarr"
+        self._arrays: dict[str, zarr.Array] = {}
+        self._open()
+
+    @classmethod
+    @contextlib.contextmanager
+    def opened(
+        cls, folder: Path, spec: Spec, resume: bool, versions: Mapping[str, Any]
+    ) -> Iterator["SweepStore"]:
+        """Makes the folder, or opens it again, and keeps others out of it.
+
+        **Raises:** `FileExistsError` if a sweep is there, and not to be resumed; `ValueError` if it
+        is of another specification or other versions; `BlockingIOError` if another process is at
+        work on it.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder / "lock"):
+            store = cls(folder, spec, versions)
+            kept = folder / "spec.toml"
+            if not kept.exists():
+                if store.zarr.exists():
+                    raise FileExistsError(f"{store.zarr}: it is there, but no {kept}")
+                with replacing(kept) as temporary:
+                    temporary.write_bytes(spec.text)
+            elif not resume:
+                raise FileExistsError(
+                    f"{folder}: a sweep is there; resume it, or name another folder"
+                )
+            elif told := Spec.load(kept).differences(spec):
+                raise ValueError(
+                    f"{spec.path}: not the specification of the sweep in {folder}: "
+                    + "; ".join(told)
+                )
+            store._check_versions()
+            store._tidy()
+            yield store
+
+    def states(self) -> np.ndarray:
+        """The state of each chunk, by number."""
+        if not self._arrays:
+            states = np.full(self.spec.chunk_count, TO_DO, np.int8)
+            for path in self.failure_files():
+                states[int(path.stem)] = FAILED
+            return states
+        first = tuple(slice(None, None, length) for length in self.spec.lengths.values())
+        return np.asarray(self._arrays["status"][first], np.int8).ravel()
+
+    def write(self, chunk: Chunk, computed: Computed) -> None:
+        """Writes a chunk.
+
+        **Raises:** `ValueError` if it has not the variables of the chunk that was done first.
+        """
+        if not self._arrays:
+            self._create(computed)
+            self._open()
+            for path in self.failure_files():
+                self._write_state(self.spec.chunk(int(path.stem)), FAILED)
+        self._check(computed)
+        lengths = tuple(self.spec.lengths.values())
+        inside = tuple(slice(length) for length in chunk.shape)
+        for name, variable in computed.variables.items():
+            values = variable.values.reshape(lengths + variable.values.shape[1:])
+            self._arrays[name][chunk.region] = values[inside]
+        self._sync(chunk, computed.variables)
+        self._write_state(chunk, DONE)
+        self._failure_file(chunk).unlink(missing_ok=True)
+
+    def fail(self, chunk: Chunk, failed: Failed) -> None:
+        """Writes down that a chunk failed, and with which parameters."""
+        path = self._failure_file(chunk)
+        path.parent.mkdir(exist_ok=True)
+        report = {
+            "chunk": chunk.number,
+            "parameters": self.spec.values(chunk),
+            "message": failed.message,
+            "trace": failed.trace,
+        }
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        if self._arrays:
+            self._write_state(chunk, FAILED)
+
+    def failure_files(self) -> list[Path]:
+        """The reports of chunks that failed, by number."""
+        return sorted((self.folder / "failures").glob("[0-9]*.json"))
+
+    def _failure_file(self, chunk: Chunk) -> Path:
+        return self.folder / "failures" / f"{chunk.number:07d}.json"
+
+    def _open(self) -> None:
+        if self.zarr.exists():
+            group = zarr.open_group(self.zarr, mode="r+", zarr_format=3)
+            self._arrays = dict(group.arrays())
+
+    def _check_versions(self) -> None:
+        if self._arrays:
+            attributes = zarr.open_group(self.zarr, mode="r").attrs
+            told = [
+                f"{name}: {attributes.get(name)} there, {here} here"
+                for name, here in self.versions.items()
+                if attributes.get(name) != here
+            ]
+            if told:
+                raise ValueError(f"{self.folder}: begun with other versions: {'; '.join(told)}")
+
+    def _tidy(self) -> None:
+        """Removes what a run that was killed left half written."""
+        for path in self.folder.glob(".sweep-????????"):
+            shutil.rmtree(path)
+        reports = self.folder / "failures"
+        for path in [
+            *self.zarr.rglob("*.partial"),
+            *self.folder.glob(".*-????????.*"),
+            *reports.glob(".*-????????.*"),
+        ]:
+            path.unlink()
+
+    def _create(self, first: Computed) -> None:
+        """Makes the result with nothing in it."""
+        temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
+        group = zarr.create_group(temporary, zarr_format=3, attributes=self._attributes())
+        dimensions = self.spec.dimensions
+        sizes, lengths = tuple(dimensions.values()), tuple(self.spec.lengths.values())
+        for name in (LIST_DIMENSION, RANDOM_DIMENSION):
+            if name in dimensions:
+                number = np.arange(dimensions[name])
+                _coordinate(group, name, name, number, {"long_name": f"number of the {name}"})
+        for parameter in self.spec.parameters:
+            _coordinate(group, parameter.name, parameter.dimension, parameter.values, {})
+        for name, variable in first.coordinates.items():
+            _coordinate(group, name, name, variable.values, variable.attributes)
+        for name, variable in first.variables.items():
+            inner = variable.values.shape[1:]
+            group.create_array(
+                name,
+                shape=sizes + inner,
+                # A Zarr chunk has at least one place, where an array may have none.
+                chunks=lengths + tuple(max(size, 1) for size in inner),
+                dtype=variable.values.dtype,
+                fill_value=_fill(variable.values.dtype),
+                attributes=dict(variable.attributes),
+                dimension_names=[*dimensions, *variable.dimensions],
+            )
+        group.create_array(
+            "status",
+            shape=sizes,
+            chunks=lengths,
+            dtype=np.int8,
+            fill_value=TO_DO,
+            attributes=_STATUS,
+            dimension_names=[*dimensions],
+        )
+        with warnings.catch_warnings():
+            # xarray reads consolidated metadata and writes it too, whatever the standard says yet.
+            warnings.filterwarnings("ignore", message="Consolidated metadata")
+            zarr.consolidate_metadata(temporary)
+        os.replace(temporary, self.zarr)
+
+    def _attributes(self) -> dict[str, Any]:
+        spec = self.spec
+        attributes: dict[str, Any] = {
+            "title": f"Sweep of {spec.task}",
+            "source": "jaxcell",
+            **self.versions,
+            "task": spec.task,
+            "spec": json.dumps(spec.document, default=str),
+            "seed": spec.seed,
+            "comment": "Where status is not 1 (done), floats are NaN, integers -1 (or, without a "
+            "sign, their greatest), and booleans False.",
+        }
+        if (revision := git_revision()) is not None:
+            attributes["git_revision"] = revision
+        others = [one.name for one in spec.parameters if one.name != one.dimension]
+        if others:
+            # So xarray knows that they are coordinates.
+            attributes["coordinates"] = " ".join(others)
+        return attributes
+
+    def _check(self, computed: Computed) -> None:
+        own = {*self.spec.dimensions, "status", *(one.name for one in self.spec.parameters)}
+        given = {**computed.variables, **computed.coordinates}
+        if set(given) != set(self._arrays) - own:
+            raise ValueError(
+                f"the task gave {', '.join(sorted(given))}; the chunk that was done first has "
+                f"{', '.join(sorted(set(self._arrays) - own))}"
+            )
+        for name, variable in given.items():
+            array = self._arrays[name]
+            skipped = len(self.spec.dimensions) if name in computed.variables else 0
+            names: Any = array.metadata.dimension_names  # type: ignore[union-attr]
+            found = {
+                "dimensions": [*names[skipped:]],
+                "shape": [*array.shape[skipped:]],
+                "kind": "string" if array.dtype.kind == "T" else str(array.dtype),
+                "attributes": dict(array.attrs),
+            }
+            frame = {
+                "dimensions": [*variable.dimensions],
+                "shape": [*variable.values.shape[skipped > 0 :]],
+                "kind": "string"
+                if variable.values.dtype.kind == "U"
+                else str(variable.values.dtype),
+                "attributes": dict(variable.attributes),
+            }
+            what = next((key for key in found if frame[key] != found[key]), None)
+            if what is not None:
+                raise ValueError(
+                    f"the task gave {name!r} with the {what} {frame[what]}; in the chunk that was "
+                    f"done first it is {found[what]}"
+                )
+            if not skipped and not np.array_equal(variable.values, np.asarray(array[:])):
+                raise ValueError(
+                    f"the task gave a coordinate {name!r} with values other than those of the "
+                    "chunk that was done first"
+                )
+
+    def _write_state(self, chunk: Chunk, state: int) -> None:
+        self._arrays["status"][chunk.region] = np.full(chunk.shape, state, np.int8)
+
+    def _sync(self, chunk: Chunk, variables: Mapping[str, Variable]) -> None:
+        """Waits until the files of a chunk are on the disk."""
+        for name, variable in variables.items():
+            index = (*chunk.index, *(0 for _ in variable.dimensions))
+            path = self.zarr.joinpath(name, "c", *map(str, index))
+            # A chunk of nothing but the fill value has no file.
+            with contextlib.suppress(FileNotFoundError), open(path, "rb") as file:
+                os.fsync(file.fileno())
+
+
+def made_with(wide: bool) -> dict[str, Any]:
+    """What the numbers in a store may depend on beside its specification."""
+    return {
+        "jaxcell_version": __version__,
+        "jax_version": importlib.metadata.version("jax"),
+        "jax_enable_x64": int(wide),
+    }
+
+
+def running(folder: Path) -> str | None:
+    """Which process is at work on a store, if any."""
+    return holder(folder / "lock")
+
+
+def _coordinate(
+    group: zarr.Group,
+    name: str,
+    dimension: str,
+    values: np.ndarray,
+    attributes: Mapping[str, Any],
+) -> None:
+    if values.dtype.kind == "U":
+        values = values.astype(np.dtypes.StringDType())
+    group.create_array(
+        name,
+        data=values,
+        dimension_names=[dimension],
+        attributes=dict(attributes),
+        chunks=values.shape,
+    )
+
+
+def _fill(dtype: np.dtype) -> Any:
+    """What stands where nothing is known yet."""
+    return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(
+        dtype.kind, np.iinfo(dtype).max if dtype.kind == "u" else 0
+    )

@@ -1,0 +1,163 @@
+"""What a worker does: it computes one chunk, wherever it runs, and gives back plain arrays."""
+
+import dataclasses
+import importlib
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .design import LIST_DIMENSION
+
+
+Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
+
+_WIDE = "JAX_ENABLE_X64"
+_KINDS = "biufc"
+_MOST_LINES = 30
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """A chunk to compute."""
+
+    number: int
+    "The number of the chunk."
+    task: str
+    batch: Mapping[str, np.ndarray]
+    fixed: Mapping[str, Any]
+    seed: int
+    wide: bool
+    "Whether JAX is to compute with 64 bits, as in the process that asks for the chunk."
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable:
+    """An array of a result."""
+
+    dimensions: tuple[str, ...]
+    "Beside that of members."
+    values: np.ndarray
+    attributes: Mapping[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Computed:
+    """The result of a chunk."""
+
+    variables: Mapping[str, Variable]
+    "Arrays whose first dimension is that of members."
+    coordinates: Mapping[str, Variable]
+    "Coordinates of the other dimensions: the same in all chunks."
+
+
+@dataclasses.dataclass(frozen=True)
+class Failed:
+    """Why there is no result of a chunk."""
+
+    message: str
+    "One line."
+    trace: str = ""
+    "The end of the traceback, if there is one."
+
+
+def find_task(name: str) -> Task:
+    """The function of a task.
+
+    **Raises:** `ValueError` if there is none of that name.
+    """
+    reference = name
+    if ":" not in name:
+        from .tasks import TASKS
+
+        if name not in TASKS:
+            raise ValueError(
+                f'task: expected one of {", ".join(TASKS)}, or "module:function", got {name!r}'
+            )
+        reference = TASKS[name]
+    module, _, function = reference.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), function)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"task: {name!r}: {error}") from error
+    if not callable(found):
+        raise ValueError(f"task: {name!r}: expected a function, got {type(found).__name__}")
+    return found
+
+
+def jax_is_wide() -> bool:
+    """Whether JAX computes with 64 bits in this process, or will once it is imported."""
+    if (jax := sys.modules.get("jax")) is not None:
+        return bool(jax.config.jax_enable_x64)
+    return os.environ.get(_WIDE, "").lower() in ("1", "true", "t", "yes", "y", "on")
+
+
+def compute(job: Job) -> Computed | Failed:
+    """Computes a chunk. Whatever goes wrong with it is its failure and nobody else's."""
+    try:
+        # A worker of somebody's cluster does not know. Tasks may import JAX when they are called.
+        os.environ[_WIDE] = str(int(job.wide))
+        task = find_task(job.task)
+        if (jax := sys.modules.get("jax")) is not None and jax_is_wide() != job.wide:
+            jax.config.update("jax_enable_x64", job.wide)
+        return _arrays(task(job.batch, job.fixed, job.seed), job.batch)
+    except (Exception, SystemExit) as error:
+        return failure(error)
+
+
+def failure(error: BaseException) -> Failed:
+    """A failure, of an exception."""
+    lines = "".join(traceback.format_exception(error)).splitlines()
+    message = " ".join(str(error).split())
+    name = type(error).__name__
+    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MOST_LINES:]))
+
+
+def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
+    """What a task gave, checked."""
+    if not isinstance(dataset, xr.Dataset):
+        raise TypeError(f"the task gave {type(dataset).__name__}; expected an xarray.Dataset")
+    members = len(next(iter(batch.values())))
+    taken = {*batch, "status", "sample"}
+    dataset = dataset.drop_vars(LIST_DIMENSION, errors="ignore").reset_coords()
+    found = dataset.sizes.get(LIST_DIMENSION)
+    if found != members:
+        raise ValueError(f"the task gave {found} members; expected {members}")
+    variables: dict[str, Variable] = {}
+    coordinates: dict[str, Variable] = {}
+    for key, array in dataset.variables.items():
+        name = str(key)
+        for used in (name, *array.dims):
+            if not str(used).isidentifier() or used in taken:
+                raise ValueError(
+                    f"the task gave {name!r} of dimensions {array.dims}; expected names of "
+                    "letters, digits and underscores, other than status, sample and parameters"
+                )
+        if array.dtype.kind not in _KINDS + "U" * (name in dataset.coords):
+            raise ValueError(
+                f"the task gave {name!r} of kind {array.dtype}; expected numbers or booleans"
+            )
+        values = np.ascontiguousarray(array.values)
+        attributes = json.loads(json.dumps(array.attrs, default=_plain))
+        if name in dataset.coords:
+            coordinates[name] = Variable((name,), values, attributes)
+        elif array.dims[:1] == (LIST_DIMENSION,):
+            variables[name] = Variable(tuple(map(str, array.dims[1:])), values, attributes)
+        else:
+            raise ValueError(
+                f"the task gave {name!r} of dimensions {array.dims}; expected {LIST_DIMENSION} "
+                "as the first"
+            )
+    return Computed(variables, coordinates)
+
+
+def _plain(value: Any) -> Any:
+    """A number or array of NumPy, in an attribute."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"expected attributes of text and numbers, got {type(value).__name__}")
