@@ -10,21 +10,18 @@ from which its plans can be read, it gives what ours gives. Costs are compared b
 then the programs take turns. A first call compiles, and is shown apart.
 """
 
-import argparse
-import os
 import runpy
-import statistics
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import scipy
 import scipy.sparse
 from rich.console import Console
+from rows import Row, options, rows_of, write_rows
 from scipy.sparse.csgraph import dijkstra
+from timing import begin, line, take_turns, timed
 
 from jaxcell.bounce import all_plans, bounce_map
 from jaxcell.space import CellSpace, Workspace
@@ -72,15 +69,10 @@ def theirs(cells: CellSpace, graph: scipy.sparse.csr_array, *, predecessors: boo
     return costs.reshape(cells.size, layers, cells.size).min(axis=1)
 
 
-def timed(program: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
-    began = time.perf_counter()
-    result = program()
-    return time.perf_counter() - began, result
-
-
-def side_by_side(repeats: int) -> None:
-    print("| map | cells | program | first call, s | min, ms | median, ms | times ours |")
-    print("|---|--:|---|--:|--:|--:|--:|")
+def side_by_side(repeats: int) -> list[Row]:
+    line("map", "cells", "program", "first call, s", "min, ms", "median, ms", "times ours")
+    line("---", "--:", "---", *["--:"] * 4)
+    rows = []
     for name, cells in runpy.run_path(str(EXPERIMENT))["environments"]().items():
         graph = roadmap(cells)
         programs = {
@@ -90,27 +82,29 @@ def side_by_side(repeats: int) -> None:
                 c, g, predecessors=True
             ),
         }
-        first, results = zip(*(timed(program) for program in programs.values()), strict=True)
-        for costs in results[1:]:
-            if not np.array_equal(np.where(np.isinf(costs), -1, costs), results[0]):
-                sys.exit(f"{name}: scipy and jaxcell disagree")
-        taken: dict[str, list[float]] = {program: [] for program in programs}
-        for _ in range(repeats):
-            for program, call in programs.items():
-                taken[program].append(timed(call)[0])
-        base = statistics.median(taken["jaxcell, costs and actions"])
-        for (program, seconds), compiled in zip(taken.items(), first, strict=True):
-            middle = statistics.median(seconds)
-            print(
-                f"| {name} | {cells.size:,} | {program} | {compiled:.2f} | {1e3 * min(seconds):.1f}"
-                f" | {1e3 * middle:.1f} | {middle / base:.1f} |"
-            )
+
+        def check(results: dict[str, Any], name: str = name) -> None:
+            expected, *others = results.values()
+            for costs in others:
+                if not np.array_equal(np.where(np.isinf(costs), -1, costs), expected):
+                    sys.exit(f"{name}: scipy and jaxcell disagree")
+
+        timings = take_turns(programs, repeats, check)
+        base = timings["jaxcell, costs and actions"].median
+        for program, (first, least, median) in timings.items():
+            milliseconds = [f"{1e3 * seconds:.1f}" for seconds in (least, median)]
+            ratio = f"{median / base:.1f}"
+            line(name, f"{cells.size:,}", program, f"{first:.2f}", *milliseconds, ratio)
+        what = f"plans between all pairs, {name}"
+        rows += rows_of("plans", what, f"{cells.size:,} cells", timings)
+    return rows
 
 
-def large() -> None:
+def large() -> list[Row]:
     """Rooms whose costs, cells x cells, would fill the memory: the plans go to a file."""
-    print("\n| room | cells | pairs | seconds | file, MB | one plan, ms |")
-    print("|---|--:|--:|--:|--:|--:|")
+    print()
+    line("room", "cells", "pairs", "seconds", "file, MB", "one plan, ms")
+    line("---", *["--:"] * 5)
     room = Workspace.load(MAPS / "room_200x125.json")
     for side in (4, 2, 1):
         cells = CellSpace.of(room, side, 8)
@@ -127,20 +121,17 @@ def large() -> None:
             size = file.stat().st_size / 1e6
             one, _ = timed(lambda plans=plans, cells=cells: plans.plan(0, cells.size - 1))
         squares = f"{cells.free.shape[1]} x {cells.free.shape[0]}"
-        print(
-            f"| {squares} | {cells.size:,} | {cells.size**2:.1e} | {seconds:.1f} | {size:.0f} "
-            f"| {1e3 * one:.0f} |"
-        )
+        pairs = f"{cells.size**2:.1e}"
+        told = (f"{seconds:.1f}", f"{size:.0f}", f"{1e3 * one:.0f}")
+        line(squares, f"{cells.size:,}", pairs, *told)
+    return [Row("plans", "plans between all pairs, in a file", f"{cells.size:,} cells", seconds)]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="timed turns of each program")
-    repeats = parser.parse_args().repeats
-    versions = f"numpy {np.__version__}, scipy {scipy.__version__}"
-    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n")
-    side_by_side(repeats)
-    large()
+    arguments = options(__doc__, repeats=5).parse_args()
+    begin("jax", "numpy", "scipy")
+    rows = side_by_side(arguments.repeats)
+    write_rows(arguments.rows, rows + large())
 
 
 if __name__ == "__main__":

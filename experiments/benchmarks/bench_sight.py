@@ -1,7 +1,7 @@
 """Times what cells see of each other beside shapely, and visibility polygons beside VisiLibity.
 
-Run `python experiments/benchmarks/bench_sight.py`; it takes about a minute. `--quick` leaves out
-the map of 10,000 cells.
+Run `python experiments/benchmarks/bench_sight.py`; it takes about half a minute. `--full` adds
+a map of 10,000 cells with slanted walls.
 
 shapely answers the same question as users of it would ask it: for each pair of a viewer and a cell
 in range, whether the prepared environment covers the convex hull of the centre and each convex part
@@ -13,17 +13,14 @@ VisiLibity (`pip install visilibity`, which needs SWIG and a C++ compiler) has v
 of unlimited range; its rows appear where it can be imported.
 """
 
-import argparse
 import math
-import os
 import pathlib
-import statistics
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import shapely
+from rows import Row, options, rows_of, write_rows
+from timing import begin, line, take_turns, timed
 
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.space.sight import visible_cells, visible_centres
@@ -95,100 +92,107 @@ class Peer:
         return seen == self.count
 
 
-def timed(program: Callable[[], Any], repeats: int) -> tuple[list[float], Any]:
-    seconds = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        result = program()
-        seconds.append(time.perf_counter() - began)
-    return seconds, result
-
-
-def row(*entries: object) -> None:
-    print("| " + " | ".join(map(str, entries)) + " |", flush=True)
-
-
 def cells_of(name: str) -> CellSpace:
     workspace = Workspace.load(MAPS / name)
     assert workspace.cell is not None
     return CellSpace.of(workspace, workspace.cell, 1)
 
 
-def side_by_side(name: str, cells: CellSpace, repeats: int) -> None:
+def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
     reach = REACH * cells.cell
     peer = Peer(cells, reach)
-    theirs, expected = timed(peer.visible, max(1, repeats // 2))
-    ours, found = timed(lambda: visible_cells(cells, reach), repeats)
-    centres, _ = timed(lambda: visible_centres(cells, reach), repeats)
-    if (found != expected).any():
-        raise SystemExit(f"{name}: {np.count_nonzero(found != expected)} pairs differ")
-    least = [min(times) for times in (ours, theirs, centres)]
-    ratio = statistics.median(theirs) / statistics.median(ours)
-    row(
-        name,
-        f"{cells.positions:,}",
-        f"{np.count_nonzero(found):,}",
-        *(f"{seconds:.3f}" for seconds in least),
-        f"{ratio:.0f}",
+    seen = 0
+
+    def check(results: dict[str, np.ndarray]) -> None:
+        nonlocal seen
+        found, expected = results["jaxcell"], results["shapely"]
+        if (found != expected).any():
+            raise SystemExit(f"{name}: {np.count_nonzero(found != expected)} pairs differ")
+        seen = np.count_nonzero(found)
+
+    timings = take_turns(
+        {
+            "jaxcell": lambda: visible_cells(cells, reach),
+            "shapely": peer.visible,
+            "jaxcell, centres": lambda: visible_centres(cells, reach),
+        },
+        repeats,
+        check,
+        patience_s=5,
     )
+    ratio = timings["shapely"].median / timings["jaxcell"].median
+    least = (f"{timing.least:.3f}" for timing in timings.values())
+    line(name, f"{cells.positions:,}", f"{seen:,}", *least, f"{ratio:.0f}")
+    del timings["jaxcell, centres"]
+    what = f"cells wholly in sight of each, {name}"
+    return rows_of("sight", what, f"{cells.positions:,} cells", timings)
 
 
-def polygons(name: str, cells: CellSpace) -> None:
+def polygons(name: str, cells: CellSpace) -> Row:
     """All viewers of a map, unlimited range, ours and VisiLibity's."""
     workspace = cells.workspace
     assert workspace is not None
     x, y, _ = cells.centre(np.arange(cells.positions))
     points = np.stack([x, y], axis=1).tolist()
-    ours, found = timed(lambda: [visibility_polygon(workspace, p).area for p in points], 1)
-    entries = [name, len(points), f"{1000 * ours[0] / len(points):.2f}"]
+    ours, found = timed(lambda: [visibility_polygon(workspace, p).area for p in points])
+    theirs = None
+
+    def tell(*entries: object) -> None:
+        line(name, len(points), f"{1000 * ours / len(points):.2f}", *entries)
+
+    walls = None if visilibity is None else environment_of(workspace)
     if visilibity is None:
-        return row(*entries, "", "", "")
+        tell("", "", "")
+    elif walls is None:
+        tell("not valid for it", "", "")
+    else:
+
+        def area(point: list[float]) -> float:
+            polygon = visilibity.Visibility_Polygon(visilibity.Point(*point), walls, 1e-9)
+            ring = [(polygon[i].x(), polygon[i].y()) for i in range(polygon.n())]
+            return shapely.Polygon(ring).area
+
+        theirs, expected = timed(lambda: [area(p) for p in points])
+        both = zip(found, expected, strict=True)
+        differ = sum(not math.isclose(a, b, rel_tol=1e-6) for a, b in both)
+        tell(f"{1000 * theirs / len(points):.2f}", f"{theirs / ours:.1f}", differ)
+    what = f"visibility polygons of all cells, {name}"
+    return Row("sight", what, f"{len(points):,} cells", ours, "VisiLibity", theirs)
+
+
+def environment_of(workspace: Workspace) -> Any:
+    """The walls for VisiLibity; `None` if they are not valid for it."""
     free = shapely.orient_polygons(workspace.environment)
     if free.geom_type != "Polygon":
-        return row(*entries, "not one polygon", "", "")
+        return None
     # Walls that are corners in a straight line are not valid for it.
     free = shapely.simplify(free, 0)
     rings = [shapely.get_coordinates(r)[:-1].tolist() for r in shapely.get_rings(free)]
     walls = visilibity.Environment(
         [visilibity.Polygon([visilibity.Point(*p) for p in ring]) for ring in rings]
     )
-    if not walls.is_valid(1e-9):
-        return row(*entries, "not valid for it", "", "")
-
-    def area(point: list[float]) -> float:
-        polygon = visilibity.Visibility_Polygon(visilibity.Point(*point), walls, 1e-9)
-        ring = [(polygon[i].x(), polygon[i].y()) for i in range(polygon.n())]
-        return shapely.Polygon(ring).area
-
-    theirs, expected = timed(lambda: [area(p) for p in points], 1)
-    differ = sum(not math.isclose(a, b, rel_tol=1e-6) for a, b in zip(found, expected, strict=True))
-    return row(
-        *entries, f"{1000 * theirs[0] / len(points):.2f}", f"{theirs[0] / ours[0]:.1f}", differ
-    )
+    return walls if walls.is_valid(1e-9) else None
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs of ours")
-    parser.add_argument("--quick", action="store_true", help="leave out 10,000 cells")
+    parser = options(__doc__, repeats=5, full="10,000 cells among slanted walls")
     arguments = parser.parse_args()
-    print(
-        f"numpy {np.__version__}, shapely {shapely.__version__}, GEOS "
-        f"{shapely.geos_version_string}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n"
-    )
+    begin("numpy", "shapely", "visilibity")
     print(f"Wholly visible cells, range {REACH} cells; least seconds, ratio of medians\n")
-    row("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
-    row("---", *["--:"] * 6)
+    line("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
+    line("---", *["--:"] * 6)
+    rows = []
     for name in ("depot.json", "harbour.json", "arena.json", "office.yaml"):
-        side_by_side(name, cells_of(name), arguments.repeats)
-    if not arguments.quick:
-        side_by_side("10^4, on the grid", large(slanted=False), 3)
-        side_by_side("10^4, slanted", large(slanted=True), 3)
+        rows += side_by_side(name, cells_of(name), arguments.repeats)
+    rows += side_by_side("10^4, on the grid", large(slanted=False), 3)
+    if arguments.full:
+        rows += side_by_side("10^4, slanted", large(slanted=True), 3)
     print("\nVisibility polygons, unlimited range; milliseconds each\n")
-    row("map", "points", "jaxcell", "VisiLibity", "ratio", "areas that differ")
-    row("---", *["--:"] * 5)
+    line("map", "points", "jaxcell", "VisiLibity", "ratio", "areas that differ")
+    line("---", *["--:"] * 5)
     for name in ("depot.json", "harbour.json", "arena.json"):
-        polygons(name, cells_of(name))
+        rows.append(polygons(name, cells_of(name)))
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":
