@@ -6,22 +6,20 @@ prints Markdown tables; README.md in this folder says what is timed, and the rul
 compared where it is installed (`pip install quantecon`).
 """
 
-import argparse
 import importlib.util
 import math
-import os
 import resource
-import statistics
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
-import scipy
 import scipy.sparse
+from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
+from timing import Timing, begin, line, take_turns
 
 from jaxcell.bounce.coverage import coverage_policy, noisy_bounce_map
 from jaxcell.mapping.classes import persistent_groups
@@ -30,15 +28,16 @@ from jaxcell.markov import limiting_distribution
 from jaxcell.space import CellSpace, Workspace
 
 
-jax.config.update("jax_enable_x64", True)
-
 MAP = Path(__file__).parents[2] / "data" / "maps" / "complex.json"
 BOUNCES_DEG = (30, 75, 315)
+SIDE_BY_SIDE_DEG = (30, 315)
 ERROR_DEG = 5
 RELIABILITY = 0.8
 # As far as power iteration goes, and how far from each other two answers may be.
 RESIDUAL = 1e-10
 AGREEMENT = 1e-6
+# What the turns of one program may take.
+PATIENCE_S = 3
 
 
 def room(directions: int = 360, cell: float = 1.0) -> CellSpace:
@@ -61,13 +60,17 @@ def matrix_of(chain: Chain) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array((probability[used], (cell, image[used])), shape=shape)
 
 
-def scipy_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """The group of each cell: strong components, and a sink test over all edges at once."""
+def persistent_components(matrix: scipy.sparse.csr_array) -> np.ndarray:
+    """The strong component of each cell; -1 where a sink test over all edges at once fails."""
     count, label = csgraph.connected_components(matrix, connection="strong")
     source = np.repeat(label, np.diff(matrix.indptr))
     leaves = np.zeros(count, bool)
     leaves[source[source != label[matrix.indices]]] = True
-    return in_order(np.where(leaves[label], -1, label))
+    return np.where(leaves[label], -1, label)
+
+
+def scipy_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
+    return in_order(persistent_components(matrix))
 
 
 def plain_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
@@ -147,39 +150,32 @@ def quantecon_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
     return np.asarray(MarkovChain(matrix).stationary_distributions).mean(axis=0)
 
 
-# The rules: warm up, check, then take turns.
+def agreeing(tolerance: float) -> Callable[[dict[str, np.ndarray]], None]:
+    """A check that all programs give what the first gives."""
+
+    def check(results: dict[str, np.ndarray]) -> None:
+        ours, expected = next(iter(results.items()))
+        for name, found in results.items():
+            if not np.abs(found - expected).sum() <= tolerance:
+                sys.exit(f"{name} and {ours} disagree by {np.abs(found - expected).sum():g}")
+
+    return check
 
 
-def take_turns(
-    programs: dict[str, Callable[[], np.ndarray]], repeats: int, tolerance: float
-) -> dict[str, float]:
-    """The median seconds of each program; all must give what the first gives."""
-    results = {name: np.asarray(program()) for name, program in programs.items()}
-    ours, expected = next(iter(results.items()))
-    for name, found in results.items():
-        if not np.abs(found - expected).sum() <= tolerance:
-            sys.exit(f"{name} and {ours} disagree by {np.abs(found - expected).sum():g}")
-    taken: dict[str, list[float]] = {name: [] for name in programs}
-    for _ in range(repeats):
-        for name, program in programs.items():
-            began = time.perf_counter()
-            program()
-            taken[name].append(time.perf_counter() - began)
-    return {name: statistics.median(times) for name, times in taken.items()}
-
-
-def show(title: str, timings: dict[str, float]) -> None:
-    ours = next(iter(timings.values()))
-    print(f"\n### {title}\n\n| | median, ms | times ours |\n|---|--:|--:|")
-    for name, seconds in timings.items():
-        print(f"| {name} | {1e3 * seconds:,.1f} | {seconds / ours:,.1f} x |")
+def show(title: str, timings: dict[str, Timing]) -> None:
+    ours = next(iter(timings.values())).median
+    print(f"\n### {title}\n")
+    line("", "median, ms", "times ours")
+    line("---", "--:", "--:")
+    for name, (_, _, median) in timings.items():
+        line(name, f"{1e3 * median:,.1f}", f"{median / ours:,.1f} x")
 
 
 def with_quantecon() -> bool:
     return importlib.util.find_spec("quantecon") is not None
 
 
-def one_angle(bounce_deg: float, repeats: int) -> None:
+def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
     cells = room()
     chain = jax.block_until_ready(noisy(cells, bounce_deg))
     matrix = chain.to_scipy()
@@ -192,9 +188,13 @@ def one_angle(bounce_deg: float, repeats: int) -> None:
         "the same, with the matrix made by scipy": lambda: scipy_groups(matrix_of(chain)),
         "scipy strong components, sink test edge by edge": lambda: plain_groups(matrix),
     }
+    absent = ["QuantEcon, recurrent_classes"]
     if with_quantecon():
-        programs["QuantEcon, recurrent_classes"] = lambda: quantecon_groups(matrix)
-    show(f"Persistent groups, {title}", take_turns(programs, repeats, 0))
+        programs[absent.pop()] = lambda: quantecon_groups(matrix)
+    timings = take_turns(programs, repeats, agreeing(0), PATIENCE_S)
+    show(f"Persistent groups, {title}", timings)
+    size, noise = f"{cells.size:,} cells", f"imprecise policy, {bounce_deg} deg"
+    rows = rows_of("coverage", f"persistent groups, {noise}", size, timings, absent)
 
     programs = {
         "jaxcell, limiting_distribution": lambda: np.asarray(
@@ -204,10 +204,12 @@ def one_angle(bounce_deg: float, repeats: int) -> None:
         f"power iteration to {RESIDUAL:g}, given the groups": lambda: power_limiting(matrix, group),
         f"power iteration to {RESIDUAL:g}, all cells": lambda: whole_power_limiting(matrix),
     }
-    show(f"Limiting distribution, {title}", take_turns(programs, repeats, AGREEMENT))
+    timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
+    show(f"Limiting distribution, {title}", timings)
+    return rows + rows_of("coverage", f"limiting distribution, {noise}", size, timings)
 
 
-def quantecon_size(repeats: int) -> None:
+def quantecon_size(repeats: int) -> list[Row]:
     """QuantEcon makes its matrices dense, so it gets a fifth of the directions."""
     cells = room(directions=72)
     chain = jax.block_until_ready(noisy(cells, 75))
@@ -218,46 +220,52 @@ def quantecon_size(repeats: int) -> None:
         return np.asarray(limiting_distribution(chain, persistent_groups(chain)).value)
 
     programs: dict[str, Callable[[], np.ndarray]] = {"jaxcell, groups and distribution": ours}
-    programs["QuantEcon, stationary_distributions"] = lambda: quantecon_limiting(matrix)
+    absent = ["QuantEcon, stationary_distributions"]
+    if with_quantecon():
+        programs[absent.pop()] = lambda: quantecon_limiting(matrix)
+    timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
     title = f"75 deg, {cells.size:,} cells, {int(found.size.sum()):,} persistent"
-    show(f"Groups and distribution, {title}", take_turns(programs, repeats, AGREEMENT))
+    show(f"Groups and distribution, {title}", timings)
+    what = "groups and limiting distribution, imprecise policy, 75 deg"
+    return rows_of("coverage", what, f"{cells.size:,} cells", timings, absent)
 
 
-def whole_job(repeats: int) -> None:
+def whole_job(repeats: int) -> list[Row]:
     angles, error = np.radians(BOUNCES_DEG), math.radians(ERROR_DEG)
     print("\n### The whole of Alg. 3.3, three angles\n")
-    print("| cells | first call, s | median, s | largest residual | peak memory so far, GB |")
-    print("|--:|--:|--:|--:|--:|")
+    line("cells", "first call, s", "median, s", "largest residual", "peak memory so far, GB")
+    line(*["--:"] * 5)
+    rows = []
     for cell in (1.0, 0.5, 0.25):
         cells = room(cell=cell)
-        taken = []
-        for _ in range(repeats + 1):
-            began = time.perf_counter()
-            found = coverage_policy(cells, angles, error, RELIABILITY)
-            taken.append(time.perf_counter() - began)
-        residual = max(one.certificate.residual for one in found.limiting)
+        residual = math.nan
+
+        def keep(results: dict[str, Any]) -> None:
+            nonlocal residual
+            residual = max(one.certificate.residual for one in results["jaxcell"].limiting)
+
+        def ours(cells: CellSpace = cells) -> Any:
+            return coverage_policy(cells, angles, error, RELIABILITY)
+
+        first, _, median = take_turns({"jaxcell": ours}, repeats, keep, PATIENCE_S)["jaxcell"]
         unit = 1 if sys.platform == "darwin" else 1024
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
-        print(
-            f"| {cells.size:,} | {taken[0]:.2f} | {statistics.median(taken[1:]):.3f} | "
-            f"{residual:.1e} | {peak:.2f} |"
-        )
+        told = (f"{first:.2f}", f"{median:.3f}", f"{residual:.1e}", f"{peak:.2f}")
+        line(f"{cells.size:,}", *told)
+        what = f"mixture of {len(angles)} imprecise policies, Alg. 3.3"
+        rows.append(Row("coverage", what, f"{cells.size:,} cells", median))
+    return rows
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="timed turns of each program")
-    repeats = parser.parse_args().repeats
-    versions = f"jax {jax.__version__}, scipy {scipy.__version__}, numpy {np.__version__}"
-    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    arguments = options(__doc__, repeats=5, full="one more angle").parse_args()
+    begin("jax", "scipy", "numpy", "quantecon")
     # First of all, since peak memory never falls.
-    whole_job(repeats)
-    for bounce_deg in BOUNCES_DEG:
-        one_angle(bounce_deg, repeats)
-    if with_quantecon():
-        quantecon_size(min(repeats, 3))
-    else:
-        print("\nQuantEcon is not installed, and was left out.")
+    rows = whole_job(arguments.repeats)
+    for bounce_deg in BOUNCES_DEG if arguments.full else SIDE_BY_SIDE_DEG:
+        rows += one_angle(bounce_deg, arguments.repeats)
+    rows += quantecon_size(arguments.repeats)
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":

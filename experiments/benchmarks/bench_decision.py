@@ -1,7 +1,7 @@
 """Times value iteration for a drifter's voyage beside quantecon and pymdptoolbox.
 
-Run `python experiments/benchmarks/bench_decision.py`; it takes about a minute, and with `--large`,
-a million cells, about three more. Peers that are not installed are skipped.
+Run `python experiments/benchmarks/bench_decision.py`; it takes about half a minute, and with
+`--full`, a million cells, about three minutes more. Peers that are not installed are skipped.
 
 The sea has three layers of gyres, turned against each other. A drifter is carried to one of four
 cells, or goes up or down where there is a layer, and is to come to one cell (Alam 2018, Alg. 5.5).
@@ -10,19 +10,17 @@ discount` in our convention; `off` is the largest difference after that is undon
 sink: there, the goal is a cell that is never left and gains nothing. quantecon takes the actions
 that are allowed; pymdptoolbox takes all, and those that are not allowed cost 10^6 here; its
 checks want a full matrix, which ends it for large models. Beside them is the surest voyage, which
-has no discount, where it does not take minutes. A first call compiles, unless the cache has it.
+has no discount, where it does not take minutes. A first call compiles.
 """
 
-import argparse
-import os
 import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 import scipy.sparse
+from rows import Row, options, write_rows
+from timing import begin, line, timed
 
 from jaxcell.drift.sea import Sea
 from jaxcell.drift.voyage import voyage_model
@@ -30,7 +28,6 @@ from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 from jaxcell.markov.decision import DecisionModel, value_iteration
 from jaxcell.markov.shortest_path import stochastic_shortest_path
-from jaxcell.runtime import configure_jax
 
 
 try:
@@ -102,13 +99,7 @@ def with_mdptoolbox(model: DecisionModel, goal: int, discount: float, method: st
     return solve
 
 
-def timed(program: Callable[[], Any]) -> tuple[float, Any]:
-    began = time.perf_counter()
-    result = jax.block_until_ready(program())
-    return time.perf_counter() - began, result
-
-
-def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> None:
+def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list[Row]:
     sea = gyres(rows, columns)
     goal = rows * columns + rows * columns // 3 + columns // 2
     model = voyage_model(sea, goal, discount)
@@ -118,58 +109,57 @@ def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> None
     least, found = min(seconds for seconds, _ in ours), ours[0][1]
 
     def row(program: str, seconds: list[float], off: str) -> None:
-        print(
-            f"| {cells} | {discount:g} | {program} | {min(seconds):.3f} | "
-            f"{statistics.median(seconds):.3f} | {min(seconds) / least:.3g} | {off} |",
-            flush=True,
-        )
+        told = (f"{min(seconds):.3f}", f"{statistics.median(seconds):.3f}")
+        line(cells, f"{discount:g}", program, *told, f"{min(seconds) / least:.3g}", off)
 
     row(f"jaxcell ({found.iterations} sweeps)", [t for t, _ in ours], f"{found.gap:.0e} (bound)")
     row("jaxcell, first call", [first], "")
-    others: list[tuple[str, Callable[..., Any], str]] = []
-    if quantecon is not None:
-        others += [
-            ("quantecon", with_quantecon, "value_iteration"),
-            ("quantecon", with_quantecon, "modified_policy_iteration"),
-        ]
-    if mdptoolbox is not None:
-        others += [
-            ("pymdptoolbox", with_mdptoolbox, "ValueIteration"),
-            ("pymdptoolbox", with_mdptoolbox, "PolicyIterationModified"),
-        ]
-    for name, prepare, method in others:
+
+    def peer(module: Any, name: str, prepare: Callable[..., Any], method: str) -> float | None:
+        """Its seconds; `None` where it is not installed, or cannot do it."""
+        if module is None:
+            return None
         try:
             program = prepare(model, goal, discount, method)
             program() if rows < 100 and name == "quantecon" else None  # it compiles
             seconds, value = timed(program)
         except Exception as error:
-            print(f"| {cells} | {discount:g} | {name} {method} | {error} |||")
-            continue
+            line(cells, f"{discount:g}", f"{name} {method}", error, "", "", "")
+            return None
         off = np.abs(discount * np.asarray(value) - np.asarray(found.value)).max()
         row(f"{name} {method}", [seconds], f"{off:.0e}")
-    if model.cells > 500_000:
-        return
-    seconds, path = timed(lambda: stochastic_shortest_path(model, goal))
-    row(f"surest voyage ({path.certificate.iterations} rounds)", [seconds], "")
+        return seconds
+
+    median = statistics.median(seconds for seconds, _ in ours)
+    what = f"value iteration, {len(model.chains)} actions, discount {discount:g}"
+    measured = []
+    for module, name, prepare, method in (
+        (quantecon, "quantecon", with_quantecon, "value_iteration"),
+        (quantecon, "quantecon", with_quantecon, "modified_policy_iteration"),
+        (mdptoolbox, "pymdptoolbox", with_mdptoolbox, "ValueIteration"),
+        (mdptoolbox, "pymdptoolbox", with_mdptoolbox, "PolicyIterationModified"),
+    ):
+        theirs = peer(module, name, prepare, method)
+        program = f"{name}, {method}"
+        measured.append(Row("decision", what, f"{cells} cells", median, program, theirs))
+    if model.cells < 500_000:
+        seconds, path = timed(lambda: stochastic_shortest_path(model, goal))
+        row(f"surest voyage ({path.certificate.iterations} rounds)", [seconds], "")
+    return measured
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--large", action="store_true", help="a million cells as well")
-    parser.add_argument("--repeats", type=int, default=3, help="timed runs of ours")
-    arguments = parser.parse_args()
-    configure_jax()
-    for name, module in (("quantecon", quantecon), ("pymdptoolbox", mdptoolbox)):
-        if module is None:
-            print(f"{name} is not installed; skipped (pip install {name})")
-    print(f"jax {jax.__version__}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n")
-    print("| cells | discount | program | min, s | median, s | to ours | off |")
-    print("|--:|--:|---|--:|--:|--:|--:|")
+    arguments = options(__doc__, repeats=3, full="a million cells").parse_args()
+    begin("jax", "numpy", "quantecon", "pymdptoolbox")
+    line("cells", "discount", "program", "min, s", "median, s", "to ours", "off")
+    line("--:", "--:", "---", *["--:"] * 4)
+    rows = []
     for discount in (0.9, 0.99):
-        side_by_side(21, 29, discount, arguments.repeats)
-    side_by_side(183, 183, 0.99, arguments.repeats)
-    if arguments.large:
-        side_by_side(578, 577, 0.99, arguments.repeats)
+        rows += side_by_side(21, 29, discount, arguments.repeats)
+    rows += side_by_side(183, 183, 0.99, arguments.repeats)
+    if arguments.full:
+        rows += side_by_side(578, 577, 0.99, arguments.repeats)
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":

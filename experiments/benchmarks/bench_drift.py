@@ -11,28 +11,24 @@ strong components and `spsolve`, deeptime by the mean first passage time to the 
 which it is told.
 """
 
-import argparse
 import importlib.util
-import os
 import resource
-import statistics
 import sys
-import time
 from collections.abc import Callable
 
-import jax
 import numpy as np
-import scipy
 import scipy.sparse
 import xarray as xr
-from scipy.sparse import csgraph, linalg
+from bench_coverage import persistent_components
+from rows import Row, options, rows_of, write_rows
+from scipy.sparse import linalg
+from timing import begin, line, take_turns
 
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.drift_map import drift_map
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
-from jaxcell.runtime import configure_jax
 
 
 # How far from each other two answers may be, as a part of the time.
@@ -74,17 +70,8 @@ def ours(currents: xr.Dataset, spread: str) -> tuple[Chain, float]:
     return drift_map(water, flow, duration, spread=spread, samples=3, edge="exit"), duration
 
 
-def scipy_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    """Which cells are persistent: strong components, and a sink test over all edges at once."""
-    count, label = csgraph.connected_components(matrix, connection="strong")
-    source = np.repeat(label, np.diff(matrix.indptr))
-    leaves = np.zeros(count, bool)
-    leaves[source[source != label[matrix.indices]]] = True
-    return ~leaves[label]
-
-
 def scipy_times(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    transient = np.flatnonzero(~scipy_groups(matrix))
+    transient = np.flatnonzero(persistent_components(matrix) < 0)
     inner = matrix[transient][:, transient]
     identity = scipy.sparse.eye_array(transient.size)
     steps = np.zeros(matrix.shape[0])
@@ -99,71 +86,62 @@ def deeptime_times(matrix: scipy.sparse.csr_array, persistent: np.ndarray) -> np
     return np.asarray(mfpt(scipy.sparse.csr_matrix(matrix), np.flatnonzero(persistent).tolist()))
 
 
-def timed(program: Callable[[], np.ndarray], repeats: int) -> tuple[list[float], np.ndarray]:
-    taken = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        found = program()
-        taken.append(time.perf_counter() - began)
-    return taken, found
-
-
 def peak() -> float:
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9
 
 
-def row(cells: int, spread: str, program: str, seconds: list[float], ratio: float) -> None:
-    print(
-        f"| {cells:,} | {spread} | {program} | {min(seconds):.3f} | "
-        f"{statistics.median(seconds):.3f} | {ratio:.2f} | {peak():.2f} |",
-        flush=True,
-    )
-
-
-def side_by_side(side: int, spread: str, repeats: int) -> None:
+def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
     currents = gyres(side)
     chain, duration = ours(currents, spread)
-    mapping, _ = timed(lambda: np.asarray(ours(currents, spread)[0].image), repeats)
-    taken, times = timed(
-        lambda: np.asarray(long_term_behaviour(chain, duration, throw=True).absorption.value),
-        repeats,
-    )
-    cells = chain.cells
-    row(cells, spread, "jaxcell, the map", mapping, min(mapping) / min(taken))
-    row(cells, spread, "jaxcell, groups, domiciles and times", taken, 1.0)
-    matrix = chain.to_scipy()
-    peers: dict[str, Callable[[], np.ndarray]] = {
-        "scipy, groups and times": lambda: scipy_times(matrix)
+    matrix, cells = chain.to_scipy(), chain.cells
+    by_us, by_scipy = "jaxcell, groups, domiciles and times", "scipy, groups and times"
+    by_deeptime = "deeptime, times only"
+    programs: dict[str, Callable[[], np.ndarray]] = {
+        by_us: lambda: np.asarray(
+            long_term_behaviour(chain, duration, throw=True).absorption.value
+        ),
+        by_scipy: lambda: scipy_times(matrix),
     }
-    if cells <= 10_000 and importlib.util.find_spec("deeptime") is not None:
-        persistent = scipy_groups(matrix)
-        peers["deeptime, times only"] = lambda: deeptime_times(matrix, persistent)
-    for name, program in peers.items():
-        seconds, found = timed(program, repeats if cells <= 10_000 else 1)
-        off = np.abs(found - times).max() / times.max()
-        if not (times.any() and off <= AGREEMENT):
-            sys.exit(f"{name} and jaxcell disagree by {off:g}")
-        row(cells, spread, name, seconds, min(seconds) / min(taken))
+    absent = []
+    if cells <= 10_000:
+        if importlib.util.find_spec("deeptime") is not None:
+            persistent = persistent_components(matrix) >= 0
+            programs[by_deeptime] = lambda: deeptime_times(matrix, persistent)
+        else:
+            absent = [by_deeptime]
+
+    def check(results: dict[str, np.ndarray]) -> None:
+        times = results[by_us]
+        for name, found in results.items():
+            off = np.abs(found - times).max() / times.max()
+            if not (times.any() and off <= AGREEMENT):
+                sys.exit(f"{name} and jaxcell disagree by {off:g}")
+
+    the_map = "jaxcell, the map"
+    mapping = take_turns({the_map: lambda: np.asarray(ours(currents, spread)[0].image)}, repeats)
+    timings = take_turns(programs, repeats, check, patience_s=5)
+    base = timings[by_us].least
+    for program, (_, least, median) in {**mapping, **timings}.items():
+        told = (f"{least:.3f}", f"{median:.3f}", f"{least / base:.2f}", f"{peak():.2f}")
+        line(f"{cells:,}", spread, program, *told)
+    size = f"{cells:,} cells"
+    return [
+        Row("drift", f"drift map, {spread} disturbances", size, mapping[the_map].median),
+        *rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings, absent),
+    ]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs")
-    parser.add_argument("--side", type=int, default=1000, help="cells along the largest square")
-    arguments = parser.parse_args()
-    configure_jax()
-    print(
-        f"jax {jax.__version__}, scipy {scipy.__version__}, numpy {np.__version__}, "
-        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n"
-    )
-    if importlib.util.find_spec("deeptime") is None:
-        print("deeptime is not installed, and was left out.\n")
-    print("| cells | spread | program | min, s | median, s | to ours | peak so far, GB |")
-    print("|--:|---|---|--:|--:|--:|--:|")
-    for side in (100, arguments.side):
+    arguments = options(__doc__, repeats=5, full="a million cells").parse_args()
+    begin("jax", "numpy", "scipy", "deeptime")
+    line("cells", "spread", "program", "min, s", "median, s", "to ours", "peak so far, GB")
+    line("--:", "---", "---", *["--:"] * 4)
+    rows = []
+    for side in (100, 500, 1000) if arguments.full else (100, 500):
         for spread in ("turned", "sampled"):
-            side_by_side(side, spread, arguments.repeats if side == 100 else 2)
+            rows += side_by_side(side, spread, arguments.repeats if side == 100 else 2)
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":
