@@ -2,6 +2,7 @@ import contextlib
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from .terminal import configuration, note, status, table
 
 
 if TYPE_CHECKING:
+    from ..record import RobotRecording
     from ..robot.emulator import Emulator
     from ..robot.runner import Outcome
     from ..robot.tasks import FilterTask, PlanTask
@@ -48,7 +50,10 @@ class RobotRun:
     limit: int = 10_000
     """Observations after which to give up."""
     out: Path | None = None
-    """Directory for the log, which must not be there yet, and summary.json."""
+    """Directory for the log, which must not be there yet, the recording and summary.json."""
+    live: str | None = None
+    """Viewer that shows the recording as the run goes: "here", or the address of one, such as
+    rerun+http://laptop:9876/proxy."""
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
 
@@ -60,10 +65,14 @@ class RobotRun:
 
         if (self.port is None) == (self.simulate is None):
             raise ValueError("expected one of --port and --simulate")
+        if self.live is not None and self.out is None:
+            raise ValueError("--live: expected --out as well, for the recording")
         task = load_task(self.file)
         rng = np.random.default_rng(self.seed)
         emulation = None if self.simulate is None else _emulation(self, task, rng)
         heading = self._heading(task, emulation)
+        # Before the robot is there: what it needs takes seconds to load.
+        recording = None if self.out is None else self._recording(task, emulation)
         try:
             with contextlib.ExitStack() as stack:
                 port = self.port
@@ -72,7 +81,7 @@ class RobotRun:
                 assert port is not None
                 robot = stack.enter_context(Create.open(port))
                 robot.arm()
-                outcome = self._run(robot, task, heading)
+                outcome = self._run(robot, task, heading, recording)
         except RobotStopped as error:
             note(f"jaxcell robot run: the robot was stopped: {error}")
             return 1
@@ -105,22 +114,59 @@ class RobotRun:
             raise ValueError("--heading: a plan needs the heading that its robot starts with")
         return None
 
-    def _run(self, robot: Any, task: "FilterTask | PlanTask", heading: int | None) -> "Outcome":
+    def _recording(
+        self, task: "FilterTask | PlanTask", emulation: "_Emulation | None"
+    ) -> "RobotRecording":
+        from ..record import RecordedRobot, RobotRecording
+        from ..robot.tasks import FilterTask
+
+        assert self.out is not None
+        self.out.mkdir(parents=True, exist_ok=True)
+        filter = task.filter if isinstance(task, FilterTask) else None
+        about = {} if filter is None else filter.metadata
+        cells = _cells_of(task, about) if emulation is None else emulation.cells
+        robot = RecordedRobot()
+        if emulation is not None:
+            x, y, theta = emulation.cells.centre(emulation.start)
+            start = float(x), float(y), float(theta)
+            robot = RecordedRobot(start=start, trace=emulation.robot.trace)
+        same = cells is not None and _is_map(cells, about)
+        return RobotRecording(
+            self.out / "run.rrd",
+            [robot],
+            cells=cells,
+            filter=filter if same else None,
+            viewer=self.live,
+            spec={"file": str(self.file), **about},
+        )
+
+    def _run(
+        self,
+        robot: Any,
+        task: "FilterTask | PlanTask",
+        heading: int | None,
+        recording: "RobotRecording | None",
+    ) -> "Outcome":
         from ..robot.run_log import RunLog
         from ..robot.runner import run_filter, run_plan
         from ..robot.tasks import FilterTask
         from ..robot.walker import Walker
 
-        log: Any = contextlib.nullcontext()
+        log: RunLog | None = None
         if self.out is not None:
-            self.out.mkdir(parents=True, exist_ok=True)
+            # First, for it refuses to replace what is there.
             log = RunLog(self.out / "run.jsonl", task.header)
         strides = None if heading is None else task.strides
         walker = Walker(robot, task.step, strides=strides, direction=heading or 0)
-        with log as opened, status(f"running {self.file.name}"):
+        with contextlib.ExitStack() as stack:
+            if log is not None and recording is not None:
+                stack.enter_context(recording)
+                log.on_event = recording.event
+                stack.enter_context(log)
+            stack.enter_context(status(f"running {self.file.name}"))
             if isinstance(task, FilterTask):
-                return run_filter(walker, task.filter, task.bounce, log=opened, limit=self.limit)
-            return run_plan(walker, task.actions, log=opened)
+                return run_filter(walker, task.filter, task.bounce, log=log, limit=self.limit)
+            return run_plan(walker, task.actions, log=log)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,6 +194,28 @@ class _Emulation:
             "seconds": round(self.robot.seconds, 2),
             "truth_is_a_candidate": self.end in outcome.cells if outcome.cells else None,
         }
+
+
+def _cells_of(task: "FilterTask | PlanTask", about: Mapping[str, Any]) -> "CellSpace | None":
+    """The cells of the map that a filter is of, if the map is where it was."""
+    from ..space import CellSpace, Workspace
+
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)
+        cells = CellSpace.of(workspace, task.cell, task.directions)
+        return cells if _is_map(cells, about) else None
+    return None
+
+
+def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
+    """Whether cells are those of the map that a filter is of, by what it says."""
+    assert cells.workspace is not None
+    found = {
+        "name": cells.workspace.name,
+        "positions": cells.positions,
+        "robot_radius_m": cells.workspace.robot_radius,
+    }
+    return all(about.get(key, value) == value for key, value in found.items())
 
 
 def _emulation(options: RobotRun, task: "FilterTask | PlanTask", rng: Any) -> _Emulation:

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .navigation import log_navigation as log_navigation
     from .patrol_graph import log_patrol_graph as log_patrol_graph
     from .patrol_map import log_patrol_map as log_patrol_map
+    from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
     from .team import log_team as log_team
 
 
@@ -55,6 +56,8 @@ _LOGGED = (
 
 
 def __getattr__(name: str) -> Any:
+    if name in ("RecordedRobot", "RobotRecording"):
+        return getattr(importlib.import_module(f"{__name__}.robot"), name)
     family = name.removeprefix("log_")
     if name.startswith("log_") and family in _LOGGED:
         return getattr(importlib.import_module(f"{__name__}.{family}"), name)

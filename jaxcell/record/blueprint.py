@@ -51,15 +51,20 @@ def send_blueprint(
     stream: rr.RecordingStream, layout: rrb.Container, timeline: str, speed: float
 ) -> None:
     """Fixes what the viewer shows: our views, and a timeline that plays, in steps a second."""
-    blueprint = rrb.Blueprint(
+    play = rrb.TimePanel(timeline=timeline, fps=speed, play_state="playing", state="collapsed")
+    stream.send_blueprint(fixed(layout, play))
+
+
+def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
+    """What the viewer shows: our views only, and how time goes in them."""
+    return rrb.Blueprint(
         layout,
-        rrb.TimePanel(timeline=timeline, fps=speed, play_state="playing", state="collapsed"),
+        time,
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_layout=False,
         auto_views=False,
     )
-    stream.send_blueprint(blueprint)
 
 
 def log_map(stream: rr.RecordingStream, cells: CellSpace) -> None:

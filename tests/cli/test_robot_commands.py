@@ -2,6 +2,7 @@ import json
 import math
 
 import pytest
+from rerun.chunk import RrdReader
 from wheels import MAPS, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.cli.robot import RobotCheck, RobotReplay, RobotRun
@@ -39,6 +40,8 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     assert found["emulated"]["end"] in found["cells"]
     assert found["emulated"]["truth_is_a_candidate"] is True
     assert json.loads((out / "summary.json").read_text()) == found
+    entities = {chunk.entity_path for chunk in RrdReader(out / "run.rrd").stream().to_chunks()}
+    assert {"/map/robots/robot", "/map/belief", "/map/estimates/robot", "/log"} <= entities
 
     code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
     assert code == 0
@@ -47,15 +50,25 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     assert RobotReplay(log=out / "run.jsonl").run() == 0
     assert found["observations"] in capsys.readouterr().out
 
+    recorded = (out / "run.rrd").read_bytes()
     with pytest.raises(FileExistsError):
         simulated(filter_file, start="70", out=out).run()
+    assert (out / "run.rrd").read_bytes() == recorded
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
     with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter"):
         RobotReplay(log=out / "run.jsonl").run()
 
 
-def test_a_filter_of_another_map_is_refuted(filter_file, capsys):
-    code, found = run(simulated(filter_file, "lab_b.json", start="101"), capsys)
+def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
+    filter = bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45, "name": LAB.workspace.name})
+    filter.save(filter_file)
+    out = tmp_path / "out"
+    code, found = run(simulated(filter_file, "lab_b.json", start="101", out=out), capsys)
+    # Its cells are not those of the map that the robot is in.
+    chunks = RrdReader(out / "run.rrd").stream().to_chunks()
+    beliefs = [c for c in chunks if c.entity_path == "/map/belief" and not c.is_static]
+    assert not beliefs
+    assert any(chunk.entity_path == "/filter/uncertainty" for chunk in chunks)
     assert code == 1
     assert found["result"] == "refuted"
     assert found["observations"] in found["reason"]
@@ -93,6 +106,8 @@ def test_check(capsys):
 def test_bad_options(filter_file):
     with pytest.raises(ValueError, match="one of --port and --simulate"):
         RobotRun(file=filter_file).run()
+    with pytest.raises(ValueError, match="--live: expected --out as well"):
+        simulated(filter_file, live="here").run()
     with pytest.raises(ValueError, match="--heading 30: expected a multiple of the 45 degrees"):
         simulated(filter_file, heading=30.0).run()
     with pytest.raises(ValueError, match=r"--start '0\.5,9,0'"):

@@ -1,0 +1,53 @@
+"""Cells where a robot may be, as arrows, or as shaded squares while there are too many."""
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float, Integer, UInt8
+
+from ..space import CellSpace
+from .blueprint import extent, log_classes
+from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
+
+
+MOST_ARROWS = 400
+"""More cells than this are shown as shaded squares."""
+_SHADES = 8
+
+
+def arrows(
+    cells: CellSpace, where: Integer[np.ndarray, "arrows"], length: float
+) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
+    """Arrows at cells, along their directions: where they begin, and their vectors."""
+    x, y, theta = cells.centre(where)
+    heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    return np.stack([x, y], axis=1), length * heading
+
+
+def belief_length(cells: CellSpace) -> float:
+    """Of the arrows of a belief, in metres."""
+    return max(0.42 * cells.cell, 0.02 * extent(cells))
+
+
+def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
+    """Logs what the arrows of all beliefs have in common, at `map/belief`."""
+    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=belief_length(cells) / 10, draw_order=20)
+    stream.log("map/belief", style, static=True)
+
+
+def log_shades(stream: rr.RecordingStream) -> None:
+    """Logs what the shades of squares mean, at `map/grid/belief`."""
+    shares = np.linspace(0.2, 1, _SHADES)
+    classes = [PictureClass("the robot cannot be here", CLEAR)]
+    classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]
+    log_classes(stream, "map/grid/belief", classes)
+
+
+def shades(
+    cells: CellSpace, where: Integer[np.ndarray, "belief"]
+) -> UInt8[np.ndarray, "rows columns"]:
+    """The share of directions that are possible at each square; none if arrows say it."""
+    picture = np.zeros(cells.free.size, np.uint8)
+    if where.size > MOST_ARROWS:
+        count = np.bincount(where % cells.positions, minlength=cells.positions)
+        picture[cells.square] = np.ceil(count * (_SHADES / cells.directions))
+    return picture.reshape(cells.free.shape)

@@ -1,0 +1,75 @@
+"""A Rerun viewer that shows a recording while it is made."""
+
+import os
+import socket
+import sys
+import urllib.parse
+from pathlib import Path
+
+import rerun as rr
+
+
+_PORT = 9876
+
+
+def viewer_sink(viewer: str) -> rr.GrpcSink:
+    """Where a recording goes that is shown as it goes.
+
+    **Arguments:**
+
+    - `viewer`: `"here"` for a viewer on this computer, which is started unless one runs; else the
+        address of one, such as `rerun+http://laptop:9876/proxy`, which `rerun` prints when it
+        starts.
+
+    **Returns:** the sink.
+
+    **Raises:** `ValueError` if it is neither; `OSError` if no viewer answers there, or none can be
+    started here.
+    """
+    if viewer == "here":
+        url = f"rerun+http://127.0.0.1:{_PORT}/proxy"
+        if _refusal("127.0.0.1", _PORT) is not None:
+            _start()
+        return rr.GrpcSink(url)
+    parts = urllib.parse.urlsplit(viewer)
+    try:
+        port = parts.port
+    except ValueError:
+        port = None
+    if not parts.scheme.startswith("rerun") or not parts.hostname or port is None:
+        raise ValueError(
+            f"viewer {viewer!r}: expected here, or the address of a viewer, such as "
+            f"rerun+http://127.0.0.1:{_PORT}/proxy"
+        )
+    if (refusal := _refusal(parts.hostname, port)) is not None:
+        raise OSError(f"viewer {viewer}: no viewer answers there: {refusal}")
+    return rr.GrpcSink(viewer)
+
+
+def _start() -> None:
+    if sys.platform == "linux" and not (os.getenv("DISPLAY") or os.getenv("WAYLAND_DISPLAY")):
+        raise OSError(
+            "viewer here: there is no display; start `rerun` on a computer that has one, and give "
+            "the address that it prints"
+        )
+    # A virtual environment that is not activated has its commands beside its Python.
+    beside = Path(sys.executable).with_name("rerun")
+    try:
+        rr.spawn(
+            port=_PORT,
+            connect=False,
+            memory_limit="1GB",
+            hide_welcome_screen=True,
+            executable_path=str(beside) if beside.exists() else None,
+        )
+    except RuntimeError as error:
+        raise OSError(f"viewer here: it does not start: {error}") from error
+
+
+def _refusal(host: str, port: int) -> str | None:
+    """Why nobody answers at an address, if so."""
+    try:
+        socket.create_connection((host, port), timeout=3).close()
+    except OSError as error:
+        return str(error)
+    return None

@@ -1,0 +1,228 @@
+import math
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from wheels import bounce_filter, map_cells
+
+from jaxcell.record import RecordedRobot, RobotRecording
+from jaxcell.space import CellSpace
+
+
+LAB = map_cells("lab_a.json")
+FILTER = bounce_filter(LAB, 45)
+# A robot that starts at (1, 2), to the north.
+START = (1.0, 2.0, math.pi / 2)
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def over(path, timeline, entity, column):
+    """The values of a column by time, from all chunks of a recording; later rows win."""
+    found = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == entity and {column, timeline} <= set(batch.schema.names):
+            values = batch.column(column).to_pylist()
+            times = batch.column(timeline)
+            times = times.cast("int64").to_pylist() if timeline == "seconds" else times.to_pylist()
+            found |= dict(zip(times, values, strict=True))
+    return found
+
+
+def observation(text, state, estimate=(0.0, 0.0, 0.0), **fields):
+    refuted = state is None
+    return {
+        "observation": int(text),
+        "estimate": list(estimate),
+        "state": state,
+        "color": 0 if refuted else int(FILTER.color[state]),
+        "uncertainty": 0 if refuted else int(FILTER.uncertainty[state]),
+        **fields,
+    }
+
+
+def test_the_belief_and_the_numbers_are_those_of_the_filter(tmp_path):
+    path, observed = tmp_path / "run.rrd", "100110001"
+    states = FILTER.run(observed).states.tolist()
+    with RobotRecording(path, [RecordedRobot(start=START)], cells=LAB, filter=FILTER) as recording:
+        for second, (text, state) in enumerate(zip(observed, states[1:], strict=True), 1):
+            recording.event("observation", observation(text, state, seconds=second))
+        recording.event("end", {"seconds": 10, "result": "localized", "reason": "it is known"})
+    origins = over(path, "observation", "/map/belief", "Arrows2D:origins")
+    vectors = over(path, "observation", "/map/belief", "Arrows2D:vectors")
+    sizes = over(path, "observation", "/filter/uncertainty", "Scalars:scalars")
+    colors = over(path, "observation", "/filter/color", "Scalars:scalars")
+    bumps = over(path, "observation", "/robot/robot/bumped", "Scalars:scalars")
+    for time, state in enumerate(states):
+        x, y, theta = LAB.centre(FILTER.cells(state))
+        np.testing.assert_allclose(origins[time], np.stack([x, y], axis=1), atol=1e-6)
+        heading = np.array(vectors[time]) / np.hypot(*np.array(vectors[time]).T)[:, None]
+        np.testing.assert_allclose(
+            heading, np.stack([np.cos(theta), np.sin(theta)], axis=1), atol=1e-6
+        )
+        assert sizes[time] == [FILTER.uncertainty[state]]
+        assert colors[time] == [FILTER.color[state]]
+        if time:
+            assert bumps[time] == [int(observed[time - 1])]
+    # By the clock too: the number after an observation begins with it.
+    seconds = over(path, "seconds", "/filter/uncertainty", "Scalars:scalars")
+    assert [time / 1e9 for time in sorted(seconds)] == list(range(11))
+    texts = over(path, "seconds", "/log", "TextLog:text")
+    assert texts[10 * 10**9] == ["end: localized: it is known"]
+    left = over(path, "observation", "/map/candidates", "Boxes2D:centers")
+    x, y, _ = LAB.centre(FILTER.cells(states[-1]))
+    np.testing.assert_allclose(left[len(observed)], np.stack([x, y], axis=1), atol=1e-6)
+
+
+def test_a_refuted_robot_is_nowhere(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RobotRecording(path, [RecordedRobot()], cells=LAB, filter=FILTER) as recording:
+        recording.event("observation", observation("1", None, seconds=1.0))
+        recording.event("end", {"seconds": 1.0, "result": "refuted", "reason": "it slipped"})
+    assert over(path, "observation", "/map/belief", "Arrows2D:origins")[1] == []
+    assert over(path, "observation", "/filter/uncertainty", "Scalars:scalars")[1] == [0]
+    assert over(path, "observation", "/map/candidates", "Boxes2D:centers") == {}
+    assert over(path, "observation", "/log", "TextLog:level")[1] == ["WARN"]
+
+
+def test_many_cells_are_shaded(tmp_path):
+    path = tmp_path / "run.rrd"
+    cells = CellSpace.of(LAB.workspace, 0.5, 16)
+    filter = bounce_filter(cells, 45)
+    start = filter.cells(0)
+    assert start.size > 400
+    with RobotRecording(path, [RecordedRobot()], cells=cells, filter=filter):
+        pass
+    assert over(path, "observation", "/map/belief", "Arrows2D:origins")[0] == []
+    (buffer,) = over(path, "observation", "/map/grid/belief", "SegmentationImage:buffer")[0]
+    # Every direction is possible at every free square.
+    np.testing.assert_array_equal(
+        np.array(buffer).reshape(cells.free.shape), np.where(cells.free, 8, 0)
+    )
+
+
+def test_poses_belong_to_the_observation_that_they_lead_to(tmp_path):
+    path, trace = tmp_path / "run.rrd", [(0.0, *START)]
+    with RobotRecording(path, [RecordedRobot(start=START, trace=trace)], cells=LAB) as recording:
+        # A step of 1 m to the north in 5 s, as every 15 ms tells; then a turn, and the next step.
+        trace += [(t, 1.0, 2.0 + t / 5, math.pi / 2) for t in np.arange(0.015, 5.0, 0.015)]
+        recording.event(
+            "observation", {"seconds": 0.7, "observation": 0, "estimate": [0.9, -0.1, 0.0]}
+        )
+        last = trace[-1]
+        trace += [(5 + t, 1.0, last[2], math.pi / 2 + t) for t in np.arange(0.1, 1.0, 0.1)]
+        trace += [(6 + t, 1.0 + t / 5, last[2], math.pi) for t in np.arange(0.0, 1.0, 0.1)]
+    by_time = over(path, "seconds", "/map/robots/robot", "Arrows2D:origins")
+    times = np.array(sorted(by_time)) / 1e9
+    # Ten a second, and the last of each look, of which one may come at any time.
+    assert np.diff(times).max() < 0.12
+    assert len(times) < 80
+    np.testing.assert_allclose(by_time[min(by_time)], [START[:2]], atol=1e-6)
+    by_observation = over(path, "observation", "/map/robots/robot", "Arrows2D:origins")
+    headings = over(path, "observation", "/map/robots/robot", "Arrows2D:vectors")
+    assert sorted(by_observation) == [0, 1, 2]
+    # The turn is part of the observation that it follows, and nothing else after it is.
+    np.testing.assert_allclose(by_observation[1], [last[1:3]], atol=_near())
+    ((right, up),) = headings[1]
+    assert math.atan2(up, right) == pytest.approx(math.pi, abs=0.25)
+    np.testing.assert_allclose(by_observation[2], [trace[-1][1:3]], atol=1e-6)
+    # The trail has a corner where it turned: its ends are the start and the last pose.
+    (trail,) = over(path, "observation", "/map/trails/robot", "LineStrips2D:strips")[2]
+    expected = [START[:2], last[1:3], trace[-1][1:3]]
+    np.testing.assert_allclose([trail[0], trail[-2], trail[-1]], expected, atol=_near())
+    # 0.9 m ahead is north of the start, and 0.1 m to the right is east of it. The time is that of
+    # the robot, not of the clock.
+    estimates = over(path, "seconds", "/map/estimates/robot", "Points2D:positions")
+    np.testing.assert_allclose(estimates[round(last[0] * 1e9)], [[1.1, 2.9]], atol=1e-6)
+
+
+def _near() -> float:
+    """Metres within which a robot has not gone on."""
+    return 0.0101
+
+
+def test_several_robots_without_a_filter(tmp_path):
+    path = tmp_path / "run.rrd"
+    traces = [[(0.0, 0.5, 0.5, 0.0)], [(0.0, 7.5, 3.5, 0.0)]]
+    robots = [
+        RecordedRobot(name=f"robot {i}", trace=trace) for i, trace in enumerate(traces, start=1)
+    ]
+    with RobotRecording(path, robots, cells=LAB) as recording:
+        traces[1].append((1.0, 7.5, 2.5, 0.0))
+        recording.event("observation", {"seconds": 9.0, "observation": 1, "robot": 1})
+        recording.event("visit", {"seconds": 9.0, "robot": 0, "cell": 7})
+    assert over(path, "seconds", "/log", "TextLog:text") == {
+        10**9: ["robot 2: observation 1: bump"],
+        0: ["robot 1: visit: 7"],
+    }
+    places = over(path, "seconds", r"/map/robots/robot\ 2", "Arrows2D:origins")
+    np.testing.assert_allclose(places[10**9], [[7.5, 2.5]])
+    places = over(path, "seconds", r"/map/robots/robot\ 1", "Arrows2D:origins")
+    assert list(places) == [0]
+
+
+def test_a_real_robot_without_a_map(tmp_path):
+    path = tmp_path / "run.rrd"
+    with RobotRecording(path, [RecordedRobot()]) as recording:
+        recording.event("observation", observation("0", 1, (1.0, 0.1, 0.0), seconds=3.0))
+    places = over(path, "seconds", "/odometry/estimates/robot", "Points2D:positions")
+    np.testing.assert_allclose(places[3 * 10**9], [[1.0, 0.1]], atol=1e-6)
+    entities = {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
+    assert not any(entity.startswith("/map/grid") for entity in entities)
+    assert "/map/belief" not in entities
+
+
+def test_what_a_killed_process_recorded_can_be_read(tmp_path):
+    program = """
+import os, signal, sys, time
+from wheels import map_cells
+from jaxcell.record import RecordedRobot, RobotRecording
+with RobotRecording(sys.argv[1], [RecordedRobot()], cells=map_cells("lab_a.json")) as recording:
+    for second in range(5):
+        recording.event("observation", {"seconds": float(second), "observation": 1})
+    time.sleep(3)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    path = tmp_path / "run.rrd"
+    ended = subprocess.run(
+        [sys.executable, "-c", program, path], cwd="tests", capture_output=True, check=False
+    )
+    assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()
+    with pytest.warns(rr.error_utils.RerunWarning, match="no footer"):
+        bumps = over(path, "observation", "/robot/robot/bumped", "Scalars:scalars")
+        blueprints = RrdReader(path).blueprints()
+    assert bumps == {time: [1.0] for time in range(1, 6)}
+    assert len(blueprints) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"name": "run.bin"}, r"run\.bin: expected the name of a recording"),
+        ({"robots": []}, "robots: expected one or more, got none"),
+        ({"filter": FILTER}, "filter: it is of 152 cells, and the map has 0"),
+        ({"viewer": "there"}, "viewer 'there': expected here, or the address of a viewer"),
+        ({"viewer": "rerun+http://127.0.0.1:1/proxy"}, "no viewer answers there"),
+        ({"viewer": "here"}, "viewer here: there is no display"),
+        ({"name": "none/run.rrd"}, "there is no folder"),
+    ],
+)
+def test_bad_input(tmp_path, monkeypatch, options, message):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("jaxcell.record.viewer._PORT", 2)
+    monkeypatch.setattr("sys.platform", "linux")
+    path = tmp_path / options.pop("name", "run.rrd")
+    with pytest.raises((ValueError, OSError), match=message):
+        RobotRecording(path, options.pop("robots", [RecordedRobot()]), **options)
+    assert not list(tmp_path.iterdir())
