@@ -3,11 +3,10 @@ import functools
 import math
 
 import numpy as np
-import shapely
 from jaxtyping import Bool, Float, Int
 
 from .occupancy import rasterise
-from .workspace import Workspace
+from .workspace import Workspace, edges
 
 
 _MOST_CELLS = 2**31 - 1
@@ -134,10 +133,7 @@ class CellSpace:
         """
         if self.workspace is None:
             raise ValueError("a space made from a grid has no walls but the edges of its squares")
-        pieces = shapely.get_parts(shapely.orient_polygons(self.workspace.free_space))
-        rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(pieces)]
-        edges = [np.stack([np.roll(r, 1, 0), r, np.roll(r, -1, 0)], axis=1) for r in rings]
-        return (np.concatenate(edges) - np.array(self.origin)) / self.cell
+        return (edges(self.workspace.free_space) - np.array(self.origin)) / self.cell
 
     def centre(
         self, z: Int[np.ndarray, "..."] | int

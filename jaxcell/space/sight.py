@@ -7,7 +7,8 @@ from jaxtyping import Bool, Float, Int, Num
 
 from .cells import TOLERANCE, CellSpace
 from .segments import cross, meets_wall
-from .view import check_reach, check_view, edges, polygons, sees_all_around
+from .view import check_reach, check_view, sees_all_around
+from .workspace import edges, polygons
 
 
 _CHUNK = 2**20

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from .cells import TOLERANCE
 from .segments import cross
-from .workspace import Workspace, coordinate_rounding
+from .workspace import Workspace, coordinate_rounding, edges
 
 
 def visibility_polygon(
@@ -100,22 +100,6 @@ def _star(
         share = np.clip(from_a / np.where(seen, from_a + to_b, 1.0), 0, 1)[:, None]
         corner[seen] = (a + share * (b - a))[seen]
     return ring.reshape(-1, 2)
-
-
-def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
-    """The polygons that geometries are made of, and which geometry each is from."""
-    parts, of = shapely.get_parts(geometries, return_index=True)
-    polygonal = shapely.area(parts) > 0
-    return parts[polygonal], of[polygonal]
-
-
-def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
-    """The corner before each edge, its start and its end; what is free lies to its left."""
-    pieces, _ = polygons(np.array([environment]))
-    rings = shapely.get_rings(shapely.orient_polygons(pieces))
-    corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]
-    found = [np.stack([np.roll(c, 1, 0), c, np.roll(c, -1, 0)], axis=1) for c in corners]
-    return np.concatenate([np.empty((0, 3, 2)), *found])
 
 
 def check_reach(reach: float | int) -> float:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .map_files import read_map, write_map
 
@@ -247,31 +247,47 @@ def coordinate_rounding(
     return 10.0 ** (math.ceil(math.log10(largest)) - 13)
 
 
+def polygons(geometries: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "polygons"]]:
+    """The polygons that geometries are made of, and which geometry each is from."""
+    parts, of = shapely.get_parts(geometries, return_index=True)
+    polygonal = shapely.area(parts) > 0
+    return parts[polygonal], of[polygonal]
+
+
+def edges(environment: shapely.Geometry) -> Float[np.ndarray, "walls 3 2"]:
+    """The corner before each edge, its start and its end; what is free lies to its left."""
+    pieces, _ = polygons(np.array([environment]))
+    rings = shapely.get_rings(shapely.orient_polygons(pieces))
+    corners = [shapely.get_coordinates(ring)[:-1] for ring in rings]
+    found = [np.stack([np.roll(c, 1, 0), c, np.roll(c, -1, 0)], axis=1) for c in corners]
+    return np.concatenate([np.empty((0, 3, 2)), *found])
+
+
 def _check_polygons(
     boundary: Float[np.ndarray, "vertices 2"],
     obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
 ) -> None:
     """Refuses polygons without area, those that meet themselves, and obstacles outside."""
     fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]
-    polygons = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
+    shapes = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
 
     # The hull and not the polygon: the two halves of a bow tie have areas that cancel.
-    hulls = shapely.convex_hull(polygons)
+    hulls = shapely.convex_hull(shapes)
     flat = np.flatnonzero(
         shapely.area(hulls) <= coordinate_rounding(boundary, obstacles) * shapely.length(hulls)
     )
     if flat.size:
         raise ValueError(f"{fields[flat[0]]}: zero area; all its vertices lie on one line")
 
-    crossed = np.flatnonzero(~shapely.is_valid(polygons))
+    crossed = np.flatnonzero(~shapely.is_valid(shapes))
     if crossed.size:
-        reason = shapely.is_valid_reason(polygons[crossed[0]])
+        reason = shapely.is_valid_reason(shapes[crossed[0]])
         place = re.fullmatch(r"(?:Ring )?(.*)\[(\S+) (\S+)\]", reason)
         if place:
             reason = f"{place[1].lower()} at ({place[2]}, {place[3]})"
         raise ValueError(f"{fields[crossed[0]]}: {reason}; its edges may meet only at their ends")
 
-    shapely.prepare(polygons[0])
-    outside = np.flatnonzero(~shapely.relate_pattern(polygons[0], polygons[1:], "T********"))
+    shapely.prepare(shapes[0])
+    outside = np.flatnonzero(~shapely.relate_pattern(shapes[0], shapes[1:], "T********"))
     if outside.size:
         raise ValueError(f"{fields[1 + outside[0]]}: it lies wholly outside the boundary")
