@@ -1,7 +1,8 @@
 """Times the least average commute time (MAECT) beside two solvers of cone programs.
 
-Run `python experiments/benchmarks/bench_commute.py`; it takes about 90 s. `--large` adds a
-graph of 2,000 vertices and 8,000 edges, which takes about 20 s more and 1 GB.
+Run `python experiments/benchmarks/bench_commute.py`; it takes about half a minute. `--full`
+adds what takes the others up to a minute, and a graph of 2,000 vertices and 8,000 edges, which
+takes ours about 20 s and 1 GB.
 
 The graphs are 8-connected grids with a fifth of the cells blocked. The largest, 15 x 15 with 37
 blocked cells, has the size of those for which Alam 2018, Table 4.5, reports 677 to 779 s in Matlab.
@@ -13,32 +14,28 @@ dual with second-order cones, of which the weights are the multipliers.
 A second table has many small problems: one after the other, and in one batch of arrays.
 """
 
-import argparse
 import itertools
-import os
-import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
 import cvxpy
-import jax
 import numpy as np
-import scipy
 import scipy.sparse.csgraph
 import scipy.spatial
+from rows import Row, options, rows_of, write_rows
+from timing import Timing, begin, line, take_turns, timed
 
 from jaxcell.optimize.commute_sweep import minimum_commute_sweep
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.optimize.graph import Graph
 
 
-# The largest grid that each of the others finishes in less than a minute.
+# The largest grid that each of the others gets, and with `--full`, that it finishes in a minute.
 LARGEST = {
-    ("trace of the inverse", "CLARABEL"): 6,
-    ("trace of the inverse", "SCS"): 4,
-    ("second-order cones", "CLARABEL"): 15,
-    ("second-order cones", "SCS"): 15,
+    ("trace of the inverse", "CLARABEL"): (4, 6),
+    ("trace of the inverse", "SCS"): (4, 4),
+    ("second-order cones", "CLARABEL"): (6, 15),
+    ("second-order cones", "SCS"): (15, 15),
 }
 
 
@@ -115,40 +112,49 @@ def commute_time(graph: Graph, weights: np.ndarray) -> float:
     return 4 * float(np.sum(1 / eigenvalues[1:])) / (graph.vertices - 1)
 
 
-def timed(program: Callable[[], Any]) -> tuple[float, Any]:
-    began = time.perf_counter()
-    result = program()
-    return time.perf_counter() - began, result
+def row(graph: Graph, program: str, timing: Timing, above: float, steps: object) -> None:
+    size = (f"{graph.vertices:,}", f"{len(graph.edges):,}")
+    seconds = (f"{timing.least:.3f}", f"{timing.median:.3f}")
+    line(*size, program, *seconds, f"{above:.1e}", steps)
 
 
-def row(graph: Graph, program: str, seconds: list[float], above: float, steps: str) -> None:
-    print(
-        f"| {graph.vertices:,} | {len(graph.edges):,} | {program} | {min(seconds):.3f} | "
-        f"{statistics.median(seconds):.3f} | {above:.1e} | {steps} |",
-        flush=True,
-    )
+def size_of(graph: Graph) -> str:
+    return f"{graph.vertices:,} vertices, {len(graph.edges):,} edges"
 
 
-def side_by_side(side: int, blocked: int, repeats: int) -> None:
+def side_by_side(side: int, blocked: int, repeats: int, full: bool) -> list[Row]:
     graph = grid(side, blocked)
     emphasis = np.linspace(0, graph.vertices - 1, 6).astype(int).tolist()
-    for name, through in (("jaxcell", None), ("jaxcell, emphasis", emphasis)):
-        optimum = minimum_commute(graph, through, tolerance=1e-9).commute_time
-        runs = [
-            timed(lambda through=through: minimum_commute(graph, through, tolerance=1e-6))
-            for _ in range(repeats)
-        ]
-        found = runs[0][1]
-        above = found.commute_time / optimum - 1
-        row(graph, name, [t for t, _ in runs], above, str(found.certificate.iterations))
-    optimum = minimum_commute(graph, tolerance=1e-9).commute_time
+    ours = {"jaxcell": None, "jaxcell, emphasis": emphasis}
+    programs: dict[str, Callable[[], Any]] = {
+        name: lambda through=through: minimum_commute(graph, through, tolerance=1e-6)
+        for name, through in ours.items()
+    }
     for (program, solver), largest in LARGEST.items():
-        if side <= largest:
-            seconds, weights = timed(
-                lambda program=program, solver=solver: by_program(graph, program, solver)
+        if side <= largest[full]:
+            programs[f"cvxpy, {solver}, {program}"] = lambda program=program, solver=solver: (
+                by_program(graph, program, solver)
             )
-            above = commute_time(graph, weights) / optimum - 1
-            row(graph, f"cvxpy, {solver}, {program}", [seconds], above, "")
+    found: dict[str, Any] = {}
+    timings = take_turns(programs, repeats, found.update, patience_s=1)
+    optimum = minimum_commute(graph, tolerance=1e-9).commute_time
+    for name, timing in timings.items():
+        if name in ours:
+            best = minimum_commute(graph, ours[name], tolerance=1e-9).commute_time
+            above = found[name].commute_time / best - 1
+            row(graph, name, timing, above, found[name].certificate.iterations)
+        else:
+            row(graph, name, timing, commute_time(graph, found[name]) / optimum - 1, "")
+    del timings["jaxcell, emphasis"]
+    return rows_of("commute", "walk with the least commute time", size_of(graph), timings)
+
+
+def alone(graph: Graph) -> Row:
+    seconds, found = timed(lambda: minimum_commute(graph, tolerance=1e-6))
+    timing, certificate = Timing.of(seconds, [seconds]), found.certificate
+    name = "jaxcell (gap for the optimum)"
+    row(graph, name, timing, certificate.residual, certificate.iterations)
+    return Row("commute", "walk with the least commute time", size_of(graph), seconds)
 
 
 def emphases() -> tuple[Graph, dict[str, Any]]:
@@ -179,55 +185,50 @@ def in_one_batch(graph: Graph, problems: dict[str, Any]) -> np.ndarray:
     return np.asarray(minimum_commute_sweep(graph, **problems).commute_time)
 
 
-def sweep(name: str, graph: Graph, problems: dict[str, Any], repeats: int) -> None:
+def sweep(name: str, graph: Graph, problems: dict[str, Any], repeats: int) -> Row:
     (count,) = (len(value) for value in problems.values())
-    other = one_by_one(graph, problems)
-    for program in (one_by_one, in_one_batch):
+    differ = {}
 
-        def run(program: Callable[..., np.ndarray] = program) -> np.ndarray:
-            return program(graph, problems)
-
-        first, here = timed(run)
-        seconds = [timed(run)[0] for _ in range(repeats)]
+    def check(results: dict[str, np.ndarray]) -> None:
+        other = results["one by one"]
         solved = np.isfinite(other)
-        if (solved != np.isfinite(here)).any():
-            raise RuntimeError(f"{name}: {program.__name__} differs on which have an answer")
-        differ = np.abs(here[solved] / other[solved] - 1).max()
-        print(
-            f"| {count} {name} | {graph.vertices} | {len(graph.edges)} | "
-            f"{program.__name__.replace('_', ' ')} | {first:.3f} | {min(seconds):.3f} | "
-            f"{statistics.median(seconds):.3f} | {differ:.1e} |",
-            flush=True,
-        )
+        for program, found in results.items():
+            if (solved != np.isfinite(found)).any():
+                raise RuntimeError(f"{name}: {program} differs on which have an answer")
+            differ[program] = np.abs(found[solved] / other[solved] - 1).max()
+
+    programs = {
+        "in one batch": lambda: in_one_batch(graph, problems),
+        "one by one": lambda: one_by_one(graph, problems),
+    }
+    timings = take_turns(programs, repeats, check)
+    for program, timing in timings.items():
+        seconds = (f"{second:.3f}" for second in timing)
+        size = (f"{count} {name}", graph.vertices, len(graph.edges))
+        line(*size, program, *seconds, f"{differ[program]:.1e}")
+    batch, single = (timing.median for timing in timings.values())
+    what = f"the same of {count} {name}, in one batch"
+    return Row("commute", what, size_of(graph), batch, "ours, one by one", single)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="timed runs of ours")
-    parser.add_argument("--large", action="store_true", help="add 2,000 vertices, 8,000 edges")
-    arguments = parser.parse_args()
-    jax.config.update("jax_enable_x64", True)
-    versions = f"numpy {np.__version__}, scipy {scipy.__version__}, cvxpy {cvxpy.__version__}"
-    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n")
-    print("| vertices | edges | program | min, s | median, s | above the optimum | steps |")
-    print("|--:|--:|---|--:|--:|--:|--:|")
+    full = "what takes a solver a minute, and 2,000 vertices with 8,000 edges"
+    arguments = options(__doc__, repeats=5, full=full).parse_args()
+    begin("jax", "numpy", "scipy", "cvxpy")
+    line("vertices", "edges", "program", "min, s", "median, s", "above the optimum", "steps")
+    line("--:", "--:", "---", *["--:"] * 4)
+    rows = []
     for side, blocked in ((4, 3), (6, 7), (15, 37)):
-        side_by_side(side, blocked, arguments.repeats)
-    if arguments.large:
-        graph = neighbours(2000, 8000)
-        seconds, found = timed(lambda: minimum_commute(graph, tolerance=1e-6))
-        gap = found.certificate.residual
-        row(
-            graph,
-            "jaxcell (gap for the optimum)",
-            [seconds],
-            gap,
-            str(found.certificate.iterations),
-        )
-    print("\n| problems | vertices | edges | program | first, s | min, s | median, s | differ by |")
-    print("|---|--:|--:|---|--:|--:|--:|--:|")
-    sweep("pairs and triples emphasised", *emphases(), arguments.repeats)
-    sweep("subsets of edges", *subsets(), arguments.repeats)
+        rows += side_by_side(side, blocked, arguments.repeats, arguments.full)
+    if arguments.full:
+        rows.append(alone(neighbours(2000, 8000)))
+    print()
+    line("problems", "vertices", "edges", "program", "first, s", "min, s", "median, s", "differ by")
+    line("---", "--:", "--:", "---", *["--:"] * 4)
+    if arguments.full:
+        rows.append(sweep("pairs and triples emphasised", *emphases(), arguments.repeats))
+    rows.append(sweep("subsets of edges", *subsets(), arguments.repeats))
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":
