@@ -19,15 +19,29 @@ from .open_interface import (
     CommandParser as CommandParser,
     StreamParser as StreamParser,
 )
+from .outcome import Outcome as Outcome
 from .packets import Contact as Contact, Mode as Mode, Packet as Packet
+from .patrol import (
+    Patrol as Patrol,
+    PatrolOutcome as PatrolOutcome,
+    replay_patrol as replay_patrol,
+    run_patrol as run_patrol,
+)
+from .patrol_task import PatrolTask as PatrolTask, save_patrols as save_patrols
 from .reading import STREAM as STREAM, Reading as Reading
+from .routing import grid_steps as grid_steps, route as route, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
 from .runner import (
-    Outcome as Outcome,
     plan_outcome as plan_outcome,
     replay as replay,
     run_filter as run_filter,
     run_plan as run_plan,
 )
 from .tasks import load_task as load_task
+from .team import (
+    MemberTask as MemberTask,
+    member_actions as member_actions,
+    run_member as run_member,
+    save_team as save_team,
+)
 from .walker import Walker as Walker, cell_strides as cell_strides

@@ -7,6 +7,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
+from .outcome import Outcome
+from .walker import Walker
+
 
 _FORMAT = "jaxcell-robot-log"
 _VERSION = 1
@@ -41,6 +46,15 @@ class RunLog:
         self._write({"event": name, "seconds": seconds, **fields})
         if self.on_event is not None:
             self.on_event(name, {"seconds": seconds, **fields})
+
+    def observation(self, walker: Walker, **fields: Any) -> None:
+        """Writes what a robot has sensed last, and where it takes itself to be."""
+        self.event(
+            "observation",
+            observation=int(walker.observations[-1]),
+            **fields,
+            estimate=np.round(walker.estimate, 4).tolist(),
+        )
 
     def _write(self, line: Mapping[str, Any]) -> None:
         self._file.write(json.dumps(line, allow_nan=False) + "\n")
@@ -83,6 +97,13 @@ class LoggedRun:
 
     def _observed(self) -> Iterator[Mapping[str, Any]]:
         return (event for event in self.events if event["event"] == "observation")
+
+
+def finished(outcome: Outcome, log: RunLog | None) -> Outcome:
+    """Writes how a run ended, and returns it."""
+    if log is not None:
+        log.event("end", result=outcome.result, reason=outcome.reason)
+    return outcome
 
 
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:

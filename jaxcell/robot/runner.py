@@ -1,30 +1,10 @@
-import dataclasses
 from collections.abc import Sequence
 from typing import Any, Literal
 
-import numpy as np
-
 from ..automata import Filter
-from .run_log import LoggedRun, RunLog
+from .outcome import Outcome, observed
+from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
-
-
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """How a run of a filter or a plan ended."""
-
-    result: Literal["localized", "arrived", "refuted", "unfinished"]
-    """`"localized"`: the filter is in a knowledge cycle; `"arrived"`: the plan is done;
-    `"refuted"`: what was sensed cannot be; `"unfinished"`: neither, after as many observations as
-    were allowed."""
-    observations: str
-    "What the robot sensed: 0 for a step, 1 for a bump."
-    reason: str
-    "A sentence for people."
-    colors: tuple[int, ...] = ()
-    "Of the filter after each observation; 0 where a filter without a trap has no state for it."
-    cells: tuple[int, ...] = ()
-    "The cells where the robot may be, by the filter."
 
 
 def run_filter(
@@ -49,10 +29,11 @@ def run_filter(
     while follower.result is None and len(follower.colors) < limit:
         bumped = walker.step()
         follower.observe(int(bumped))
-        _log_observation(log, walker, **follower.fields)
+        if log is not None:
+            log.observation(walker, **follower.fields)
         if bumped and follower.result != "refuted":
             walker.rotate(bounce)
-    return _finished(follower.outcome(), log)
+    return finished(follower.outcome(), log)
 
 
 def run_plan(walker: Walker, actions: Sequence[float], *, log: RunLog | None = None) -> Outcome:
@@ -70,12 +51,13 @@ def run_plan(walker: Walker, actions: Sequence[float], *, log: RunLog | None = N
     """
     for index, action in enumerate(actions):
         bumped = walker.step()
-        _log_observation(log, walker, action=index)
+        if log is not None:
+            log.observation(walker, action=index)
         if bumped != (action != 0):
             break
         if bumped:
             walker.rotate(action)
-    return _finished(plan_outcome(actions, walker.observations), log)
+    return finished(plan_outcome(actions, walker.observations), log)
 
 
 def plan_outcome(actions: Sequence[float], observations: str) -> Outcome:
@@ -95,7 +77,7 @@ def plan_outcome(actions: Sequence[float], observations: str) -> Outcome:
                 if observation == "1"
                 else "the robot met no wall where the plan has one"
             )
-            reason = _with(f"action {index} of {len(actions)}: {slip}", observations)
+            reason = observed(f"action {index} of {len(actions)}: {slip}", observations)
             return Outcome("refuted", observations, reason)
     if len(observations) < len(actions):
         reason = f"{len(observations)} of {len(actions)} actions are done"
@@ -171,7 +153,7 @@ class _Follower:
             places = "1 configuration" if len(cells) == 1 else f"{len(cells)} configurations"
             reason = f"localized to {places} after {count} observations"
         elif self.result == "refuted":
-            reason = _with(
+            reason = observed(
                 f"observation {count - 1} is {self.observations[-1]}, which cannot occur in the "
                 "map of the filter after those before it: the map is another, or the robot "
                 "slipped",
@@ -182,24 +164,3 @@ class _Follower:
         return Outcome(
             self.result or "unfinished", self.observations, reason, tuple(self.colors), tuple(cells)
         )
-
-
-def _with(reason: str, observations: str) -> str:
-    return f"{reason}; the robot observed {observations}"
-
-
-def _log_observation(log: RunLog | None, walker: Walker, **fields: Any) -> None:
-    if log is None:
-        return
-    log.event(
-        "observation",
-        observation=int(walker.observations[-1]),
-        **fields,
-        estimate=np.round(walker.estimate, 4).tolist(),
-    )
-
-
-def _finished(outcome: Outcome, log: RunLog | None) -> Outcome:
-    if log is not None:
-        log.event("end", result=outcome.result, reason=outcome.reason)
-    return outcome

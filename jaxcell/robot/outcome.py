@@ -1,0 +1,26 @@
+import dataclasses
+from typing import Literal
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    result: Literal["localized", "arrived", "patrolled", "reported", "refuted", "unfinished"]
+    """`"localized"`: the filter is in a knowledge cycle; `"arrived"`: the plan, or the trajectory,
+    is done; `"patrolled"`: as many cells were visited as were asked for; `"reported"`: an intruder
+    was seen; `"refuted"`: what was sensed cannot be; `"unfinished"`: none of these, after as many
+    observations as were allowed."""
+    observations: str
+    "What the robot sensed: 0 for a step, 1 for a bump."
+    reason: str
+    "A sentence for people."
+    colors: tuple[int, ...] = ()
+    "Of the filter after each observation; 0 where a filter without a trap has no state for it."
+    cells: tuple[int, ...] = ()
+    "The cells where the robot may be, by the filter."
+
+
+def observed(reason: str, observations: str) -> str:
+    """A reason with what the robot sensed, as where it disagrees with the map."""
+    return f"{reason}; the robot observed {observations}"

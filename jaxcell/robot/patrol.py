@@ -1,0 +1,245 @@
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+
+from .outcome import Outcome, observed
+from .patrol_task import PatrolTask
+from .routing import close, next_way, wave
+from .run_log import LoggedRun, RunLog, finished
+from .walker import Walker
+
+
+@dataclasses.dataclass(frozen=True)
+class PatrolOutcome(Outcome):
+    """How a patrol ended."""
+
+    visited: tuple[int, ...] = ()
+    "The positions that were drawn, and reached."
+    obstacles: tuple[tuple[int, int], ...] = ()
+    "Where something was in the way that is not in the map: a position, and 0 East to 3 South."
+    position: int = -1
+    "Where the robot is."
+    intruder: Any = None
+    "What was reported, if anything."
+
+
+class Patrol:
+    """A robot on its patrol, step by step, so that a log can be replayed through it.
+
+    The next cell is drawn by the policy, and the robot goes there by wave routing. A way on which
+    it bumps is closed, and it takes another one. What it met may have been another robot: when no
+    cell that can be drawn is left to go to, all ways are open again. The number of bumps is
+    limited, since beyond a few the map is another, or the robot has lost its place.
+    """
+
+    def __init__(
+        self,
+        task: PatrolTask,
+        *,
+        start: int,
+        facing: int,
+        seed: int,
+        visits: int,
+        most_bumps: int,
+        limit: int,
+    ) -> None:
+        """**Arguments:**
+
+        - `task`: the policy, and the grid.
+        - `start`: the position where the robot is.
+        - `facing`: the way that it faces, 0 East to 3 South.
+        - `seed`: of the draws; robots with the same seed draw differently.
+        - `visits`: after how many drawn cells it is over.
+        - `most_bumps`: how many bumps to put up with.
+        - `limit`: how many steps to make at most.
+
+        **Raises:** `ValueError` for a number out of range.
+        """
+        for name, value in (("visits", visits), ("most_bumps", most_bumps), ("limit", limit)):
+            if value < 1:
+                raise ValueError(f"{name}: expected at least 1, got {value}")
+        if not 0 <= start < task.cells.positions:
+            raise ValueError(f"start: expected 0 to {task.cells.positions - 1}, got {start}")
+        self.settings = {
+            "start": start,
+            "facing": facing,
+            "seed": seed,
+            "visits": visits,
+            "most_bumps": most_bumps,
+            "limit": limit,
+        }
+        "What the log of a run has to say to be replayed, as `patrol` in its header."
+        self.position, self.facing = start, facing
+        self.observations = ""
+        self.visited: list[int] = []
+        self.obstacles: list[tuple[int, int]] = []
+        self.goal: int | None = None
+        "The cell that was drawn, while the robot is on its way there."
+        self._task, self._ways = task, task.ways.copy()
+        self._at = start
+        self._rng = np.random.default_rng([seed, task.robot])
+        self._visits, self._most_bumps, self._limit = visits, most_bumps, limit
+        self._distance = wave(self._ways, start)
+        self._intruder: Any = None
+
+    def next(self) -> int | None:
+        """The way of the next step, `None` when the patrol is over."""
+        while not self._result:
+            if self.goal is None:
+                self._draw()
+            elif self.position == self.goal:
+                self.visited.append(self.goal)
+                self._at, self.goal = self.goal, None
+            else:
+                return next_way(self._ways, self._distance, self.position, self.facing)
+        return None
+
+    def observe(self, way: int, bumped: bool) -> None:
+        """Tells what the step met."""
+        self.observations += str(int(bumped))
+        self.facing = way
+        if not bumped:
+            self.position = int(self._ways[way, self.position])
+            return
+        self.obstacles.append((self.position, way))
+        close(self._ways, self.position, way)
+        assert self.goal is not None
+        self._distance = wave(self._ways, self.goal)
+        if self._distance[self.position] < 0:
+            self.goal = None
+
+    def report(self, intruder: Any) -> None:
+        """Tells that an intruder was seen."""
+        self._intruder = intruder
+
+    @property
+    def _result(self) -> Literal["reported", "patrolled", "refuted", "unfinished"] | None:
+        if self._intruder is not None:
+            return "reported"
+        if len(self.visited) >= self._visits:
+            return "patrolled"
+        if len(self.obstacles) >= self._most_bumps:
+            return "refuted"
+        return "unfinished" if len(self.observations) >= self._limit else None
+
+    def _draw(self) -> None:
+        """Draws the next cell, among those that can be reached."""
+        image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
+        reached = wave(self._ways, self.position)[image] >= 0
+        weight = np.cumsum(np.where(reached, probability, 0.0))
+        if weight[-1] == 0:
+            self._ways = self._task.ways.copy()
+            weight = np.cumsum(probability)
+        drawn = np.searchsorted(weight, self._rng.random() * weight[-1], side="right")
+        self.goal = int(image[min(drawn, np.flatnonzero(np.diff(weight, prepend=0))[-1])])
+        self._distance = wave(self._ways, self.goal)
+
+    def outcome(self) -> PatrolOutcome:
+        """How it ended, or stands."""
+        visits, bumps = len(self.visited), len(self.obstacles)
+        place = _place(self._task, self.position)
+        met = f"; something was in the way {_times(bumps)} where the map is free" if bumps else ""
+        match self._result:
+            case "reported":
+                reason = f"at {place} after {_times(visits, 'visit')}: {self._intruder}{met}"
+            case "refuted":
+                reason = observed(
+                    f"at {place} the robot has bumped {_times(bumps)} where the map is free: the "
+                    "map is another, or the robot has lost its place",
+                    self.observations,
+                )
+            case _:
+                reason = f"{_times(visits, 'visit')} of {self._visits} are done{met}"
+        return PatrolOutcome(
+            self._result or "unfinished",
+            self.observations,
+            reason,
+            visited=tuple(self.visited),
+            obstacles=tuple(self.obstacles),
+            position=self.position,
+            intruder=self._intruder,
+        )
+
+
+def run_patrol(
+    walker: Walker,
+    patrol: Patrol,
+    *,
+    look: Callable[[int], Any] | None = None,
+    log: RunLog | None = None,
+) -> PatrolOutcome:
+    """Lets a robot patrol the cells of a map (Alam 2018, section 4.5.7).
+
+    **Arguments:**
+
+    - `walker`: the robot, at the centre of its first cell, with 4 directions and a step of a cell.
+    - `patrol`: what it does.
+    - `look`: called with the position of each cell that the robot comes to, on the way too; what it
+        returns, a JSON value, is reported as an intruder and ends the patrol, unless it is `None`.
+    - `log`: where to write each observation as it comes.
+
+    **Returns:** [`PatrolOutcome`][].
+    """
+    _look(patrol, look, log)
+    while (way := patrol.next()) is not None:
+        goal = patrol.goal
+        walker.rotate(math.remainder((way - patrol.facing) * math.pi / 2, 2 * math.pi))
+        bumped = walker.step()
+        patrol.observe(way, bumped)
+        if log is not None:
+            log.observation(walker, way=way, goal=goal, position=patrol.position)
+        if not bumped:
+            _look(patrol, look, log)
+    outcome = patrol.outcome()
+    finished(outcome, log)
+    return outcome
+
+
+def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None) -> None:
+    intruder = None if look is None else look(patrol.position)
+    if intruder is not None:
+        patrol.report(intruder)
+        if log is not None:
+            log.event("report", position=patrol.position, intruder=intruder)
+
+
+def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
+    """Gives a patrol what a robot sensed and saw in a logged run.
+
+    **Arguments:**
+
+    - `run`: the log of a run of a patrol, whose header has the [`Patrol`][]'s settings.
+    - `task`: what was run.
+
+    **Returns:** [`PatrolOutcome`][], that of the run if it was not cut off.
+
+    **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere: the
+    log is of another policy.
+    """
+    patrol = Patrol(task, **run.header["patrol"])
+    for event in run.events:
+        if event["event"] == "report":
+            patrol.report(event.get("intruder"))
+        elif event["event"] == "observation":
+            way, index = patrol.next(), len(patrol.observations)
+            logged = event.get("way"), event.get("goal")
+            if way is None or logged != (way, patrol.goal):
+                raise ValueError(
+                    f"observation {index}: the log has way {logged[0]} to position {logged[1]}, the "
+                    f"policy {way} to {patrol.goal}; the log is of another policy"
+                )
+            patrol.observe(way, event["observation"] == 1)
+    patrol.next()
+    return patrol.outcome()
+
+
+def _place(task: PatrolTask, position: int) -> str:
+    x, y, _ = task.cells.centre(position)
+    return f"({float(x):g} m, {float(y):g} m)"
+
+
+def _times(count: int, what: str = "time") -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

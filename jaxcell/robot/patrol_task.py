@@ -1,0 +1,166 @@
+import dataclasses
+import functools
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..files import replacing
+from .routing import grid_steps, wave
+from .task import Fields, Task
+
+
+if TYPE_CHECKING:
+    from ..space import CellSpace
+
+
+KIND = "patrol"
+
+
+@dataclasses.dataclass(frozen=True)
+class PatrolTask(Task):
+    """A random walk of one robot on the cells of a map, and the ways between them."""
+
+    robot: int
+    "Its number."
+    robots: int
+    "Number of robots."
+    cells: "CellSpace"
+    "The squares of the map, with the four directions that the robot drives in."
+    closed: tuple[tuple[int, int], ...]
+    "Ways that a wall between two free squares closes: a position, and 0 East to 3 South."
+    image: Int[np.ndarray, "branches positions"]
+    "The positions that a draw may lead to."
+    probability: Float[np.ndarray, "branches positions"]
+    "How likely each is."
+    start: int
+    "The position where it is put down."
+    reach: float
+    "How far it sees, in metres."
+
+    @functools.cached_property
+    def ways(self) -> Int[np.ndarray, "4 positions"]:
+        """See [`jaxcell.robot.routing.grid_steps`][]."""
+        return grid_steps(self.cells.free, self.closed)
+
+    @property
+    def header(self) -> dict[str, Any]:
+        return {"kind": KIND, **super().header, "robot": self.robot, "start": self.start}
+
+
+def save_patrols(
+    path: str | os.PathLike[str],
+    cells: "CellSpace",
+    walks: Sequence[
+        tuple[Int[np.ndarray, "branches positions"], Float[np.ndarray, "branches positions"]]
+    ],
+    starts: Sequence[int],
+    reach: float,
+    **about: Any,
+) -> None:
+    """Writes the walks of robots on a map, for [`jaxcell.robot.load_task`][].
+
+    **Arguments:**
+
+    - `path`: the file, which is replaced.
+    - `cells`: the cell space of a map; its directions do not matter.
+    - `walks`: for each robot `image` and `probability` of its chain, a `jaxcell.mapping.Chain`.
+    - `starts`: the position where each begins.
+    - `reach`: how far a robot sees, in metres.
+    - `about`: what else is to be told.
+    """
+    from ..space import CellSpace, free_steps
+
+    assert cells.workspace is not None
+    plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
+    open_, grid = free_steps(plane, 1.0, "swept"), grid_steps(cells.free)
+    way, position = np.nonzero(open_ != grid)
+    file = {
+        "format": "jaxcell-robot-task",
+        "kind": KIND,
+        **about,
+        "cell_m": cells.cell,
+        "directions": 4,
+        "step_m": cells.cell,
+        "robot_radius_m": cells.workspace.robot_radius,
+        "range_m": reach,
+        "origin_m": list(cells.origin),
+        "free": ["".join(".#"[not square] for square in row) for row in cells.free],
+        "closed": np.stack([position, way], axis=1).tolist(),
+        "robots": [
+            {
+                "start": int(start),
+                "image": np.asarray(image).tolist(),
+                "probability": np.asarray(probability).tolist(),
+            }
+            for (image, probability), start in zip(walks, starts, strict=True)
+        ],
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(file) + "\n", encoding="utf-8")
+
+
+def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
+    """A robot of a patrol, from the fields of its file.
+
+    **Raises:** `ValueError` that names the field.
+    """
+    from ..space import CellSpace
+
+    fields = Fields(path, values)
+    own = fields.part("robots", robot)
+    common = fields.common
+    if common["directions"] != 4:
+        raise fields.refused("directions", "4: a patrol drives along the grid")
+    rows = fields.get("free")
+    if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
+        raise fields.refused("free", "a list of rows of . and #", show=False)
+    if len({len(row) for row in rows}) != 1 or set("".join(rows)) - {".", "#"}:
+        raise fields.refused("free", "rows of . and #, of one length", show=False)
+    free = np.array([list(row) for row in rows]) == "."
+    x, y = fields.numbers("origin_m", (2,), whole=False).tolist()
+    cells = CellSpace.of_grid(free, 4, cell=common["cell"], origin=(x, y))
+    closed = fields.get("closed") and fields.numbers("closed", (-1, 2), whole=True).tolist()
+    image = own.numbers("image", (-1, cells.positions), whole=True)
+    probability = own.numbers("probability", image.shape, whole=False)
+    if image.min() < 0 or image.max() >= cells.positions:
+        raise own.refused("image", f"positions from 0 to {cells.positions - 1}", show=False)
+    if probability.min() < 0 or np.abs(probability.sum(axis=0) - 1).max() > 1e-6:
+        raise own.refused("probability", "from 0, with the sum 1 at each position", show=False)
+    task = PatrolTask(
+        **common,
+        robot=robot,
+        robots=len(values["robots"]),
+        cells=cells,
+        closed=tuple((position, way) for position, way in closed or ()),
+        image=image,
+        probability=probability,
+        start=own.whole("start", 0, cells.positions - 1),
+        reach=fields.number("range_m", 0.0),
+    )
+    _check_ways(task)
+    return task
+
+
+def _check_ways(task: PatrolTask) -> None:
+    """Raises `ValueError` if a draw leads where no way along the grid does."""
+    drawn = np.zeros(task.cells.positions, bool)
+    front = np.array([task.start])
+    while front.size:
+        drawn[front] = True
+        after = task.image[:, front][task.probability[:, front] > 0]
+        front = np.unique(after[~drawn[after]])
+    try:
+        cut_off = np.flatnonzero(drawn & (wave(task.ways, task.start) < 0))
+    except ValueError as error:
+        raise ValueError(f"{task.path}: {error}") from None
+    if cut_off.size:
+        x, y, _ = task.cells.centre(int(cut_off[0]))
+        raise ValueError(
+            f"{task.path}: robots[{task.robot}] walks to position {cut_off[0]}, ({x:g} m, {y:g} m), "
+            "where no way along the grid leads from its start"
+        )

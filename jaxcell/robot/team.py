@@ -1,0 +1,245 @@
+import dataclasses
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from ..files import replacing
+from .outcome import Outcome, observed
+from .run_log import RunLog, finished
+from .task import Fields, Task
+from .walker import Walker
+
+
+FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
+"""The actions of a robot of a team, in the order of the trajectory.
+
+A step; a step that meets a wall, after which the robot turns by its bouncing angle; a stay where
+another robot is in the way, with that turn as well; a turn by one direction to the left, and to
+the right, which is no step.
+"""
+
+KIND = "team"
+
+
+@dataclasses.dataclass(frozen=True)
+class MemberTask(Task):
+    """What one robot of a team does in a joint trajectory."""
+
+    robot: int
+    "Its number."
+    robots: int
+    "Number of robots."
+    start: tuple[float, float, float]
+    "Where it is put down: x and y in metres, and the heading in radians."
+    bounce: float
+    "Its bouncing angle, in radians, counter-clockwise."
+    actions: str
+    "See [`jaxcell.robot.team.FREE`][]."
+
+    @property
+    def header(self) -> dict[str, Any]:
+        return {
+            "kind": KIND,
+            **super().header,
+            "robot": self.robot,
+            "bounce_deg": math.degrees(self.bounce),
+            "actions": self.actions,
+        }
+
+
+def member_actions(
+    path: Int[np.ndarray, "times robots"],
+    bumped: Bool[np.ndarray, "steps robots"],
+    steps: Int[np.ndarray, "directions positions"],
+) -> list[str]:
+    """What each robot does in a joint trajectory.
+
+    **Arguments:**
+
+    - `path`, `bumped`: as in [`jaxcell.bounce.TeamTrajectory`][].
+    - `steps`: the position where a step leads from each, itself at a wall, of
+        [`jaxcell.space.free_steps`][] for the step and the collision of the trajectory.
+
+    **Returns:** for each robot its actions, [`jaxcell.robot.team.FREE`][].
+    """
+    directions, positions = steps.shape
+    direction, position = np.divmod(path, positions)
+    wall = np.take(steps, path[:-1]) == position[:-1]
+    moved = position[1:] != position[:-1]
+    # A row in which a robot neither bumps nor moves begins a part, with a turn of one robot.
+    turned = (direction[1:] - direction[:-1]) % directions
+    begins = np.where(turned == 0, "", np.where(turned == 1, LEFT, RIGHT))
+    kind = np.where(bumped, np.where(wall, WALL, ROBOT), np.where(moved, FREE, begins))
+    return ["".join(actions) for actions in kind.T.tolist()]
+
+
+def save_team(
+    path: str | os.PathLike[str],
+    common: dict[str, Any],
+    starts: Sequence[tuple[float, float, float]],
+    bounces: Sequence[float],
+    actions: Sequence[str],
+) -> None:
+    """Writes what the robots of a team do, for [`jaxcell.robot.load_task`][].
+
+    **Arguments:**
+
+    - `path`: the file, which is replaced.
+    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be told.
+    - `starts`: the pose of each robot, in metres and radians.
+    - `bounces`: the bouncing angle of each, in radians.
+    - `actions`: the actions of each, of [`member_actions`][].
+    """
+    robots = [
+        {
+            "start": [x, y, round(math.degrees(theta), 9)],
+            "bounce_deg": round(math.degrees(bounce), 9),
+            "actions": does,
+        }
+        for (x, y, theta), bounce, does in zip(starts, bounces, actions, strict=True)
+    ]
+    with replacing(path) as temporary:
+        text = json.dumps(
+            {"format": "jaxcell-robot-task", "kind": KIND, **common, "robots": robots}
+        )
+        temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
+    """A robot of a team, from the fields of its file.
+
+    **Raises:** `ValueError` that names the field.
+    """
+    fields = Fields(path, values)
+    own = fields.part("robots", robot)
+    x, y, heading = own.numbers("start", (3,), whole=False).tolist()
+    actions = own.get("actions")
+    if not isinstance(actions, str) or set(actions) - {FREE, WALL, ROBOT, LEFT, RIGHT}:
+        raise own.refused("actions", "a text of 0, 1, 2, + and -", show=False)
+    return MemberTask(
+        **fields.common,
+        robot=robot,
+        robots=len(values["robots"]),
+        start=(x, y, math.radians(heading)),
+        bounce=math.radians(own.number("bounce_deg")),
+        actions=actions,
+    )
+
+
+class Member:
+    """A robot along its actions. Step by step, so that a log can be replayed through it."""
+
+    def __init__(self, actions: str, tries: int) -> None:
+        self.observations = ""
+        self.index = 0
+        "Of the next action."
+        self._actions, self._tries, self._bumps = actions, tries, 0
+        self._refuted: Literal["bumps", "no wall"] | None = None
+
+    @property
+    def action(self) -> str | None:
+        """The next action, `None` at the end."""
+        over = self._refuted is not None or self.index == len(self._actions)
+        return None if over else self._actions[self.index]
+
+    @property
+    def waits(self) -> bool:
+        """Whether the last step failed, and is to be tried again."""
+        return self._bumps > 0
+
+    def turn(self) -> None:
+        """Tells that an action without a step is done."""
+        self.index += 1
+
+    def observe(self, bumped: bool) -> None:
+        """Tells what the step of the action met."""
+        self.observations += str(int(bumped))
+        if bumped == (self.action == WALL):
+            self.index, self._bumps = self.index + 1, 0
+        elif bumped:
+            self._bumps += 1
+            self._refuted = "bumps" if self._bumps == self._tries else None
+        else:
+            self._refuted = "no wall"
+
+    def replay(self, observations: str) -> None:
+        """Takes all that was observed in a run."""
+        for observation in observations:
+            while self.action in (ROBOT, LEFT, RIGHT):
+                self.turn()
+            if self.action is None:
+                raise ValueError("the log has more observations than the robot has steps")
+            self.observe(observation == "1")
+        while self.action in (ROBOT, LEFT, RIGHT):
+            self.turn()
+
+    def outcome(self) -> Outcome:
+        """How it ended, or stands."""
+        count = len(self._actions)
+        where = f"action {self.index} of {count}"
+        if self._refuted == "bumps":
+            reason = f"{where}: the robot bumped {self._bumps} times where its way is free"
+            return Outcome("refuted", self.observations, observed(reason, self.observations))
+        if self._refuted == "no wall":
+            reason = f"{where}: the robot met no wall where there is one"
+            return Outcome("refuted", self.observations, observed(reason, self.observations))
+        if self.action is not None:
+            return Outcome("unfinished", self.observations, f"{self.index} of {count} are done")
+        return Outcome("arrived", self.observations, f"all {count} actions are done")
+
+
+TRIES = 3
+"""How often a robot of a team tries a step that something is in the way of."""
+
+
+def run_member(
+    walker: Walker,
+    task: MemberTask,
+    *,
+    log: RunLog | None = None,
+    pause: float = 2.0,
+    sleep: Callable[[float], object] = time.sleep,
+) -> Outcome:
+    """Lets a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
+
+    The robots neither see each other nor share a clock, so they come a little early or late to
+    where the trajectory has two of them meet. There each stays for one step and turns, as the
+    trajectory has it, and does not look for the other. And where a robot bumps on a way that the
+    trajectory has free, another one may stand there: it goes back, waits, and tries again, 3 times
+    in all.
+
+    **Arguments:**
+
+    - `walker`: the robot, at its start.
+    - `task`: what it does.
+    - `log`: where to write each observation as it comes.
+    - `pause`: seconds to wait before it tries again.
+    - `sleep`: what waits.
+
+    **Returns:** [`jaxcell.robot.Outcome`][]: `"arrived"`, or `"refuted"` at a step that met no wall
+    where there is one, or something three times where the way is free.
+    """
+    member = Member(task.actions, TRIES)
+    direction = 2 * math.pi / task.directions
+    turns = {WALL: task.bounce, ROBOT: task.bounce, LEFT: direction, RIGHT: -direction}
+    while (action := member.action) is not None:
+        index = member.index
+        if action in (FREE, WALL):
+            if member.waits:
+                sleep(pause)
+            bumped = walker.step()
+            member.observe(bumped)
+            if log is not None:
+                log.observation(walker, action=index)
+        else:
+            member.turn()
+        if member.index > index and action in turns:
+            walker.rotate(turns[action])
+    return finished(member.outcome(), log)

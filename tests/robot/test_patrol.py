@@ -1,0 +1,238 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from wheels import Wheels, map_cells
+
+from jaxcell.robot.body import Body
+from jaxcell.robot.patrol import Patrol, replay_patrol, run_patrol
+from jaxcell.robot.patrol_task import save_patrols
+from jaxcell.robot.routing import grid_steps, wave
+from jaxcell.robot.run_log import RunLog, read_log
+from jaxcell.robot.tasks import load_task
+from jaxcell.robot.walker import Walker
+from jaxcell.space import CellSpace, Workspace, free_steps
+
+
+LAB = map_cells("lab_b.json", directions=4)
+# Unit squares with a thin wall between two of them, which no square is lost to.
+PARTED = CellSpace.of(
+    Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(1.95, 0.9), (2.05, 0.9), (2.05, 3), (1.95, 3)]]),
+    1.0,
+    8,
+)
+
+
+def round_tour(cells, stops) -> tuple[np.ndarray, np.ndarray]:
+    """The walk that goes round some positions, one after the other; elsewhere it stays."""
+    image = np.arange(cells.positions)[None].repeat(2, 0)
+    image[:, stops] = np.roll(stops, -1)
+    return image, np.full(image.shape, 0.5)
+
+
+def random_walk(cells, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    image = rng.integers(cells.positions, size=(3, cells.positions))
+    return image, rng.dirichlet(np.ones(3), cells.positions).T
+
+
+@pytest.fixture
+def task_of(tmp_path):
+    def make(cells, *walks, start=0, robot=0):
+        path = tmp_path / "patrol.json"
+        save_patrols(path, cells, walks, [start] * len(walks), 2.5)
+        return load_task(path, robot)
+
+    return make
+
+
+def patrol_of(task, **fields) -> Patrol:
+    known = {"start": task.start, "facing": 0, "seed": 0, "visits": 10, "most_bumps": 20}
+    return Patrol(task, **known | {"limit": 1000} | fields)
+
+
+def log_of(path, patrol) -> RunLog:
+    return RunLog(path, {"kind": "patrol", "patrol": patrol.settings})
+
+
+def walker_at(task, position, workspace) -> tuple[Walker, Body]:
+    x, y, _ = task.cells.centre(position)
+    body = Body(workspace, (float(x), float(y), 0.0))
+    return Walker(Wheels(body), task.step, strides=task.strides), body
+
+
+def place_of(cells, body) -> int:
+    return int(cells.index(body.x, body.y))
+
+
+@pytest.mark.parametrize("cells", [LAB, PARTED], ids=["lab_b", "parted"])
+def test_a_file_has_the_ways_of_the_map(task_of, cells):
+    task = task_of(cells, random_walk(cells, 0), random_walk(cells, 1), robot=1)
+    plane = CellSpace.of(cells.workspace, cells.cell, 4)
+    assert task.ways.tolist() == free_steps(plane, 1.0, "swept").tolist()
+    assert (task.robot, task.robots, task.reach) == (1, 2, 2.5)
+    assert (task.cell, task.step, task.directions) == (1.0, 1.0, 4)
+    image, probability = random_walk(cells, 1)
+    assert task.image.tolist() == image.tolist()
+    assert task.probability.tolist() == probability.tolist()
+    assert task.cells.centre(5)[:2] == plane.centre(5)[:2]
+    json.dumps(task.header)
+
+
+def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
+    stops = np.array([0, 18, 7])
+    task = task_of(LAB, round_tour(LAB, stops))
+    walker, body = walker_at(task, 0, LAB.workspace)
+    seen = []
+    patrol = patrol_of(task, visits=7)
+    with log_of(tmp_path / "run.jsonl", patrol) as log:
+        outcome = run_patrol(walker, patrol, look=seen.append, log=log)
+    assert outcome.result == "patrolled"
+    assert outcome.visited == (18, 7, 0, 18, 7, 0, 18)
+    assert outcome.position == 18 == place_of(LAB, body)
+    # On shortest ways, without a bump, and with a look in each cell on them.
+    tour = [0, *outcome.visited]
+    length = sum(int(wave(task.ways, b)[a]) for a, b in zip(tour, tour[1:], strict=False))
+    assert outcome.observations == "0" * length
+    assert seen[0] == 0
+    assert len(seen) == length + 1
+    run = read_log(tmp_path / "run.jsonl")
+    assert replay_patrol(run, task) == outcome
+    other = task_of(LAB, round_tour(LAB, np.array([0, 7, 18])))
+    with pytest.raises(ValueError, match="observation 0: the log has way .* of another policy"):
+        replay_patrol(run, other)
+
+
+def test_an_intruder_ends_a_patrol(task_of, tmp_path):
+    task = task_of(LAB, round_tour(LAB, np.array([0, 18])))
+    walker, _ = walker_at(task, 0, LAB.workspace)
+    looked = []
+    patrol = patrol_of(task)
+    with log_of(tmp_path / "run.jsonl", patrol) as log:
+        outcome = run_patrol(
+            walker,
+            patrol,
+            look=lambda p: (looked.append(p), "a cross" if len(looked) == 4 else None)[1],
+            log=log,
+        )
+    assert (outcome.result, outcome.intruder) == ("reported", "a cross")
+    assert outcome.position == looked[-1]
+    assert outcome.observations == "000"
+    run = read_log(tmp_path / "run.jsonl")
+    assert [e["intruder"] for e in run.events if e["event"] == "report"] == ["a cross"]
+    assert replay_patrol(run, task) == outcome
+    at_once = patrol_of(task)
+    assert run_patrol(walker, at_once, look=lambda _: 1).observations == ""
+
+
+def test_an_obstacle_that_is_not_in_the_map_is_gone_round(task_of, tmp_path):
+    hall = CellSpace.of(Workspace([(0, 0), (5, 0), (5, 3), (0, 3)]), 1.0, 8)
+    task = task_of(hall, round_tour(hall, np.array([5, 9])), start=5)
+    box = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
+    walker, body = walker_at(task, 5, box)
+    patrol = patrol_of(task, visits=5)
+    with log_of(tmp_path / "run.jsonl", patrol) as log:
+        outcome = run_patrol(walker, patrol, log=log)
+    assert outcome.result == "patrolled"
+    assert outcome.visited == (9, 5, 9, 5, 9)
+    # It bumps once, from the West, and then knows to go round.
+    assert outcome.obstacles == ((6, 0),)
+    assert outcome.observations.count("1") == 1
+    assert "in the way 1 time where" in outcome.reason
+    assert place_of(hall, body) == 9
+    assert replay_patrol(read_log(tmp_path / "run.jsonl"), task) == outcome
+
+
+def test_a_robot_that_is_walled_in_gives_up_and_says_what_it_sensed(task_of):
+    hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, 8)
+    task = task_of(hall, round_tour(hall, np.array([0, 2])))
+    room = Workspace([(0, 0), (1, 0), (1, 1), (0, 1)])
+    walker, body = walker_at(task, 0, room)
+    outcome = run_patrol(walker, patrol_of(task, most_bumps=4))
+    assert (outcome.result, outcome.observations) == ("refuted", "1111")
+    assert outcome.reason.endswith("lost its place; the robot observed 1111")
+    assert (body.x, body.y) == pytest.approx((0.5, 0.5), abs=0.02)
+    walker, _ = walker_at(task, 0, hall.workspace)
+    outcome = run_patrol(walker, patrol_of(task, limit=3))
+    assert outcome.result == "unfinished"
+    assert len(outcome.observations) == 3
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_draws_have_the_law_of_the_policy(task_of, seed):
+    hall = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 3), (0, 3)]), 1.0, 8)
+    image, probability = random_walk(hall, seed)
+    probability[0, :] = 0
+    probability /= probability.sum(axis=0)
+    task = task_of(hall, (image, probability), start=4)
+    patrol = patrol_of(task, seed=seed, visits=2000, limit=10**6)
+    while (way := patrol.next()) is not None:
+        patrol.observe(way, False)
+    visited = np.array([4, *patrol.visited])
+    assert len(visited) == 2001
+    counts = np.zeros((9, 9))
+    np.add.at(counts, (visited[:-1], visited[1:]), 1)
+    law = np.zeros((9, 9))
+    np.add.at(law, (np.arange(9), image), probability)
+    assert not counts[law == 0].any()
+    times = counts.sum(axis=1)
+    often = times > 100
+    deviation = np.abs(counts - times[:, None] * law)[often]
+    assert (deviation < 6 * np.sqrt(times[often, None] * law[often]) + 6).all()
+
+
+def test_robots_and_seeds_draw_differently(task_of):
+    def visits(robot, seed):
+        walk = random_walk(LAB, 3)
+        patrol = patrol_of(task_of(LAB, walk, walk, robot=robot), seed=seed, visits=30)
+        while (way := patrol.next()) is not None:
+            patrol.observe(way, False)
+        return tuple(patrol.visited)
+
+    assert visits(0, 1) == visits(0, 1)
+    assert len({visits(0, 1), visits(1, 1), visits(0, 2), visits(1, 2)}) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.update(free=3), "free: expected a list of rows"),
+        (lambda f: f.update(free=["..", "."]), "free: expected rows of . and #, of one length"),
+        (lambda f: f.update(directions=8), "directions: expected 4"),
+        (lambda f: f.update(closed=[[99, 0]]), "closed: position 99 does not exist"),
+        (lambda f: f.update(closed=[[0, 0, 1]]), "closed: expected whole numbers, any x 2"),
+        (lambda f: f.update(range_m=-1), "range_m: expected a finite number from 0, got -1"),
+        (lambda f: f.update(robots={}), "robots: expected a list of objects"),
+        (lambda f: f["robots"][0].update(start=99), r"robots\[0\].start: expected a whole number"),
+        (lambda f: f["robots"][0]["image"][0].__setitem__(0, 19), "image: expected positions from"),
+        (lambda f: f["robots"][0]["image"].append([1]), "image: expected whole numbers, any x 19"),
+        (lambda f: f["robots"][0]["probability"].pop(), "probability: expected numbers, 3 x 19"),
+        (
+            lambda f: f["robots"][0]["probability"][0].__setitem__(0, 2.0),
+            "probability: expected from 0, with the sum 1",
+        ),
+        (
+            lambda f: f.update(closed=[[0, 0], [0, 1]]),
+            r"robots\[0\] walks to position .* no way along the grid leads from its start",
+        ),
+    ],
+)
+def test_bad_files(task_of, change, message):
+    task = task_of(LAB, random_walk(LAB, 0))
+    file = json.loads(task.path.read_text())
+    change(file)
+    task.path.write_text(json.dumps(file))
+    with pytest.raises(ValueError, match=message) as caught:
+        load_task(task.path)
+    assert str(task.path) in str(caught.value)
+
+
+def test_bad_input(task_of):
+    task = task_of(LAB, random_walk(LAB, 0))
+    with pytest.raises(ValueError, match=r"there is no robot 1; robots are 0 to 0"):
+        load_task(task.path, 1)
+    for name, value in [("visits", 0), ("most_bumps", 0), ("limit", 0), ("start", 19)]:
+        with pytest.raises(ValueError, match=f"{name}: expected"):
+            patrol_of(task, **{name: value})
+    assert math.isclose(task.reach, 2.5)

@@ -1,0 +1,189 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from wheels import Wheels, map_cells
+
+from jaxcell.robot.body import Body
+from jaxcell.robot.run_log import RunLog, read_log
+from jaxcell.robot.tasks import load_task
+from jaxcell.robot.team import Member, member_actions, run_member, save_team
+from jaxcell.robot.walker import Walker
+from jaxcell.space import CellSpace, Workspace, free_steps
+
+
+COMMON = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
+LAB = map_cells("lab_b.json")
+
+
+def joint_path(cells, starts, bounce_deg, steps, turns=()):
+    """A joint trajectory by Eq. 3.9 for steps to neighbouring squares, robot by robot.
+
+    `turns` are rows that begin with a turn of one robot by one direction: row, robot, turn.
+    """
+    there = free_steps(cells, 1.0, "swept")
+    positions, directions = cells.positions, cells.directions
+    shift = round(bounce_deg * directions / 360)
+    xy = np.stack(cells.centre(np.arange(positions))[:2], axis=1)
+    path, bumped = [list(starts)], []
+    turns = {row: (robot, turn) for row, robot, turn in turns}
+    for row in range(steps):
+        state = list(path[-1])
+        if row in turns:
+            robot, turn = turns[row]
+            state[robot] = (state[robot] + turn * positions) % cells.size
+            bumped.append([False] * len(state))
+            path.append(state)
+            continue
+        at = [z % positions for z in state]
+        to = [int(there[divmod(z, positions)]) for z in state]
+        stay = [a == b for a, b in zip(at, to, strict=True)]
+        for i in range(len(state)):
+            for j in range(len(state)):
+                middle = np.allclose(xy[at[i]] + xy[to[i]], xy[at[j]] + xy[to[j]])
+                stay[i] |= i != j and (to[i] == to[j] or middle)
+        for _ in state:
+            for i, j in np.ndindex(len(state), len(state)):
+                stay[i] |= i != j and stay[j] and to[i] == at[j]
+        path.append(
+            [
+                (z + shift * positions) % cells.size if held else z - a + b
+                for z, a, b, held in zip(state, at, to, stay, strict=True)
+            ]
+        )
+        bumped.append(stay)
+    return np.array(path, np.int32), np.array(bumped)
+
+
+def poses(cells, zs):
+    return [tuple(map(float, cells.centre(int(z)))) for z in zs]
+
+
+@pytest.fixture
+def team_file(tmp_path):
+    path, bumped = joint_path(LAB, [3, 60, 100], 135, 60, turns=[(20, 1, 1), (40, 0, -1)])
+    actions = member_actions(path, bumped, free_steps(LAB, 1.0, "swept"))
+    file = tmp_path / "team.json"
+    save_team(file, COMMON, poses(LAB, path[0]), [math.radians(135)] * 3, actions)
+    return file, path, bumped
+
+
+def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
+    file, path, bumped = team_file
+    there = free_steps(LAB, 1.0, "swept")
+    met = 0
+    for robot in range(3):
+        task = load_task(file, robot)
+        assert (task.robot, task.robots) == (robot, 3)
+        assert task.start == pytest.approx(poses(LAB, path[0])[robot])
+        met += task.actions.count("2")
+        body = Body(LAB.workspace, task.start)
+        walker = Walker(
+            Wheels(body),
+            1.0,
+            strides=task.strides,
+            direction=int(path[0, robot]) // LAB.positions,
+        )
+        log_file = tmp_path / f"{robot}.jsonl"
+        with RunLog(log_file, task.header) as log:
+            outcome = run_member(walker, task, log=log)
+        assert outcome.result == "arrived"
+        assert int(LAB.index(*body.pose)) == path[-1, robot]
+        # It sensed what it would alone: the walls, and no other robot.
+        walls = np.take(there, path[:-1, robot]) == path[:-1, robot] % LAB.positions
+        moved = path[1:, robot] % LAB.positions != path[:-1, robot] % LAB.positions
+        assert outcome.observations == "".join(
+            "1" if wall else "0"
+            for wall, b, m in zip(walls, bumped[:, robot], moved, strict=True)
+            if (b and wall) or m
+        )
+        member = Member(task.actions, 3)
+        member.replay(read_log(log_file).observations)
+        assert member.outcome() == outcome
+    assert met > 0, "the robots never meet"
+    text = json.loads(file.read_text())
+    assert "+" in text["robots"][1]["actions"]
+    assert "-" in text["robots"][0]["actions"]
+
+
+class Floor(Walker):
+    """A walker that meets what it is told to."""
+
+    def __init__(self, bumps):
+        self.bumps, self.turned, self.observations = list(bumps), [], ""
+        self._at, self._facing = 0j, 0.0
+
+    def step(self):
+        bumped = bool(self.bumps.pop(0))
+        self.observations += str(int(bumped))
+        return bumped
+
+    def rotate(self, angle):
+        self.turned.append(round(math.degrees(angle)))
+
+
+def task_of(tmp_path, actions, bounce=135):
+    file = tmp_path / "team.json"
+    save_team(file, COMMON, [(0.5, 0.5, 0.0)], [math.radians(bounce)], [actions])
+    return load_task(file)
+
+
+def test_a_robot_in_the_way_is_waited_for(tmp_path):
+    floor, waits = Floor([0, 1, 1, 0, 1]), []
+    outcome = run_member(floor, task_of(tmp_path, "002+1-"), pause=1.5, sleep=waits.append)
+    assert outcome.result == "arrived"
+    assert outcome.observations == "01101"
+    assert floor.turned == [135, 45, 135, -45]
+    assert waits == [1.5, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("actions", "bumps", "message"),
+    [
+        ("001", [0, 1, 1, 1], "action 1 of 3: the robot bumped 3 times where its way is free"),
+        ("0210", [0, 0], "action 2 of 4: the robot met no wall where there is one"),
+    ],
+)
+def test_a_trajectory_and_reality_disagree(tmp_path, actions, bumps, message):
+    outcome = run_member(Floor(bumps), task_of(tmp_path, actions), sleep=lambda _: None)
+    assert outcome.result == "refuted"
+    observed = "".join(map(str, bumps))
+    assert outcome.reason == f"{message}; the robot observed {observed}"
+    member = Member(actions, 3)
+    member.replay(observed)
+    assert member.outcome() == outcome
+
+
+def test_a_log_that_was_cut_off_is_unfinished():
+    member = Member("0012", 3)
+    member.replay("00")
+    assert member.outcome().result == "unfinished"
+    with pytest.raises(ValueError, match="more observations than the robot has steps"):
+        Member("02", 3).replay("00")
+
+
+def test_a_team_with_steps_of_thin_walls_tells_walls_from_robots():
+    # Two robots face each other, and each other pair a wall.
+    hall = CellSpace.of(Workspace([(0, 0), (4, 0), (4, 1), (0, 1)]), 1.0, 4)
+    path = np.array([[1, 2 * 4 + 2], [2 * 4 + 1, 2], [2 * 4, 3], [0, 2 * 4 + 3]])
+    bumped = np.array([[True, True], [False, False], [True, True]])
+    assert member_actions(path, bumped, free_steps(hall, 1.0, "swept")) == ["201", "201"]
+
+
+def test_bad_files(tmp_path):
+    task = task_of(tmp_path, "01")
+    good = json.loads(task.path.read_text())
+    for field, value, message in [
+        ("actions", "01x", r"robots\[0\].actions: expected a text of 0, 1, 2, \+ and -"),
+        ("start", [0, 1], r"robots\[0\].start: expected numbers, 3 of them"),
+        ("start", [0, 1, math.nan], r"robots\[0\].start: expected finite numbers"),
+        ("bounce_deg", None, r"robots\[0\].bounce_deg: expected a finite number, got None"),
+    ]:
+        bad = json.loads(json.dumps(good))
+        bad["robots"][0][field] = value
+        task.path.write_text(json.dumps(bad))
+        with pytest.raises(ValueError, match=message):
+            load_task(task.path)
+    with pytest.raises(ValueError, match="there is no robot 1; robots are 0 to 0"):
+        load_task(task.path, 1)
