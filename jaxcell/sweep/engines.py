@@ -29,6 +29,8 @@ _JOBS_EACH = 2
 _MOST_DEATHS = 3
 # Ours does not wait for Dask's half a minute.
 _CONNECT_SECONDS = 10
+# Two clusters on a machine would quarrel about the usual one.
+_ANY_PORT = "127.0.0.1:0"
 
 
 def engine_named(name: str, workers: int | None = None) -> Engine:
@@ -177,7 +179,7 @@ def _dask_here(jobs: Iterator[Job], workers: int) -> Outcomes:
     with (
         dask.config.set(settings),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=_ANY_PORT
         ) as cluster,
         contextlib.closing(_dask(jobs, cluster.scheduler_address)) as outcomes,
     ):

@@ -1,0 +1,40 @@
+import pytest
+from sweep_kills import tree
+
+from jaxcell.sweep import Spec, run_sweep
+
+
+@pytest.fixture(autouse=True)
+def revision(monkeypatch):
+    """The source may change while tests run."""
+    monkeypatch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
+
+
+@pytest.fixture
+def spec_file(tmp_path):
+    """Writes the specification of a sweep of the stub."""
+
+    def written(text="", name="spec.toml", head="", fixed=""):
+        path = tmp_path / name
+        text = text or "[grid]\ny = [0.5, 1.5]\nx = {count = 10}"
+        path.write_text(f'task = "sweep_stub:stub"\nseed = 3\n{head}\n[fixed]\n{fixed}\n{text}\n')
+        return path
+
+    return written
+
+
+@pytest.fixture
+def stub_spec(spec_file):
+    """The specification of a sweep of the stub in six chunks of four, padded to a box."""
+
+    def loaded(fixed="", **others):
+        return Spec.load(spec_file(fixed=fixed, head="chunk = 4", **others))
+
+    return loaded
+
+
+@pytest.fixture
+def whole(stub_spec, tmp_path):
+    """The files that an unbroken sweep of the stub leaves."""
+    run_sweep(stub_spec(name="whole.toml"), tmp_path / "whole")
+    return tree(tmp_path / "whole")

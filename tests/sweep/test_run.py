@@ -1,0 +1,279 @@
+import errno
+import json
+import os
+import random
+import resource
+
+import numpy as np
+import pytest
+import sweep_stub
+import xarray as xr
+from sweep_kills import tree
+
+from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
+from jaxcell.sweep.lock import locked
+from jaxcell.sweep.work import compute
+
+
+def test_the_result_is_that_of_each_member_alone(stub_spec, tmp_path):
+    text = "[grid]\ny = [0.5, 1.5, 2.5]\n[random]\nsamples = 11\nx = {integers = [0, 99]}"
+    spec = stub_spec(text=text)
+    assert 11 % spec.lengths["sample"] != 0
+    found = run_sweep(spec, tmp_path / "out")
+    assert found.complete
+    assert (found.members, found.chunks, found.done) == (33, 9, 9)
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dict(dataset.sizes) == {"y": 3, "sample": 11, "exponent": 3}
+        assert set(dataset.coords) == {"y", "sample", "x", "exponent"}
+        assert dataset.x.dims == ("sample",)
+        assert dataset.value.attrs == {"units": "m", "long_name": "a value"}
+        assert (dataset.status == 1).all()
+        for i, y in enumerate(dataset.y.values):
+            for j, x in enumerate(dataset.x.values):
+                alone = sweep_stub.stub({"x": np.array([x]), "y": np.array([y])}, {}, 3)
+                xr.testing.assert_identical(
+                    dataset.drop_vars("status")
+                    .isel(y=i, sample=j)
+                    .load()
+                    .drop_vars(["x", "y", "sample"])
+                    .drop_attrs(deep=False),
+                    alone.isel(member=0)[sorted(alone.data_vars)],
+                )
+
+
+def test_strings_and_booleans_are_coordinates(stub_spec, tmp_path):
+    text = '[grid]\nname = ["b.json", "é"]\non = [true, false]\n[list]\nx = [1, 2]\nw = ["p", "q"]'
+    run_sweep(stub_spec(text=text), tmp_path / "out")
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.name.values.tolist() == ["b.json", "é"]
+        assert dataset.on.values.tolist() == [True, False]
+        assert dataset.w.values.tolist() == ["p", "q"]
+        assert float(dataset.value.sel(name="é", on=True).sel(member=1)) == 7
+        dataset.to_netcdf(tmp_path / "out.nc")
+    with xr.open_dataset(tmp_path / "out.nc") as again, open_sweep(tmp_path / "out") as dataset:
+        xr.testing.assert_equal(again, dataset)
+
+
+def test_the_order_of_chunks_does_not_matter(stub_spec, tmp_path, whole, monkeypatch):
+    def shuffled(jobs):
+        jobs = list(jobs)
+        random.Random(1).shuffle(jobs)
+        assert [job.number for job in jobs] != sorted(job.number for job in jobs)
+        for job in jobs:
+            yield job, compute(job)
+
+    monkeypatch.setattr("jaxcell.sweep.run.engine_named", lambda name, workers: shuffled)
+    assert run_sweep(stub_spec(name="whole.toml"), tmp_path / "out").complete
+    assert tree(tmp_path / "out") == whole
+
+
+def test_all_chunks_are_one_call_of_one_length(stub_spec, tmp_path, monkeypatch):
+    lengths = []
+    kept = sweep_stub.stub
+
+    def counted(batch, fixed, seed):
+        lengths.append(len(batch["x"]))
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", counted)
+    run_sweep(stub_spec(), tmp_path / "out")
+    assert lengths == [4] * 6
+
+
+def test_a_chunk_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_path, whole):
+    spec, out = stub_spec("fail = 5"), tmp_path / "out"
+    seen = []
+    found = run_sweep(spec, out, progress=seen.append)
+    assert not found.complete
+    assert (found.done, found.chunks) == (4, 6)
+    assert [one.chunk for one in found.failures] == [1, 4]
+    first = found.failures[0]
+    assert first.parameters == {"y": [0.5], "x": [4, 5, 6, 7]}
+    assert first.message == "RuntimeError: x is 5"
+    assert "sweep_stub.py" in first.trace
+    assert [one.failure for one in seen if one.failure] == list(found.failures)
+    assert [(one.done, one.failed) for one in seen] == [
+        (0, 0), (1, 0), (1, 1), (2, 1), (3, 1), (3, 2), (4, 2)
+    ]  # fmt: skip
+    assert seen[-1].left == 0
+    with open_sweep(out) as dataset:
+        missing = (dataset.x >= 4) & (dataset.x < 8)
+        assert (dataset.status == xr.where(missing, 2, 1)).all()
+        assert (dataset.value.isnull() == missing).all()
+        assert (dataset["count"].where(missing, drop=True) == -1).all()
+
+    # Somebody mends the task; the specification is the same.
+    (tmp_path / "spec.toml").write_text(
+        (tmp_path / "spec.toml").read_text().replace("fail = 5", "")
+    )
+    (out / "spec.toml").write_bytes((tmp_path / "spec.toml").read_bytes())
+    found = run_sweep(Spec.load(tmp_path / "spec.toml"), out, resume=True)
+    assert found.complete
+    assert found.failures == ()
+    assert not any((out / "failures").iterdir())
+    mended = tree(out)
+    # What is told of the specification was written by the first run.
+    assert {name for name in whole if mended[name] != whole[name]} == {"zarr.json"}
+    assert mended.keys() == whole.keys()
+
+
+def test_where_every_chunk_fails_there_is_no_result(stub_spec, tmp_path):
+    out = tmp_path / "out"
+    found = run_sweep(stub_spec("fail = 5", text="[list]\nx = [5, 5]"), out)
+    assert (found.done, [one.chunk for one in found.failures]) == (0, [0])
+    with pytest.raises(ValueError, match="no chunk is done yet, of 1"):
+        open_sweep(out)
+
+
+def test_a_failure_before_the_first_result_is_in_it(stub_spec, tmp_path):
+    run_sweep(stub_spec("fail = 1"), tmp_path / "out")
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.status.values[0].tolist() == [2] * 4 + [1] * 6
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda found: found.drop_vars("noise"), "the task gave count, even, exponent, power"),
+        (lambda found: found.assign(more=found.value), "the chunk that was done first has count"),
+        (
+            lambda found: found.assign(value=found.value.astype("f4")),
+            "'value' with the kind float32",
+        ),
+        (lambda found: found.isel(exponent=[0, 1]), "'power' with the shape"),
+        (lambda found: found.assign_coords(exponent=[0, 1, 4]), "a coordinate 'exponent' with"),
+        (lambda found: found.assign(value=found.value.assign_attrs(units="s")), "attributes"),
+        (lambda found: found.rename(exponent="other"), "exponent"),
+        (lambda found: found.isel(member=[0, 1]), "the task gave 2 members; expected 4"),
+        (lambda found: found.transpose("exponent", "member"), "expected member as the first"),
+        (lambda found: found.assign(status=found.value), "'status'"),
+        (lambda found: found.rename(exponent="y"), "'power' of dimensions"),
+        (lambda found: found.assign({"a/b": found.value}), "'a/b'"),
+        (lambda found: found.assign(value=found.value.astype(str)), "expected numbers or booleans"),
+        (lambda found: found.assign(value=found.value.assign_attrs(a={1j})), "attributes of text"),
+        (lambda found: 3, "gave int; expected an xarray.Dataset"),
+    ],
+)
+def test_chunks_whose_results_do_not_fit_fail(stub_spec, tmp_path, monkeypatch, change, told):
+    kept = sweep_stub.stub
+
+    def changed(batch, fixed, seed):
+        found = kept(batch, fixed, seed)
+        return change(found) if 5 in batch["x"] else found
+
+    monkeypatch.setattr(sweep_stub, "stub", changed)
+    found = run_sweep(stub_spec(), tmp_path / "out")
+    assert [one.chunk for one in found.failures] == [1, 4]
+    assert told in found.failures[0].message
+
+
+def test_a_run_goes_on_only_with_what_it_began(stub_spec, spec_file, tmp_path, monkeypatch):
+    spec, out = stub_spec(), tmp_path / "out"
+    run_sweep(spec, out, resume=True)
+    before = tree(out)
+    with pytest.raises(FileExistsError, match="a sweep is there"):
+        run_sweep(spec, out)
+    other = Spec.load(spec_file(head="chunk = 5", name="other.toml"))
+    with pytest.raises(ValueError, match=r"other.toml: not the .*: chunk: 4 there, 5 here"):
+        run_sweep(other, out, resume=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("jaxcell.sweep.store.__version__", "9.9")
+        with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
+            run_sweep(spec, out, resume=True)
+    with monkeypatch.context() as patch:
+        patch.setattr("jaxcell.sweep.run.jax_is_wide", lambda: False)
+        with pytest.raises(ValueError, match="jax_enable_x64: 1 there, 0 here"):
+            run_sweep(spec, out, resume=True)
+    assert run_sweep(spec, out, resume=True).complete
+    assert tree(out) == before
+
+
+def test_two_runs_at_once(stub_spec, tmp_path):
+    spec, out = stub_spec(), tmp_path / "out"
+    seen = []
+
+    def meddle(progress):
+        if progress.done == 2:
+            seen.append(sweep_status(out))
+            with pytest.raises(BlockingIOError, match=rf"out: process {os.getpid()} on \S+ is at"):
+                run_sweep(spec, out, resume=True)
+
+    assert run_sweep(spec, out, progress=meddle).running is None
+    assert seen[0].done == 2
+    assert seen[0].running.startswith(f"process {os.getpid()} ")
+    with locked(out / "lock"), pytest.raises(BlockingIOError):
+        run_sweep(spec, out, resume=True)
+
+
+def test_a_full_disk(stub_spec, tmp_path, whole):
+    """The system refuses to write more than a few bytes to a file, for a while."""
+    spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(progress):
+        if progress.done == 3:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+
+    try:
+        with pytest.raises(OSError, match="File too large; what is written is whole") as told:
+            run_sweep(spec, out, progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert told.value.errno == errno.EFBIG
+    found = sweep_status(out)
+    assert (found.done, found.failures, found.running) == (3, (), None)
+    assert run_sweep(spec, out, resume=True).complete
+    assert tree(out) == whole
+
+
+def test_chunks_that_a_power_cut_spoilt_are_written_again(stub_spec, tmp_path, whole):
+    spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
+
+    class StopError(Exception):
+        pass
+
+    def stop(progress):
+        if progress.done == 2:
+            raise StopError
+
+    with pytest.raises(StopError):
+        run_sweep(spec, out, progress=stop)
+    spoilt = out / "sweep.zarr" / "value" / "c" / "0" / "2"
+    for name in ("2", "2.0.partial"):
+        spoilt.with_name(name).write_bytes(b"")
+    (out / ".sweep-01234567").mkdir()
+    (out / ".spec-01234567.toml").touch()
+    assert run_sweep(spec, out, resume=True).complete
+    assert tree(out) == whole
+    assert sorted(path.name for path in out.iterdir()) == ["lock", "spec.toml", "sweep.zarr"]
+
+
+def test_provenance(stub_spec, tmp_path):
+    run_sweep(stub_spec(), tmp_path / "out")
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.attrs["task"] == "sweep_stub:stub"
+        assert dataset.attrs["seed"] == 3
+        assert dataset.attrs["git_revision"] == "a revision"
+        assert json.loads(dataset.attrs["spec"])["chunk"] == 4
+        assert dataset.status.attrs["flag_meanings"] == "to_do done failed"
+
+
+def test_tasks_that_are_none(spec_file, tmp_path):
+    for task, told in {
+        "nothing": "expected one of .*groups.*got 'nothing'",
+        "no_module:f": "No module named 'no_module'",
+        "sweep_stub:none": "has no attribute 'none'",
+        "sweep_stub:np": "expected a function, got module",
+        ":f": "task: ':f'",
+    }.items():
+        path = spec_file()
+        path.write_text(path.read_text().replace("sweep_stub:stub", task))
+        with pytest.raises(ValueError, match=rf"spec\.toml: task: .*{told}|{told}"):
+            run_sweep(Spec.load(path), tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+def test_folders_that_hold_no_sweep(tmp_path):
+    for function in (sweep_status, open_sweep):
+        with pytest.raises(ValueError, match="expected the folder of a sweep"):
+            function(tmp_path)

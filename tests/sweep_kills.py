@@ -1,0 +1,125 @@
+"""Kills sweeps, goes on with them, and compares what is in the stores. Run by tests.
+
+It imports once what a sweep needs and forks a process for each run, so that many fit in seconds.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import dask.array  # noqa: F401  xarray imports it when it makes its first dataset.
+
+import jaxcell.sweep.store
+from jaxcell.sweep import Spec, run_sweep
+
+
+# The source may change while tests run.
+jaxcell.sweep.store.git_revision = lambda: "a revision"
+
+_EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
+
+
+def tree(folder: Path) -> dict[str, str]:
+    """Every file of the result, with its hash."""
+    root = folder / "sweep.zarr"
+    return {
+        str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in root.rglob("*")
+        if path.is_file()
+    }
+
+
+def forked(spec: Spec, folder: Path, engine: str, events: int | None = None) -> int:
+    """Starts a run; it kills itself when it is about to do the given number of file operations."""
+    process = os.fork()
+    if process:
+        return process
+    status = 1
+    with contextlib.suppress(BaseException):
+        if events is not None:
+            _kill_after(events, folder)
+        workers = None if engine == "local" else 1
+        run_sweep(spec, folder, engine=engine, workers=workers, resume=True)
+        status = 0
+    os._exit(status)
+
+
+def _kill_after(events: int, folder: Path) -> None:
+    left = [events]
+    lock = threading.Lock()
+    start = str(folder)
+
+    def hook(event, arguments):
+        if event not in _EVENTS or not str(arguments[0]).startswith(start):
+            return
+        with lock:
+            left[0] -= 1
+            if left[0] < 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    sys.addaudithook(hook)
+
+
+def ended(process: int) -> int:
+    """Waits for a run, and gives the signal that killed it, or 0."""
+    code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    assert code in (0, -signal.SIGKILL), f"a run ended with {code}"
+    return -code
+
+
+def chunks_done(folder: Path) -> int:
+    """The number of chunks done, by the files of `status`: this process must not start threads."""
+    return sum(path.is_file() for path in (folder / "sweep.zarr" / "status" / "c").rglob("*"))
+
+
+def await_chunks(folder: Path, count: int) -> None:
+    """Waits until so many chunks are done."""
+    limit = time.monotonic() + 60
+    while chunks_done(folder) < count and time.monotonic() < limit:
+        time.sleep(0.005)
+
+
+def main() -> None:
+    file, base, engine, kills, seed = sys.argv[1:]
+    spec, rng = Spec.load(file), random.Random(int(seed))
+    whole, folder = Path(base) / "whole", Path(base) / "killed"
+    began = time.monotonic()
+    assert ended(forked(spec, whole, "local")) == 0
+    seconds = time.monotonic() - began
+    expected = tree(whole)
+    done, rounds, partial = 0, 0, 0
+    while done < int(kills):
+        # Half of the kills at a moment, half at an operation on a file.
+        if engine == "local" and rng.random() < 0.5:
+            killed = ended(forked(spec, folder, engine, events=rng.randrange(60)))
+        else:
+            process = forked(spec, folder, engine)
+            if engine == "local":
+                time.sleep(rng.uniform(0, seconds))
+            else:
+                # Its workers take long to start, and nobody knows how long.
+                await_chunks(folder, rng.randrange(spec.chunk_count))
+                time.sleep(rng.uniform(0, 0.05))
+            os.kill(process, signal.SIGKILL)
+            killed = ended(process)
+        done += killed == signal.SIGKILL
+        partial += 0 < chunks_done(folder) < spec.chunk_count
+        if not killed:
+            assert tree(folder) == expected, "another result"
+            rounds += 1
+            shutil.rmtree(folder)
+    assert ended(forked(spec, folder, engine)) == 0
+    assert tree(folder) == expected, "another result"
+    print(json.dumps({"kills": done, "rounds": rounds + 1, "partial": partial}))
+
+
+if __name__ == "__main__":
+    main()
