@@ -1,6 +1,7 @@
 import contextlib
 import dataclasses
 import json
+import math
 import os
 import signal
 import sys
@@ -160,10 +161,8 @@ def _shown(spec: "Spec") -> "Iterator[Callable[[Progress], None]]":
         shown = bar.add_task(f"sweep of {spec.task}", total=spec.chunk_count, told="")
 
         def show(progress: "Progress") -> None:
-            if progress.failure is not None:
-                bar.console.print(_told(progress.failure), markup=False, highlight=False)
             told = f"{progress.failed} failed, "
-            if progress.left == progress.left:
+            if math.isfinite(progress.left):
                 told += f"{progress.rate:,.3g} members/s, {_duration(progress.left)} left"
             bar.update(shown, completed=progress.done + progress.failed, told=told)
 

@@ -1,0 +1,148 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import sweep_stub
+import xarray as xr
+
+from jaxcell.cli import main
+from jaxcell.sweep import open_sweep
+
+
+PROGRAM = "import sys; from jaxcell.cli import main; sys.exit(main())"
+
+
+@pytest.fixture
+def spec(tmp_path):
+    def written(fixed="", grid="x = {count = 10}", chunk=4):
+        path = tmp_path / "some.toml"
+        path.write_text(
+            f'task = "sweep_stub:stub"\nchunk = {chunk}\n[fixed]\n{fixed}\n[grid]\n{grid}\n'
+        )
+        return str(path)
+
+    return written
+
+
+def described(capsys):
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["sweep", spec(), "--json", "--netcdf"]) == 0
+    found = described(capsys)
+    assert found.pop("seconds") >= 0
+    assert found == {
+        "out": "runs/some",
+        "task": "sweep_stub:stub",
+        "dimensions": {"x": 10},
+        "members": 10,
+        "chunks": 3,
+        "done": 3,
+        "failed": 0,
+        "failures": [],
+        "running": None,
+    }
+    with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
+        xr.testing.assert_identical(one.load(), other.load())
+    assert main(["sweep", "status", "runs/some", "--json"]) == 0
+    assert described(capsys) == found
+    assert main(["sweep", "status", "runs/some"]) == 0
+    told = capsys.readouterr()
+    assert "3 of 3" in told.out
+    assert 'xarray.open_zarr("runs/some/sweep.zarr")' in told.err
+
+
+def test_failures_are_told(spec, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    assert main(["sweep", spec("fail = 5"), "--out", out]) == 1
+    told = capsys.readouterr()
+    assert "2 of 3" in told.out
+    assert "chunk 1 failed (x 4 to 7): RuntimeError: x is 5" in told.err
+    assert main(["sweep", "status", out, "--json"]) == 1
+    found = described(capsys)
+    assert (found["done"], found["failed"]) == (2, 1)
+    assert found["failures"] == [
+        {"chunk": 1, "parameters": {"x": [4, 5, 6, 7]}, "message": "RuntimeError: x is 5"}
+    ]
+
+
+def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
+    def broken(batch, fixed, seed):
+        raise RuntimeError
+
+    monkeypatch.setattr(sweep_stub, "stub", broken)
+    assert main(["sweep", spec(chunk=1, grid="x = {count = 30}"), "--out", str(tmp_path)]) == 1
+    told = capsys.readouterr().err
+    assert told.count(" failed (") == 10
+    assert "chunk 9 failed (x 9): RuntimeError" in told
+    assert f"all are in {tmp_path / 'failures'}" in told
+
+
+def test_bad_input_is_one_line(spec, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    assert main(["sweep", spec(grid="x = []"), "--out", out]) == 2
+    assert capsys.readouterr().err.startswith(f"jaxcell sweep: {tmp_path / 'some.toml'}: grid.x: ")
+    assert main(["sweep", spec(), "--out", out, "--engine", "ray"]) == 2
+    assert "jaxcell sweep: engine: expected local, processes" in capsys.readouterr().err
+    assert main(["sweep", spec(), "--out", out]) == 0
+    assert main(["sweep", spec(), "--out", out]) == 2
+    assert main(["sweep", spec("a = 1"), "--out", out, "--resume"]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert "a sweep is there" in told[-2]
+    assert told[-1].endswith(f"in {out}: fixed.a: nothing there, 1 here")
+    assert main(["sweep", "status", str(tmp_path)]) == 2
+    assert "jaxcell sweep status: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
+    path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
+    environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
+    command = [sys.executable, "-c", PROGRAM, "sweep", path, "--out", str(out)]
+    process = subprocess.Popen(
+        command,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A background shell may have left SIGINT ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    limit = time.monotonic() + 60
+    while not any((out / "sweep.zarr").glob("status/c/*")) and time.monotonic() < limit:
+        time.sleep(0.01)
+    process.send_signal(number)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert told == (
+        f"Stopped. What is done is kept in {out}; to go on: "
+        f"jaxcell sweep {path} --out {out} --resume\n"
+    )
+    sent = subprocess.run(
+        [sys.executable, "-c", PROGRAM, "sweep", "status", str(out), "--json"],
+        check=False,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    found = json.loads(sent.stdout)
+    assert sent.returncode == 1
+    assert 0 < found["done"] < found["chunks"]
+    assert found["running"] is None
+
+
+def test_help_needs_neither_jax_nor_xarray():
+    program = (
+        "import sys\nfrom jaxcell.cli import main\n"
+        "try: main(['sweep', '--help'])\n"
+        "except SystemExit: pass\n"
+        "assert not {'jax', 'xarray', 'zarr'} & set(sys.modules)\n"
+        "import jaxcell.sweep\n"
+        "assert 'jax' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
