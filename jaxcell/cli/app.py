@@ -17,7 +17,10 @@ from .localize import Localize
 from .navigate import Navigate
 from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
-from .robot import RobotCheck, RobotReplay, RobotRun
+from .robot import RobotRun
+from .robot_check import RobotCheck
+from .robot_replay import RobotReplay
+from .robot_sketch import RobotSketch
 from .sweep import Sweep, SweepState
 from .team import Team
 from .view import View
@@ -37,6 +40,7 @@ _COMMANDS = {
     "robot check": RobotCheck,
     "robot replay": RobotReplay,
     "robot run": RobotRun,
+    "robot sketch": RobotSketch,
     "sweep": Sweep,
     "sweep status": SweepState,
     "team": Team,

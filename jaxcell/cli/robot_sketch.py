@@ -1,0 +1,80 @@
+import dataclasses
+import math
+from pathlib import Path
+
+import tyro
+
+from .options import write_text
+from .terminal import note
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RobotSketch:
+    """Write an Arduino program that runs a filter, or a bouncing policy, on a robot without a host.
+
+    The comment at its top says how to wire it."""
+
+    file: tyro.conf.Positional[Path | None] = None
+    """What to run: the filter.jxf of `jaxcell localize --out`."""
+    bounce: float | None = None
+    """Instead of a file: the angle in degrees to turn by at each bump."""
+    step: float | None = None
+    """With --bounce: length of a step in metres."""
+    heading: float | None = None
+    """Heading of the robot at the start in degrees, where steps in some directions are longer than
+    in others; the filter is not told. Without it all steps are of one length."""
+    minimal: bool = False
+    """Merge states of the filter that no observation tells apart by colour."""
+    flash: int | None = None
+    """Bytes of flash of the board; by default the 32256 of an Uno."""
+    out: Path | None = None
+    """File to write, which ends in .ino; by default it is printed."""
+
+    def run(self) -> int:
+        from ..robot.sketch import bounce_sketch
+
+        if self.out is not None and self.out.suffix != ".ino":
+            raise ValueError(f"--out {self.out}: expected a name that ends in .ino")
+        if (self.file is None) == (self.bounce is None):
+            raise ValueError("expected one of FILE and --bounce")
+        if self.file is not None:
+            text = self._filter(self.file)
+        else:
+            for name in ("heading", "minimal", "flash"):
+                # Not `in`: 0.0 is a heading, and equals False.
+                if getattr(self, name) is not None and getattr(self, name) is not False:
+                    raise ValueError(f"--{name}: it is for a filter, not for --bounce")
+            if self.step is None or self.bounce is None:
+                raise ValueError("--bounce: expected --step in metres with it")
+            text = bounce_sketch(math.radians(self.bounce), self.step)
+        if self.out is None:
+            print(text, end="")
+        else:
+            write_text(self.out, text)
+            note(f"{self.out}: {len(text.splitlines()):,} lines; the wiring is at its top")
+        return 0
+
+    def _filter(self, path: Path) -> str:
+        from ..automata import minimize
+        from ..robot.sketch import FLASH, filter_sketch
+        from ..robot.tasks import FilterTask, load_task
+
+        if self.step is not None:
+            raise ValueError("--step: it is for --bounce; a filter has its own")
+        task = load_task(path)
+        if not isinstance(task, FilterTask):
+            raise ValueError(f"{path}: expected a filter, as `jaxcell localize --out` writes it")
+        if self.minimal:
+            task = dataclasses.replace(task, filter=minimize(task.filter))
+        direction = None
+        if self.heading is not None:
+            turn = self.heading * task.directions / 360
+            if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
+                raise ValueError(
+                    f"--heading {self.heading:g}: expected a multiple of the "
+                    f"{360 / task.directions:g} degrees between the directions"
+                )
+            direction = round(turn) % task.directions
+        return filter_sketch(
+            task, direction=direction, flash=FLASH if self.flash is None else self.flash
+        )

@@ -1,0 +1,188 @@
+import math
+import string
+import textwrap
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..automata import Filter, to_c_header
+from .packets import METRES_PER_COUNT, WHEEL_BASE
+from .tasks import FilterTask
+
+
+FLASH = 32256
+"""Bytes of flash that an Arduino Uno has for a sketch and the libraries it uses."""
+
+PROGRAM_BYTES = 15_000
+"""Flash of a sketch without its tables: 12 to 14 kB by GCC 5.4 and the Arduino core 1.8.7."""
+
+_TEMPLATE = Path(__file__).with_name("sketch.ino.in")
+
+# An object of the AVR is at most this large, and what lies beyond 64 KiB is not read by the header.
+_LARGEST_TABLE = 2**15 - 1
+_NEAR_FLASH = 2**16
+
+
+def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int = FLASH) -> str:
+    """A program for an Arduino that runs a localization filter on a Create, without a host.
+
+    It does what [`jaxcell.robot.run_filter`][] does with a [`jaxcell.robot.Walker`][]: the same
+    observations give the same colours. The comment at its top says how to wire it, and what stops
+    the robot.
+
+    **Arguments:**
+
+    - `task`: the filter, with its cells and bouncing angle.
+    - `direction`: the heading at the start, as a number of directions, if it is known; see
+        [`jaxcell.robot.Walker`][].
+    - `flash`: bytes of flash of the board.
+
+    **Returns:** the text of an `.ino` file.
+
+    **Raises:** `ValueError` if the tables are too large, or with a heading for a direction that is
+    not one or a bouncing angle that is no whole number of directions.
+    """
+    if direction is not None and not 0 <= direction < task.directions:
+        raise ValueError(f"direction: expected 0 to {task.directions - 1}, got {direction}")
+    turn = task.bounce * task.directions / (2 * math.pi)
+    if direction is not None and abs(turn - round(turn)) > 1e-6:
+        raise ValueError(
+            f"{task.path}: bounce_deg: {math.degrees(task.bounce):g} deg is not a whole number of "
+            f"the {task.directions} directions"
+        )
+    tables = table_bytes(task.filter)
+    strides = None if direction is None else task.strides
+    _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task)
+    count = len(task.filter.transition)
+    return _fill(
+        title=f"Localizes an iRobot Create 2 by its bumps: a filter of {count} states.",
+        source=[
+            str(task.path),
+            f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
+            f"bounces by {math.degrees(task.bounce):g} degrees",
+        ],
+        tables=to_c_header(task.filter),
+        table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
+        step=task.step,
+        bounce=task.bounce,
+        strides=strides,
+        direction=direction or 0,
+    )
+
+
+def bounce_sketch(bounce: float, step: float) -> str:
+    """A program for an Arduino that lets a Create bounce for ever, without a filter.
+
+    Any number of robots can run it, as in the coverage experiment of Alam 2018, section 3.5.4,
+    where two robots with an Arduino each turn by the same angle at a wall or at each other.
+
+    **Arguments:**
+
+    - `bounce`: the bouncing angle, in radians, counter-clockwise.
+    - `step`: length of a step, in metres; after a bump the robot goes back to where the step began,
+        as in the model.
+
+    **Returns:** the text of an `.ino` file.
+
+    **Raises:** `ValueError` for an angle that is not finite, or a step that is not positive.
+    """
+    if not math.isfinite(bounce):
+        raise ValueError(f"bounce: expected a finite angle, got {bounce}")
+    if not (math.isfinite(step) and step > 0):
+        raise ValueError(f"step: expected a positive number, got {step}")
+    return _fill(
+        title="Lets an iRobot Create 2 bounce: it turns by one angle at each bump.",
+        source=[f"steps of {step:g} m, bounces by {math.degrees(bounce):g} degrees"],
+        tables=None,
+        table_bytes=0,
+        step=step,
+        bounce=bounce,
+        strides=None,
+        direction=0,
+    )
+
+
+def table_bytes(filter: Filter) -> dict[str, int]:
+    """Bytes of each table of [`jaxcell.automata.to_c_header`][], by name."""
+    states = len(filter.transition)
+    # The number after the last state is that of IMPOSSIBLE, in a type that has room for it.
+    largest = {
+        "transitions": states,
+        "colours": int(filter.color.max()),
+        "uncertainties": int(filter.uncertainty.max()),
+    }
+    width = {name: np.min_scalar_type(value).itemsize for name, value in largest.items()}
+    return {name: states * bytes_ * (1 + (name == "transitions")) for name, bytes_ in width.items()}
+
+
+def _check_flash(tables: dict[str, int], strides: int, flash: int, task: FilterTask) -> None:
+    sizes = ", ".join(f"{size:,} for the {name}" for name, size in tables.items())
+    sizes = f"{len(task.filter.transition):,} states take {sizes}"
+    name, largest = max(tables.items(), key=lambda item: item[1])
+    if largest > _LARGEST_TABLE:
+        raise ValueError(
+            f"{task.path}: the table of the {name} has {largest:,} bytes; an AVR allows for "
+            f"{_LARGEST_TABLE:,} ({sizes})"
+        )
+    total = sum(tables.values()) + strides
+    room = min(flash - PROGRAM_BYTES, _NEAR_FLASH - 1024)
+    if total > room:
+        raise ValueError(
+            f"{task.path}: the tables have {total:,} bytes; there is room for {max(room, 0):,}, in "
+            f"{flash:,} bytes of flash with a program of up to {PROGRAM_BYTES:,}, and within the "
+            f"first 64 KiB ({sizes})"
+        )
+
+
+def _fill(
+    *,
+    title: str,
+    source: list[str],
+    tables: str | None,
+    table_bytes: int,
+    step: float,
+    bounce: float,
+    strides: Float[np.ndarray, "directions 2"] | None,
+    direction: int,
+) -> str:
+    placing = (
+        "Put it in the middle of a cell, along one of the directions. Its heading is not known, so "
+        "that all steps are of one length."
+        if strides is None
+        else f"Put it in the middle of a cell, facing {360 * direction / len(strides):g} degrees "
+        "counterclockwise from the x axis of the map."
+    )
+    rows = [] if strides is None else strides.tolist()
+    return string.Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        title=title,
+        source="\n".join(f" *     {_comment(line)}" for line in source),
+        placing="\n * ".join(textwrap.wrap(placing, 96)),
+        says="" if tables is None else ", and the colour after it",
+        lights="it blinks slowly when the robot was stopped; the USB port says why"
+        if tables is None
+        else "on, localized; fast, refuted; slow, stopped for the reason that the USB port says",
+        table_bytes=f"{table_bytes:,}",
+        program_bytes=f"{PROGRAM_BYTES:,}",
+        filtered=int(tables is not None),
+        tables=tables or "",
+        directions=len(rows),
+        strides="\n".join(f"    {{{_float(ahead)}, {_float(left)}}}," for ahead, left in rows),
+        start_direction=direction,
+        step=_float(step),
+        # The same turn, by the short way.
+        bounce=_float(math.remainder(bounce, 2 * math.pi)),
+        metres_per_count=_float(METRES_PER_COUNT),
+        wheel_base=_float(WHEEL_BASE),
+    )
+
+
+def _float(value: float) -> str:
+    """A literal of C: a float, which is all that an AVR computes with."""
+    return f"{float(value)!r}f"
+
+
+def _comment(text: str) -> str:
+    """The text as part of a comment, which it neither ends nor seems to begin."""
+    printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    return printable.replace("*/", "* /").replace("/*", "/ *")

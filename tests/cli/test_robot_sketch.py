@@ -1,0 +1,89 @@
+import json
+import math
+
+import pytest
+from wheels import bounce_filter, map_cells
+
+from jaxcell.automata import Filter, minimize
+from jaxcell.cli import main
+from jaxcell.cli.robot_sketch import RobotSketch
+from jaxcell.robot.sketch import bounce_sketch, filter_sketch
+from jaxcell.robot.tasks import load_task
+
+
+LAB = map_cells("lab_a.json")
+SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
+
+
+@pytest.fixture
+def filter_file(tmp_path):
+    path = tmp_path / "filter.jxf"
+    bounce_filter(LAB, 45, metadata=SPEC).save(path)
+    return path
+
+
+def test_a_filter_becomes_a_sketch(filter_file, tmp_path, capsys):
+    out = tmp_path / "new" / "sketch" / "sketch.ino"
+    assert RobotSketch(file=filter_file, heading=-90.0, out=out).run() == 0
+    assert capsys.readouterr().out == ""
+    assert out.read_text() == filter_sketch(load_task(filter_file), direction=6)
+    assert RobotSketch(file=filter_file).run() == 0
+    assert capsys.readouterr().out == filter_sketch(load_task(filter_file))
+
+
+def test_a_minimal_filter_is_smaller(filter_file, capsys):
+    assert RobotSketch(file=filter_file, minimal=True).run() == 0
+    states = len(minimize(Filter.load(filter_file)).transition)
+    assert states < 129
+    assert f"#define FILTER_STATES {states}u\n" in capsys.readouterr().out
+
+
+def test_a_policy_becomes_a_sketch(capsys):
+    assert RobotSketch(bounce=135.0, step=0.4).run() == 0
+    assert capsys.readouterr().out == bounce_sketch(math.radians(135), 0.4)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({}, "expected one of FILE and --bounce"),
+        ({"bounce": 45.0}, "--bounce: expected --step"),
+        ({"bounce": 45.0, "step": 0.0}, "step: expected a positive number, got 0"),
+        ({"bounce": math.nan, "step": 1.0}, "bounce: expected a finite angle, got nan"),
+        ({"bounce": 45.0, "step": 1.0, "heading": 0.0}, "--heading: it is for a filter"),
+        ({"bounce": 45.0, "step": 1.0, "minimal": True}, "--minimal: it is for a filter"),
+    ],
+)
+def test_bad_policies(fields, message):
+    with pytest.raises(ValueError, match=message):
+        RobotSketch(**fields).run()
+
+
+def test_bad_filters(filter_file, tmp_path):
+    for fields, message in [
+        ({"bounce": 45.0}, "expected one of FILE and --bounce"),
+        ({"step": 1.0}, "--step: it is for --bounce"),
+        ({"heading": 30.0}, "--heading 30: expected a multiple of the 45 degrees"),
+        ({"heading": math.inf}, "--heading inf: expected a multiple"),
+        ({"flash": 15_100}, "the tables have 516 bytes; there is room for 100, in 15,100"),
+        ({"flash": 100}, "there is room for 0, in 100"),
+        ({"out": tmp_path / "sketch.c"}, r"sketch\.c: expected a name that ends in \.ino"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            RobotSketch(file=filter_file, **fields).run()
+    plan = tmp_path / "summary.json"
+    plan.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]}))
+    with pytest.raises(ValueError, match=r"summary\.json: expected a filter"):
+        RobotSketch(file=plan).run()
+    with pytest.raises(FileNotFoundError):
+        RobotSketch(file=tmp_path / "none.jxf").run()
+
+
+def test_the_command_line(filter_file, tmp_path, capsys):
+    assert main(["robot", "sketch", str(filter_file), "--heading", "10"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("jaxcell robot sketch: --heading 10: ")
+    assert error.count("\n") == 1
+    out = tmp_path / "a.ino"
+    assert main(["robot", "sketch", "--bounce", "45", "--step", "1", "--out", str(out)]) == 0
+    assert "#define FILTERED 0" in out.read_text()

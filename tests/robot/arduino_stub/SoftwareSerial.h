@@ -1,0 +1,7 @@
+#pragma once
+
+#include "Arduino.h"
+
+struct SoftwareSerial : RobotSerial {
+    SoftwareSerial(uint8_t receive, uint8_t transmit);
+};

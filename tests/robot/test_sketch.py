@@ -1,0 +1,539 @@
+import contextlib
+import dataclasses
+import functools
+import itertools
+import math
+import os
+import re
+import shutil
+import struct
+import subprocess
+import tempfile
+from pathlib import Path
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from wheels import Wheels, bounce_filter, bounce_tables, map_cells
+
+from jaxcell.automata import Filter, subset_construction, to_c_header
+from jaxcell.robot.body import Body
+from jaxcell.robot.emulator import Emulator, Line
+from jaxcell.robot.open_interface import Command
+from jaxcell.robot.packets import Contact, Mode
+from jaxcell.robot.runner import run_filter
+from jaxcell.robot.sketch import PROGRAM_BYTES, bounce_sketch, filter_sketch, table_bytes
+from jaxcell.robot.tasks import FilterTask
+from jaxcell.robot.walker import Walker
+from jaxcell.space import CellSpace, Workspace
+
+
+STUB = Path(__file__).with_name("arduino_stub")
+COMPILER = next(filter(shutil.which, ("c++", "g++", "clang++")), None)
+STRICT = ["-std=c++11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
+# Its filter has more than 255 states, and so wider tables.
+MAZE = map_cells("maze.txt", directions=8)
+
+needs_compiler = pytest.mark.skipif(
+    COMPILER is None, reason="no C++ compiler (c++, g++, clang++) to compile the sketch with"
+)
+
+
+def task_of(cells: CellSpace, bounce_deg: float, filter: Filter | None = None) -> FilterTask:
+    return FilterTask(
+        path=Path("filter.jxf"),
+        cell=cells.cell,
+        directions=cells.directions,
+        step=cells.cell,
+        radius=cells.workspace.robot_radius,
+        filter=bounce_filter(cells, bounce_deg) if filter is None else filter,
+        bounce=math.radians(bounce_deg),
+    )
+
+
+def body_in(cells: CellSpace, cell: int, **fields) -> Body:
+    x, y, theta = map(float, cells.centre(cell))
+    return Body(cells.workspace, (x, y, theta), **fields)
+
+
+@functools.cache
+def compiled(text: str, *flags: str) -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="sketch-"))
+    (folder / "sketch.ino").write_text(text)
+    program = folder / "board"
+    subprocess.run(
+        [
+            *(COMPILER, *STRICT, *flags, "-D__AVR__", f'-DSKETCH="{folder / "sketch.ino"}"'),
+            *(f"-I{STUB}", str(STUB / "board.cpp"), "-o", str(program)),
+        ],
+        check=True,
+    )
+    return program
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_programs_left():
+    yield
+    for folder in Path(tempfile.gettempdir()).glob("sketch-*"):
+        if (folder / "board").exists():
+            shutil.rmtree(folder)
+
+
+class Robot(Emulator):
+    """An emulated robot whose time is that of the board, and with a speed of its line."""
+
+    def __init__(self, body: Body, *, baud: int = 115200, wire: bool = True, **fields) -> None:
+        super().__init__(body, **fields)
+        self.baud, self._wire = baud, wire
+        self.commands: list[tuple[float, Command]] = []
+        self.damage = lambda sent: sent
+        "What becomes of the bytes that the robot sends."
+        self.first_mode = 0
+        self.deaf = False
+        self._sent = b""
+        self._pulse, self._pulses = math.inf, 0
+
+    def exchange(self, until: float, data: bytes) -> bytes:
+        """Lets time pass, then takes what the board has sent, and answers."""
+        while self._now < until:
+            self._pass(min(0.015, until - self._now))
+            self._keep_safe()
+        if not self.deaf:
+            for command in self._parser.feed(self._lossy(data)):
+                self.commands.append((self._now, command))
+                self._do(command)
+        self._keep_safe()
+        sent, self._sent = self.damage(self._sent), b""
+        return sent
+
+    def wake_line(self, high: bool) -> None:
+        """Three pulses of 50 to 500 ms make the line slow."""
+        if not self._wire:
+            return
+        if high and 0.05 <= self._now - self._pulse <= 0.5:
+            self._pulses += 1
+            if self._pulses == 3:
+                self.baud = 19200
+        elif not high:
+            self._pulse = self._now
+
+    def _do(self, command: Command) -> None:
+        if command.opcode == 129 and self.mode is not Mode.OFF:
+            self.baud = {7: 19200, 11: 115200}.get(command.data[0], self.baud)
+        super()._do(command)
+
+    def _values(self) -> dict[str, int]:
+        values = super()._values()
+        return {**values, "mode": values["mode"] + self.first_mode}
+
+    def _send(self, data: bytes) -> None:
+        self._sent += self._lossy(data)
+
+
+@dataclasses.dataclass
+class Run:
+    """What a sketch did."""
+
+    usb: str = ""
+    "What it printed."
+    end: str | None = None
+    "How it ended; `None` if it had not when time was up."
+    resets: int = 0
+    led: list[tuple[float, int]] = dataclasses.field(default_factory=list)
+    "When the LED was set, and whether it was on."
+
+    @property
+    def observed(self) -> str:
+        return "".join(re.findall(r"^([01])(?: \d+)?$", self.usb, re.MULTILINE))
+
+    @property
+    def colors(self) -> tuple[int, ...]:
+        return tuple(int(c) for c in re.findall(r"^[01] (\d+)$", self.usb, re.MULTILINE))
+
+
+def play(program: Path, robot: Robot, *, seconds: float, rest: float = 2.0, at=None, **env) -> Run:
+    """Runs a sketch for so long, or until a while after its end.
+
+    `at` is called before each exchange with the run and the time.
+    """
+    run, now, ends, baud = Run(), 0.0, seconds, 0
+    with subprocess.Popen(
+        [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **env}
+    ) as board:
+        assert board.stdin is not None
+        assert board.stdout is not None
+        while now < ends:
+            match kind := board.stdout.read(1):
+                case b"X":
+                    time, count = struct.unpack("<QH", board.stdout.read(10))
+                    data, now = board.stdout.read(count), time / 1e6
+                    if at is not None:
+                        at(run, now)
+                    answer = robot.exchange(now, data if baud == robot.baud else b"")
+                    answer = answer if baud == robot.baud else b""
+                    board.stdin.write(struct.pack("<H", len(answer)) + answer)
+                    board.stdin.flush()
+                case b"T":
+                    run.usb += board.stdout.read(
+                        *struct.unpack("<H", board.stdout.read(2))
+                    ).decode()
+                case b"B":
+                    (baud,) = struct.unpack("<I", board.stdout.read(4))
+                case b"P":
+                    pin, value = board.stdout.read(2)
+                    if pin == 5:
+                        robot.wake_line(bool(value))
+                    elif pin == 13:
+                        run.led.append((now, value))
+                case b"R":
+                    run.resets += 1
+                case _:
+                    raise AssertionError(f"{kind!r}: the program is gone")
+            if run.end is None and (found := re.search(r"^end: (.*)\n", run.usb, re.MULTILINE)):
+                run.end, ends = found[1], now + rest
+        with contextlib.suppress(BrokenPipeError):
+            board.stdin.close()
+        board.stdout.close()
+    return run
+
+
+def stands_still(robot: Robot) -> bool:
+    return robot.wheels == (0, 0) and robot.mode in (Mode.PASSIVE, Mode.OFF)
+
+
+def expected(cells, cell, task, *, known: bool = True, **fields):
+    """What the host makes of the same start."""
+    walker = Walker(
+        Wheels(body_in(cells, cell, **fields)),
+        task.step,
+        strides=task.strides if known else None,
+        direction=cell // cells.positions if known else 0,
+    )
+    return run_filter(walker, task.filter, task.bounce, limit=200)
+
+
+def room(cell: float) -> CellSpace:
+    """A room without a corner, and with one side longer than the other."""
+    corners = [(0, 0), (5, 0), (5, 2), (2, 2), (2, 4), (0, 4)]
+    return CellSpace.of(Workspace([(cell * x, cell * y) for x, y in corners]), cell, 4)
+
+
+# Cells of 25 cm, for short runs.
+ROOM = room(0.25)
+ROOM_TASK = task_of(ROOM, 90)
+ROOM_IMAGE, ROOM_BUMPED = bounce_tables(ROOM, 90)
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("cells", "bounce_deg", "cell"),
+    [(LAB_A, 45, 28), (LAB_B, 135, 16), (MAZE, 45, 131), (ROOM, 90, 2), (ROOM, 90, 9)],
+)
+def test_the_colours_are_those_of_the_host(cells, bounce_deg, cell):
+    task = task_of(cells, bounce_deg)
+    robot = Robot(body_in(cells, cell))
+    program = compiled(filter_sketch(task, direction=cell // cells.positions))
+    run = play(program, robot, seconds=600)
+    host = expected(cells, cell, task)
+    assert host.result == "localized"
+    assert run.observed == host.observations
+    assert run.colors == host.colors
+    assert run.end == "localized"
+    assert f"configurations: {len(host.cells)}\n" in run.usb
+    # It has turned after its last bump too, so that it is in one of the configurations.
+    assert int(cells.index(*robot.pose)) in host.cells
+    assert stands_still(robot)
+    assert run.led[-1][1] == 1
+    assert [command.opcode for _, command in robot.commands if command.opcode == 141] == [141]
+
+
+@needs_compiler
+@pytest.mark.parametrize("open_world", [False, True])
+def test_another_map_is_refuted_where_the_host_refutes_it(open_world):
+    cell = 9
+    filter = bounce_filter(LAB_B, 45, open_world=open_world)
+    task = task_of(ROOM, 45, filter)
+    task = dataclasses.replace(task, directions=8)
+    here = CellSpace.of(ROOM.workspace, ROOM.cell, 8)
+    robot = Robot(body_in(here, cell))
+    run = play(compiled(filter_sketch(task, direction=0)), robot, seconds=600)
+    host = expected(here, cell, task)
+    assert host.result == "refuted"
+    assert run.observed == host.observations
+    assert run.colors == host.colors
+    assert run.colors[-1] == (filter.color[-1] if open_world else 0)
+    assert run.end == "refuted: the map is another, or the robot slipped"
+    assert stands_still(robot)
+    # It blinks fast: 4 times a second.
+    states = [on for _, on in run.led[-300:]]
+    assert 6 <= sum(a < b for a, b in itertools.pairwise(states)) <= 10
+
+
+@needs_compiler
+def test_a_heading_is_not_needed_where_all_steps_are_equal():
+    program = compiled(filter_sketch(ROOM_TASK))
+    for cell in (25, 30):
+        run = play(program, Robot(body_in(ROOM, cell)), seconds=600)
+        host = expected(ROOM, cell, ROOM_TASK, known=False)
+        assert (run.observed, run.colors) == (host.observations, host.colors)
+        assert run.end == host.result == "localized"
+
+
+BOUNCE = bounce_sketch(math.radians(90), 0.25)
+
+
+@needs_compiler
+def test_a_robot_that_only_bounces_is_where_the_cells_say():
+    cell = 5
+    robot = Robot(body_in(ROOM, cell))
+    places: list[tuple[int, tuple[float, float, float]]] = []
+
+    def look(run: Run, now: float) -> None:
+        if len(run.observed) > len(places):
+            places.append((int(run.observed[-1]), robot.pose))
+
+    run = play(compiled(BOUNCE), robot, seconds=60, at=look)
+    assert run.end is None
+    assert run.colors == ()
+    assert len(places) >= 20
+    for bumped, (x, y, _) in places:
+        assert bumped == ROOM_BUMPED[cell]
+        cell = int(ROOM_IMAGE[cell])
+        centre = ROOM.centre(cell)
+        assert math.hypot(x - float(centre[0]), y - float(centre[1])) < 0.02
+    assert run.observed.count("1") > 5
+
+
+def after(count: int, act):
+    """Does something from half a second after so many observations."""
+    begun: list[float] = []
+
+    def at(run: Run, now: float) -> None:
+        if len(run.observed) >= count:
+            begun.append(now)
+        if begun and now - begun[0] > 0.5:
+            act()
+
+    return at
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("danger", "end"),
+    [
+        (lambda r: setattr(r, "contact", Contact.WHEEL_DROP_LEFT), "a wheel hangs in the air"),
+        (lambda r: r.cliffs.add("cliff_front_left"), "there is a cliff"),
+        (lambda r: setattr(r, "charger", True), "it is on the charger"),
+        (lambda r: setattr(r, "_charge", 0.09 * r._capacity), "the battery is low"),
+        (lambda r: setattr(r, "mode", Mode.PASSIVE), "it is not in mode Safe"),
+        (lambda r: setattr(r, "damage", lambda sent: b""), "the robot does not answer"),
+        # Its wheels do not turn.
+        (lambda r: setattr(r._body, "advance", lambda *_: None), "a motion takes too long"),
+    ],
+)
+def test_it_stops_the_robot(danger, end):
+    robot = Robot(body_in(ROOM, 0))
+    run = play(compiled(BOUNCE), robot, seconds=40, at=after(1, lambda: danger(robot)))
+    assert run.observed.startswith("0")
+    assert run.end == f"stopped: {end}"
+    assert stands_still(robot)
+
+
+@needs_compiler
+def test_a_lost_line_stops_the_wheels_at_once():
+    robot = Robot(body_in(ROOM, 0))
+    silent: list[float] = []
+    rolling: list[float] = []
+
+    def at(run: Run, now: float) -> None:
+        if run.observed and robot.wheels != (0, 0) and not silent:
+            silent.append(now)
+            robot.damage = lambda sent: b""
+        if silent and robot.wheels != (0, 0):
+            rolling.append(now - silent[0])
+
+    run = play(compiled(BOUNCE), robot, seconds=40, at=at)
+    assert run.end == "stopped: the robot does not answer"
+    assert max(rolling) < 0.15
+    # The line is back, but the run is over.
+    assert stands_still(robot)
+
+
+@needs_compiler
+def test_a_sketch_that_hangs_is_reset_and_stops_the_robot():
+    robot = Robot(body_in(ROOM, 0))
+    rolling: list[float] = []
+
+    def at(run: Run, now: float) -> None:
+        if robot.wheels != (0, 0):
+            rolling.append(now)
+
+    run = play(compiled(BOUNCE), robot, seconds=40, rest=10, at=at, HANG_AT="8000000")
+    assert run.observed
+    assert run.resets == 1
+    assert run.end == "stopped: the board was reset while it drove"
+    assert 9.5 < max(rolling) < 10.3
+    assert stands_still(robot)
+
+
+@needs_compiler
+@pytest.mark.parametrize("flags", [(), ("-DHAVE_HWSERIAL1",)])
+def test_the_line_comes_to_19200_baud(flags):
+    program = compiled(BOUNCE, *flags)
+    for fields in ({"baud": 19200}, {"baud": 115200}, {"baud": 115200, "wire": False}):
+        robot = Robot(body_in(ROOM, 0), **fields)
+        run = play(program, robot, seconds=9)
+        assert run.observed.startswith("0")
+        assert robot.baud == 19200
+
+
+@needs_compiler
+def test_without_a_robot_it_says_so():
+    robot = Robot(body_in(ROOM, 0))
+    robot.deaf = True
+    assert play(compiled(BOUNCE), robot, seconds=60).end == "stopped: the robot does not answer"
+
+
+@needs_compiler
+def test_a_robot_that_counts_its_modes_from_1():
+    robot = Robot(body_in(ROOM, 0))
+    robot.first_mode = 1
+    run = play(compiled(BOUNCE), robot, seconds=9)
+    assert run.observed.startswith("0")
+    assert run.end is None
+
+
+@needs_compiler
+def test_bytes_that_get_lost_change_nothing():
+    cell = 9
+    robot = Robot(body_in(ROOM, cell), line=Line(dropped=0.002), seed=1)
+    run = play(compiled(filter_sketch(ROOM_TASK, direction=0)), robot, seconds=600)
+    host = expected(ROOM, cell, ROOM_TASK)
+    assert (run.observed, run.colors) == (host.observations, host.colors)
+    assert run.end == "localized"
+    assert stands_still(robot)
+
+
+def damaged(data: bytes, rng: np.random.Generator, rate: float) -> bytes:
+    """Some bytes lost, changed or doubled."""
+    kinds = rng.random(len(data))
+    noise = rng.integers(0, 256, len(data), np.uint8).tobytes()
+    return b"".join(
+        b""
+        if kind < rate
+        else bytes(n for n in noise[i : i + 1])
+        if kind < 2 * rate
+        else data[i : i + 1] * 2
+        if kind < 3 * rate
+        else data[i : i + 1]
+        for i, kind in enumerate(kinds)
+    )
+
+
+@needs_compiler
+@settings(max_examples=6, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.1, 0.5]))
+def test_no_damage_makes_it_hang(seed, rate):
+    robot, rng = Robot(body_in(ROOM, 0)), np.random.default_rng(seed)
+    asked: list[float] = []
+
+    def at(run: Run, now: float) -> None:
+        if now > 5.0:
+            robot.damage = lambda sent: damaged(sent, rng, rate)
+        asked[:] = [time for time, command in robot.commands if command.opcode in (145, 149)]
+
+    run = play(compiled(BOUNCE), robot, seconds=12, at=at)
+    # It goes on asking or driving, and the watchdog has no work.
+    assert run.resets == 0
+    assert np.diff(asked).max() < 0.5
+    if rate == 0.5:
+        assert run.end == "stopped: the robot does not answer"
+    if run.end is not None:
+        assert stands_still(robot)
+
+
+@needs_compiler
+def test_it_runs_on_the_emulated_line():
+    cell = 9
+    observed = ""
+    with Emulator(body_in(ROOM, cell), line=Line(speedup=2.0)) as robot:
+        with subprocess.Popen([compiled(BOUNCE), robot.port, "2"], stdout=subprocess.PIPE) as board:
+            assert board.stdout is not None
+            told = b""
+            while len(observed) < 3 and b"end" not in told:
+                told += os.read(board.stdout.fileno(), 4096)
+                observed = b"".join(re.findall(rb"T\x01\x00([01])", told)).decode()
+            board.terminate()
+        assert robot.mode is Mode.SAFE
+    for bumped in observed:
+        assert int(bumped) == ROOM_BUMPED[cell]
+        cell = int(ROOM_IMAGE[cell])
+    assert len(observed) == 3
+
+
+def test_the_tables_are_those_of_the_header():
+    rng = np.random.default_rng(0)
+    for states in (100, 255, 256, 2000):
+        image = ((np.arange(states) + 1) % states).astype(np.int32)
+        filter = Filter.of(subset_construction(image, rng.random(states) < 0.5))
+        header = to_c_header(filter)
+        found = re.findall(r"static const uint(\d+)_t \w+\[(\d+)\](\[2\])?", header)
+        sizes = [int(bits) // 8 * int(n) * (2 if pair else 1) for bits, n, pair in found]
+        assert list(table_bytes(filter).values()) == sizes
+
+
+def test_a_filter_that_does_not_fit_is_refused_with_sizes():
+    task = ROOM_TASK
+    total = sum(table_bytes(task.filter).values())
+    filter_sketch(task, flash=PROGRAM_BYTES + total)
+    with pytest.raises(
+        ValueError,
+        match=rf"filter\.jxf: the tables have {total} bytes; there is room for {total - 1},",
+    ):
+        filter_sketch(task, flash=PROGRAM_BYTES + total - 1)
+    with pytest.raises(ValueError, match=f"the tables have {total + 32} bytes"):
+        filter_sketch(task, direction=0, flash=PROGRAM_BYTES + total)
+    states = 9000
+    line = np.full((states, 2), -1, np.int32)
+    line[:-1, 0] = np.arange(1, states)
+    filter = Filter(
+        transition=line,
+        uncertainty=np.ones(states, np.int32),
+        offsets=np.arange(states + 1),
+        members=np.zeros(states, np.int32),
+    )
+    large = dataclasses.replace(task, filter=filter)
+    with pytest.raises(ValueError, match=r"the table of the transitions has \d+,\d+ bytes; an AVR"):
+        filter_sketch(large, flash=10**6)
+
+
+def test_bad_input():
+    with pytest.raises(ValueError, match="direction: expected 0 to 3, got 4"):
+        filter_sketch(ROOM_TASK, direction=4)
+    oblique = dataclasses.replace(ROOM_TASK, bounce=1.0)
+    with pytest.raises(
+        ValueError, match=r"bounce_deg: 57\.2958 deg is not a whole number of the 4"
+    ):
+        filter_sketch(oblique, direction=0)
+    filter_sketch(oblique)
+    for step in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="step: expected a positive number"):
+            bounce_sketch(1.0, step)
+    with pytest.raises(ValueError, match="bounce: expected a finite angle"):
+        bounce_sketch(math.inf, 1.0)
+
+
+@needs_compiler
+def test_no_name_of_a_file_gets_out_of_the_comment():
+    path = Path("a*/ int x; /* $tables ??/ \n // \\")
+    compiled(filter_sketch(dataclasses.replace(ROOM_TASK, path=path)))
+
+
+def test_the_comment_is_whole():
+    for text in (filter_sketch(ROOM_TASK, direction=1), BOUNCE):
+        comment = text[: text.index("*/")]
+        assert "$" not in text
+        assert max(map(len, comment.splitlines())) <= 100
+    assert "facing 90 degrees" in filter_sketch(ROOM_TASK, direction=1)
