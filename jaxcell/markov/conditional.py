@@ -5,17 +5,14 @@ import scipy.sparse
 from jaxtyping import Bool, Float
 
 from ..certificate import Certificate, Solution
-from ..mapping.classes import reaching
-from ..mapping.generalized import Chain, leaving_rows
+from ..mapping.generalized import Chain
 from ..precision import require_x64
-from .hitting import cell_mask
+from .hitting import PROBABILITY_TOLERANCE, cell_mask, leaving_times, prospects
 from .transient import Transient
 
 
 # The largest number below 1.
 ALMOST_SURE = float(np.nextafter(1, 0))
-PROBABILITY_TOLERANCE = 1e-10
-TIME_TOLERANCE = 1e-6
 
 
 def arrival_probabilities(
@@ -71,7 +68,7 @@ def conditional_hitting_times(
     certificate.check("conditional_hitting_times", throw)
     inside = (arrives > 0) & ~there
     time = np.where(arrives > 0, 0.0, np.inf)
-    found, certificate = times(conditioned(matrix, arrives), inside)
+    found, certificate = leaving_times(conditioned(matrix, arrives), inside)
     time[inside] = found
     certificate.check("conditional_hitting_times", throw)
     return Solution(jnp.asarray(time), certificate)
@@ -81,30 +78,15 @@ def probabilities(
     matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "cells"], Certificate]:
     """[`arrival_probabilities`][], from the transition matrix."""
-    can = reaching(matrix, there)
-    before = matrix.copy()
-    before.data[np.repeat(there, np.diff(before.indptr))] = 0
-    before.eliminate_zeros()
-    fails = reaching(before, ~there & (~can | (leaving_rows(matrix) > 0)))
-    value = np.where(can & ~fails, 1.0, 0.0)
-    part = Transient.of(matrix, can & fails & ~there)
+    can, may_fail = prospects(matrix, there)
+    value = np.where(can & ~may_fail, 1.0, 0.0)
+    part = Transient.of(matrix, can & may_fail & ~there)
     value[there] = 1
     gain = (matrix[part.cells] @ value)[:, None]
     found, products = part.expect(gain)
     residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
     value[part.cells] = np.minimum(found[:, 0], ALMOST_SURE)
     return value, Certificate(products, float(residual), PROBABILITY_TOLERANCE)
-
-
-def times(
-    matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "inside"], Certificate]:
-    """The expected numbers of steps until a chain has left some cells, which it surely does."""
-    part = Transient.of(matrix, inside)
-    gain = np.ones((part.cells.size, 1))
-    found, products = part.expect(gain)
-    residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
-    return found[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
 
 
 def conditioned(

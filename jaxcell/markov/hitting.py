@@ -3,6 +3,7 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
 from ..certificate import Certificate, Solution
@@ -13,8 +14,8 @@ from .transient import Transient
 
 
 # A relative error of a time, and an absolute one of a probability.
-_TIME_TOLERANCE = 1e-6
-_PROBABILITY_TOLERANCE = 1e-10
+TIME_TOLERANCE = 1e-6
+PROBABILITY_TOLERANCE = 1e-10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ def absorption_probabilities(
         np.abs(gain + part.step @ found - found).max(initial=0.0),
         np.abs(found.sum(axis=1) - 1).max(initial=0.0),
     )
-    certificate = Certificate(products, float(residual), _PROBABILITY_TOLERANCE)
+    certificate = Certificate(products, float(residual), PROBABILITY_TOLERANCE)
     certificate.check("absorption_probabilities", throw)
     value = np.zeros((count + 1, chain.cells))
     value[group[group >= 0], np.flatnonzero(group >= 0)] = 1
@@ -85,7 +86,7 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
     """
     transient = group_of(chain, groups) < 0
     time = np.zeros(chain.cells)
-    return _times(Transient.of(chain.to_scipy(), transient), time, "absorption_times", throw)
+    return _times(chain.to_scipy(), transient, time, "absorption_times", throw)
 
 
 def hitting_times(
@@ -112,28 +113,48 @@ def hitting_times(
     require_x64("hitting_times")
     there = cell_mask(chain.cells, target)
     matrix = chain.to_scipy()
-    arrives = reaching(matrix, there)
-    fails = ~there & (~arrives | (leaving_rows(matrix) > 0))
+    _, may_fail = prospects(matrix, there)
+    time = np.where(may_fail, np.inf, 0.0)
+    return _times(matrix, ~may_fail & ~there, time, "hitting_times", throw)
+
+
+def _times(
+    matrix: scipy.sparse.csr_array,
+    inside: Bool[np.ndarray, "cells"],
+    time: Float[np.ndarray, "cells"],
+    what: str,
+    throw: bool,
+) -> Solution:
+    """Fills in the expected numbers of steps until a part of a chain is left."""
+    found, certificate = leaving_times(matrix, inside)
+    certificate.check(what, throw)
+    # No time is less than 1: what is, is noise about one that is too long for 64-bit numbers.
+    time[inside] = np.where(found >= 1 - TIME_TOLERANCE, found, np.inf)
+    return Solution(jnp.asarray(time), certificate)
+
+
+def prospects(
+    matrix: scipy.sparse.csr_array, there: Bool[np.ndarray, "cells"]
+) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
+    """From which cells a chain can come to a set of cells, and from which it can fail to."""
+    can = reaching(matrix, there)
     # What lies beyond the target does not count.
     before = matrix.copy()
     before.data[np.repeat(there, np.diff(before.indptr))] = 0
     before.eliminate_zeros()
-    may_fail = reaching(before, fails)
-    time = np.where(may_fail, np.inf, 0.0)
-    return _times(Transient.of(matrix, ~may_fail & ~there), time, "hitting_times", throw)
+    return can, reaching(before, ~there & (~can | (leaving_rows(matrix) > 0)))
 
 
-def _times(part: Transient, time: Float[np.ndarray, "cells"], what: str, throw: bool) -> Solution:
-    """Fills in the expected numbers of steps until a part of a chain is left."""
+def leaving_times(
+    matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]
+) -> tuple[Float[np.ndarray, "inside"], Certificate]:
+    """The expected numbers of steps until a chain has left some cells, which it surely does."""
+    part = Transient.of(matrix, inside)
     gain = np.ones((part.cells.size, 1))
     found, products = part.expect(gain)
     # With t = 1 + Q t + r and 0 <= t, the error is at most max |r| times the true time.
     residual = np.abs(gain + part.step @ found - found).max(initial=0.0)
-    certificate = Certificate(products, float(residual), _TIME_TOLERANCE)
-    certificate.check(what, throw)
-    # No time is less than 1: what is, is noise about one that is too long for 64-bit numbers.
-    time[part.cells] = np.where(found[:, 0] >= 1 - _TIME_TOLERANCE, found[:, 0], np.inf)
-    return Solution(jnp.asarray(time), certificate)
+    return found[:, 0], Certificate(products, float(residual), TIME_TOLERANCE)
 
 
 def group_of(chain: Chain, groups: PersistentGroups) -> Int[np.ndarray, "cells"]:

@@ -12,9 +12,9 @@ from ..certificate import Certificate
 from ..mapping.classes import reaching
 from ..mapping.generalized import leaving_rows
 from ..precision import require_x64
-from .conditional import ALMOST_SURE, PROBABILITY_TOLERANCE, TIME_TOLERANCE, conditioned, times
+from .conditional import ALMOST_SURE, conditioned
 from .decision import DecisionModel
-from .hitting import cell_mask
+from .hitting import PROBABILITY_TOLERANCE, TIME_TOLERANCE, cell_mask, leaving_times
 from .transient import Transient
 
 
@@ -239,7 +239,7 @@ def _quickest(
     rounds, residual = 0, 0.0
     while inside.any():
         rounds += 1
-        time[inside], solved = times(toward.of_policy(policy), inside)
+        time[inside], solved = leaving_times(toward.of_policy(policy), inside)
         after = 1 + toward.expected(np.where(inside, time, 0))
         after = np.where(keeps, after, np.inf)
         best = after.min(axis=0)
