@@ -207,7 +207,7 @@ def sweep(name: str, graph: Graph, problems: dict[str, Any], repeats: int) -> Ro
         size = (f"{count} {name}", graph.vertices, len(graph.edges))
         line(*size, program, *seconds, f"{differ[program]:.1e}")
     batch, single = (timing.median for timing in timings.values())
-    what = f"the same of {count} {name}, in one batch"
+    what = f"least commute times of {count} {name}, in one batch"
     return Row("commute", what, size_of(graph), batch, "ours, one by one", single)
 
 

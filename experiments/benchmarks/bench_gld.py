@@ -2,24 +2,20 @@
 
 Run `python experiments/benchmarks/bench_gld.py`; ours takes about 20 s. gldpy is no dependency;
 where it is installed it is run too, by default on 300 samples, which takes it about 10 s a law
-from its start by L-moments. `--samples 5000` takes it minutes a law.
+from its start by L-moments. `--samples 5000` takes it minutes a law. `--full` has more laws.
 
 Both fit the same continuous samples. What counts is the log-likelihood that they reach, by our
 density for both. Samples of whole numbers are fitted by ours alone: for them the likelihood that
 gldpy maximises has no bound.
 """
 
-import argparse
-import os
-import statistics
-import time
 import warnings
-from collections.abc import Callable
 from typing import Any
 
-import jax
 import numpy as np
 import scipy.stats
+from rows import Row, options, write_rows
+from timing import Timing, begin, line, take_turns, timed
 
 from jaxcell.patrol.lambda_distribution import Gld
 from jaxcell.patrol.lambda_fit import fit_gld
@@ -33,32 +29,35 @@ except ImportError:
 
 CONTINUOUS = {
     "normal": scipy.stats.norm(3, 2),
-    "logistic": scipy.stats.logistic(),
     "exponential": scipy.stats.expon(scale=5),
+}
+WHOLE = {
+    "geometric": scipy.stats.geom(0.03),
+}
+MORE_CONTINUOUS = {
+    "logistic": scipy.stats.logistic(),
     "uniform": scipy.stats.uniform(-1, 3),
     "Student, 3": scipy.stats.t(3),
     "lognormal": scipy.stats.lognorm(0.8),
 }
-WHOLE = {
-    "geometric": scipy.stats.geom(0.03),
+MORE_WHOLE = {
     "negative binomial": scipy.stats.nbinom(3, 0.1),
     "Poisson": scipy.stats.poisson(900),
 }
 
 
-def timed(program: Callable[[], Any]) -> tuple[float, Any]:
-    began = time.perf_counter()
-    result = program()
-    return time.perf_counter() - began, result
+def ours(name: str, samples: np.ndarray, repeats: int) -> float:
+    """The median of our seconds."""
+    found: dict[str, Any] = {}
+    timing = take_turns({"jaxcell": lambda: fit_gld(samples)}, repeats, found.update)["jaxcell"]
+    reached = found["jaxcell"].log_likelihood
+    row(name, samples, "jaxcell", f"{timing.first:.2f}", timing, reached)
+    return timing.median
 
 
-def ours(name: str, samples: np.ndarray, repeats: int) -> None:
-    first, fit = timed(lambda: fit_gld(samples))
-    again = [timed(lambda: fit_gld(samples))[0] for _ in range(repeats)]
-    row(name, samples, "jaxcell", f"{first:.2f}", again, fit.log_likelihood)
+def by_gldpy(name: str, samples: np.ndarray) -> float | None:
+    """Its seconds; `None` where it fails."""
 
-
-def by_gldpy(name: str, samples: np.ndarray) -> None:
     def program() -> Any:
         return gldpy.GLD("FMKL").fit_ML(
             samples,
@@ -73,43 +72,43 @@ def by_gldpy(name: str, samples: np.ndarray) -> None:
             warnings.simplefilter("ignore")
             seconds, parameters = timed(program)
     except Exception as error:  # What it raises where it finds no start is not documented.
-        print(f"| {name} | {samples.size:,} | gldpy | {type(error).__name__}: {error} |")
-        return
+        line(name, f"{samples.size:,}", "gldpy", f"{type(error).__name__}: {error}")
+        return None
     law = Gld(*(float(parameter) for parameter in parameters))
-    row(name, samples, "gldpy", "", [seconds], float(law.log_pdf(samples).sum()))
+    timing = Timing.of(seconds, [seconds])
+    row(name, samples, "gldpy", "", timing, float(law.log_pdf(samples).sum()))
+    return seconds
 
 
 def row(
-    name: str, samples: np.ndarray, program: str, first: str, seconds: list[float], reached: float
+    name: str, samples: np.ndarray, program: str, first: str, timing: Timing, reached: float
 ) -> None:
-    print(
-        f"| {name} | {samples.size:,} | {program} | {first} | {min(seconds):.3f} | "
-        f"{statistics.median(seconds):.3f} | {reached:.3f} |",
-        flush=True,
-    )
+    seconds = (f"{timing.least:.3f}", f"{timing.median:.3f}")
+    line(name, f"{samples.size:,}", program, first, *seconds, f"{reached:.3f}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5)
+    parser = options(__doc__, repeats=5, full="more laws")
     parser.add_argument("--samples", type=int, default=300, help="that gldpy gets")
     arguments = parser.parse_args()
-    jax.config.update("jax_enable_x64", True)
-    print(
-        f"jax {jax.__version__}, numpy {np.__version__}, scipy {scipy.__version__}, "
-        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n"
-    )
-    if gldpy is None:
-        print("gldpy is not installed: ours alone\n")
-    print("| law | samples | program | first call, s | min, s | median, s | log-likelihood |")
-    print("|---|--:|---|--:|--:|--:|--:|")
-    for name, law in {**CONTINUOUS, **WHOLE}.items():
-        ours(name, law.rvs(5000, random_state=0), arguments.repeats)
-    if gldpy is not None:
-        for name, law in CONTINUOUS.items():
-            samples = law.rvs(arguments.samples, random_state=0)
-            ours(name, samples, arguments.repeats)
-            by_gldpy(name, samples)
+    begin("jax", "numpy", "scipy", "gldpy")
+    continuous, whole = CONTINUOUS, WHOLE
+    if arguments.full:
+        continuous, whole = {**CONTINUOUS, **MORE_CONTINUOUS}, {**WHOLE, **MORE_WHOLE}
+    line("law", "samples", "program", "first call, s", "min, s", "median, s", "log-likelihood")
+    line("---", "--:", "---", *["--:"] * 4)
+    rows = []
+    for name, law in {**continuous, **whole}.items():
+        seconds = ours(name, law.rvs(5000, random_state=0), arguments.repeats)
+        # Where gldpy is run, it gets rows of its own, with fewer samples.
+        peer = "gldpy" if gldpy is None and name in continuous else None
+        rows.append(Row("gld", f"fit of a {name} law", "5,000 samples", seconds, peer))
+    for name, law in continuous.items() if gldpy is not None else ():
+        samples = law.rvs(arguments.samples, random_state=0)
+        seconds = ours(name, samples, arguments.repeats)
+        size, theirs = f"{samples.size:,} samples", by_gldpy(name, samples)
+        rows.append(Row("gld", f"fit of a {name} law", size, seconds, "gldpy", theirs))
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":

@@ -139,7 +139,7 @@ def scale(repeats: int, full: bool) -> list[Row]:
     size = f"{graph[0].size:,} cells"
     return [
         Row("subset", f"localization filter, {name}", size, subsets),
-        Row("subset", f"its minimization, {name}", size, minimizing),
+        Row("subset", f"minimization of that filter, {name}", size, minimizing),
     ]
 
 

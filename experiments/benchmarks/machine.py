@@ -4,11 +4,11 @@ import datetime
 import os
 import platform
 import re
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import psutil
-from timing import version
 
 
 # Ours, what it stands on, and the peers of all benchmarks.
@@ -27,6 +27,14 @@ PACKAGES = (
     "gldpy",
     "visilibity",
 )
+
+
+def version(package: str) -> str | None:
+    """The installed version of a package, by its name on PyPI; `None` if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def versions() -> dict[str, str | None]:

@@ -20,11 +20,13 @@ import dataclasses
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-from timing import Timing
+from typing import TYPE_CHECKING, Any
 
 from jaxcell.files import replacing
+
+
+if TYPE_CHECKING:
+    from timing import Timing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,7 +87,7 @@ def rows_of(
     benchmark: str,
     what: str,
     size: str,
-    timings: Mapping[str, Timing],
+    timings: "Mapping[str, Timing]",
     absent: Iterable[str] = (),
 ) -> list[Row]:
     """A row for each peer: the programs of `timings` but the first, and those that are absent."""

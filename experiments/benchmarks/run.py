@@ -77,18 +77,21 @@ def run_all(scripts: Sequence[Path], logs: Path) -> dict[str, Outcome]:
 
 
 def seconds_text(seconds: float | None) -> str:
-    """Seconds with two digits that count, in the unit that people would take."""
+    """Seconds in the unit that people would take."""
     if seconds is None:
         return ""
     unit, factor = ("s", 1.0) if seconds >= 1 else ("ms", 1e-3)
-    value = seconds / factor
-    digits = 0 if value >= 9.95 else 1 if value >= 0.995 else 2
-    return f"{value:,.{digits}f} {unit}"
+    return f"{two_digits(seconds / factor)} {unit}"
+
+
+def two_digits(value: float) -> str:
+    """A number with two digits that count, or with all before the point."""
+    return f"{value:,.{0 if value >= 9.95 else 1 if value >= 0.995 else 2}f}"
 
 
 def cells_of(row: Row) -> tuple[str, ...]:
     """The row as it is shown."""
-    ratio = "" if row.ratio is None else f"{row.ratio:,.{1 if row.ratio < 9.95 else 0}f}"
+    ratio = "" if row.ratio is None else two_digits(row.ratio)
     theirs = MISSING if row.peer and row.peer_s is None else seconds_text(row.peer_s)
     ours = seconds_text(row.ours_s)
     return (row.benchmark, row.what, row.size, ours, row.peer or "", theirs, ratio)

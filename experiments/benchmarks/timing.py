@@ -4,10 +4,10 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from importlib import metadata
 from typing import Any, NamedTuple
 
 import jax
+from machine import version
 
 
 class Timing(NamedTuple):
@@ -31,14 +31,6 @@ def begin(*packages: str) -> None:
     jax.config.update("jax_enable_compilation_cache", False)
     versions = ", ".join(f"{name} {version(name) or '(not installed)'}" for name in packages)
     print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}\n", flush=True)
-
-
-def version(package: str) -> str | None:
-    """The installed version of a package, by its name on PyPI; `None` if it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def timed(program: Callable[[], Any]) -> tuple[float, Any]:
