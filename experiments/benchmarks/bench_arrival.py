@@ -1,6 +1,6 @@
 """Times the first of several robots to arrive: simulated, beside NumPy, and by the exact law.
 
-Run `python experiments/benchmarks/bench_arrival.py`; it takes about 30 s.
+Run `python experiments/benchmarks/bench_arrival.py`; it takes about 10 s.
 
 Three robots patrol the graph of `bench_commute.py` with 188 vertices, each with an emphasis of its
 own, as in Alam 2018, section 4.5.3. They start in random cells, and 5,000 runs last until one of

@@ -5,36 +5,36 @@
 prints Markdown tables; README.md in this folder says what is timed, and the rules.
 """
 
-import argparse
 import concurrent.futures
 import math
 import multiprocessing
-import os
 import resource
-import statistics
 import sys
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numba
 import numpy as np
 import psutil
 import scipy.sparse
+from rows import Row, options, rows_of, write_rows
+from timing import Timing, begin, line, take_turns
 
 from jaxcell import bounce
 from jaxcell.mapping import GroupSummary, periodic_groups
 from jaxcell.space import CellSpace, Workspace, stencil
 
 
+# Here, since the processes that tell of memory import this module only.
 jax.config.update("jax_enable_x64", True)
 
 DIRECTIONS = 360
 BOUNCE = math.pi / 2
 MAP = Path(__file__).parents[2] / "data" / "maps" / "room_200x125.json"
-SIZES = [1e5, 3e5, 1e6, 3e6, 1e7, 3e7]
+SIZES = [1e5, 1e6, 1e7]
+MORE_SIZES = [3e5, 3e6, 3e7]
 
 
 def room(scale: float = 1.0, directions: int = DIRECTIONS) -> CellSpace:
@@ -207,9 +207,6 @@ def summary_only(cells: CellSpace, collision: str) -> GroupSummary:
     return jax.block_until_ready(bounce.group_summary(cells, BOUNCE, collision=collision))
 
 
-# The rules: warm up, check, then take turns.
-
-
 def check(results: dict[str, Groups | GroupSummary]) -> None:
     """Refuses results that differ in any cell.
 
@@ -236,36 +233,13 @@ def check(results: dict[str, Groups | GroupSummary]) -> None:
                 sys.exit(f"{name} and {names[0]} disagree")
 
 
-class Timing(NamedTuple):
-    first: float
-    least: float
-    median: float
-
-
-def take_turns(
-    programs: dict[str, Callable[[], object]], repeats: int, together: list[list[str]]
-) -> dict[str, Timing]:
-    """Wall-clock seconds of each program; those named together must give the same."""
-
-    def timed(program: Callable[[], object]) -> tuple[float, object]:
-        began = time.perf_counter()
-        result = program()
-        return time.perf_counter() - began, result
-
-    firsts = {name: timed(program) for name, program in programs.items()}
-    for names in together:
-        check({name: firsts[name][1] for name in names})
-    first = {name: seconds for name, (seconds, _) in firsts.items()}
-    del firsts
-    taken: dict[str, list[float]] = {name: [] for name in programs}
-    for _ in range(repeats):
-        for name, program in programs.items():
-            taken[name].append(timed(program)[0])
-    return {n: Timing(first[n], min(t), statistics.median(t)) for n, t in taken.items()}
-
-
 EXPANDED = ["jaxcell", "jaxcell, map known", "Alg. 2.1", "Alg. 2.1 on a table"]
 SUMMARY = ["jaxcell, summary", "Alg. 2.1, summary", "Alg. 2.1 on a table, summary"]
+
+
+def both_alike(results: dict[str, Groups | GroupSummary]) -> None:
+    for names in (EXPANDED, SUMMARY):
+        check({name: results[name] for name in names})
 
 
 def programs(cells: CellSpace, collision: str) -> dict[str, Callable[[], object]]:
@@ -291,22 +265,33 @@ def compile_peer() -> None:
             peer_summary(room(0.1), collision, tabulated)
 
 
-def side_by_side(repeats: int) -> None:
+def rows_for(timings: dict[str, Timing], cells: CellSpace, collision: str) -> list[Row]:
+    """Ours beside the faster of the peers."""
+    rows = []
+    wanted = "image, group and step of all cells", "counts, periods, basins, longest transients"
+    for what, (ours, *_, grid, table) in zip(wanted, (EXPANDED, SUMMARY), strict=True):
+        peer = min(grid, table, key=lambda name: timings[name].median)
+        both = {ours: timings[ours], f"{peer}, Numba": timings[peer]}
+        what = f"{what}, collision {collision!r}"
+        rows += rows_of("groups", what, f"{cells.size:,} cells", both)
+    return rows
+
+
+def side_by_side(collision: str, repeats: int) -> list[Row]:
     cells = room()
-    for collision in ("endpoint", "swept"):
-        timings = take_turns(programs(cells, collision), repeats, [EXPANDED, SUMMARY])
-        print(f"\n### 200 x 125 x {DIRECTIONS}, {cells.size:,} cells, collision {collision!r}\n")
-        print("| | first call, s | min, ms | median, ms | Alg. 2.1 takes | on a table |")
-        print("|---|--:|--:|--:|--:|--:|")
-        for names in (EXPANDED, SUMMARY):
-            for name in names:
-                ratios = (timings[peer].median / timings[name].median for peer in names[-2:])
-                first, least, median = timings[name]
-                row = f"| {name} | {first:.2f} | {least * 1e3:.1f} | {median * 1e3:.1f} |"
-                print(row + "".join(f" {ratio:.2f} x |" for ratio in ratios))
+    timings = take_turns(programs(cells, collision), repeats, both_alike)
+    print(f"\n### 200 x 125 x {DIRECTIONS}, {cells.size:,} cells, collision {collision!r}\n")
+    line("", "first call, s", "min, ms", "median, ms", "Alg. 2.1 takes", "on a table")
+    line("---", *["--:"] * 5)
+    for names in (EXPANDED, SUMMARY):
+        for name in names:
+            first, least, median = timings[name]
+            ratios = [f"{timings[peer].median / median:.2f} x" for peer in names[-2:]]
+            line(name, f"{first:.2f}", f"{least * 1e3:.1f}", f"{median * 1e3:.1f}", *ratios)
+    return rows_for(timings, cells, collision)
 
 
-def any_map(repeats: int) -> None:
+def any_map(repeats: int) -> list[Row]:
     """Programs that know nothing of rooms: the image is given."""
     cells = room()
     image = bounce.bounce_map(cells, BOUNCE).image
@@ -319,43 +304,53 @@ def any_map(repeats: int) -> None:
         shape=(cells.size, cells.size),
     )
     components = scipy.sparse.csgraph.connected_components
-    calls: dict[str, Callable[[], object]] = {
-        "periodic_groups(image)": lambda: jax.block_until_ready(periodic_groups(image)),
+    calls: dict[str, Callable[[], Any]] = {
+        "periodic_groups(image)": lambda: periodic_groups(image),
         "scipy connected_components, strong": lambda: components(graph, connection="strong"),
         "scipy connected_components, weak": lambda: components(graph, connection="weak"),
     }
-    groups, (_, strong), (basins, weak) = (call() for call in calls.values())
 
     def pairs(one: np.ndarray, other: np.ndarray) -> int:
         return np.unique(one.astype(np.int64) * cells.size + other).size
 
-    group, periodic = np.asarray(groups.group), np.asarray(groups.periodic)
-    counts = {pairs(group, weak), pairs(group[periodic], strong[periodic]), basins}
-    if counts != {int(groups.count)}:
-        sys.exit("scipy and periodic_groups disagree")
-    timings = take_turns(calls, repeats, [])
+    def check(results: dict[str, Any]) -> None:
+        groups, (_, strong), (basins, weak) = results.values()
+        group, periodic = np.asarray(groups.group), np.asarray(groups.periodic)
+        counts = {pairs(group, weak), pairs(group[periodic], strong[periodic]), basins}
+        if counts != {int(groups.count)}:
+            sys.exit("scipy and periodic_groups disagree")
+
+    timings = take_turns(calls, repeats, check)
     print(f"\n### Any map, {cells.size:,} cells, image given\n")
-    print("| | gives | min, ms | median, ms |\n|---|---|--:|--:|")
+    line("", "gives", "min, ms", "median, ms")
+    line("---", "---", "--:", "--:")
     gives = ["groups, steps, periods", "groups of periodic cells", "basins"]
     for (name, timing), what in zip(timings.items(), gives, strict=True):
-        print(f"| {name} | {what} | {timing.least * 1e3:.0f} | {timing.median * 1e3:.0f} |")
+        line(name, what, f"{timing.least * 1e3:.0f}", f"{timing.median * 1e3:.0f}")
+    return rows_of("groups", "groups of any map, image given", f"{cells.size:,} cells", timings)
 
 
-def series(title: str, spaces: Iterable[CellSpace], repeats: int) -> None:
-    """The median time of all programs in rooms of several sizes, and the exponent of its growth."""
+def series(title: str, spaces: Iterable[CellSpace], repeats: int) -> list[Row]:
+    """The median time of all programs in several sizes, and the exponent of its growth.
+
+    The rows are those of the smallest, where the peer is at its best.
+    """
     names = EXPANDED + SUMMARY
     print(f"\n### {title}, collision 'swept', median ms\n")
-    print(f"| cells | {' | '.join(names)} |\n|--:|{'--:|' * len(names)}")
-    counted, measured = [], []
+    line("cells", *names)
+    line("--:", *["--:"] * len(names))
+    counted, measured, rows = [], [], []
     for cells in spaces:
         # Small cases are repeated more, the largest less.
         turns = 3 if cells.size > 2e7 else max(repeats, min(50, round(repeats * 3e6 / cells.size)))
-        timings = take_turns(programs(cells, "swept"), turns, [EXPANDED, SUMMARY])
+        timings = take_turns(programs(cells, "swept"), turns, both_alike)
+        rows = rows or rows_for(timings, cells, "swept")
         counted.append(cells.size)
         measured.append([timings[name].median for name in names])
-        print(f"| {cells.size:,} | {' | '.join(f'{1e3 * s:.2f}' for s in measured[-1])} |")
+        line(f"{cells.size:,}", *(f"{1e3 * s:.2f}" for s in measured[-1]))
     slopes = np.polyfit(np.log(counted), np.log(measured), 1)[0]
-    print(f"| exponent | {' | '.join(f'{slope:.2f}' for slope in slopes)} |")
+    line("exponent", *(f"{slope:.2f}" for slope in slopes))
+    return rows
 
 
 def peak_bytes(scale: float, name: str) -> float:
@@ -368,31 +363,38 @@ def peak_bytes(scale: float, name: str) -> float:
     return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit - before) / cells.size
 
 
-def memory() -> None:
-    scale = math.sqrt(SIZES[-1] / room().size)
-    print(f"\n### Peak memory, {room(scale).size:,} cells\n\n| | bytes a cell |\n|---|--:|")
+def memory(size: float) -> None:
+    scale = math.sqrt(size / room().size)
+    print(f"\n### Peak memory, {room(scale).size:,} cells\n")
+    line("", "bytes a cell")
+    line("---", "--:")
     for name in (EXPANDED[0], EXPANDED[2], SUMMARY[0], SUMMARY[1]):
         spawn = multiprocessing.get_context("spawn")
         with concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn) as process:
-            print(f"| {name} | {process.submit(peak_bytes, scale, name).result():.1f} |")
+            line(name, f"{process.submit(peak_bytes, scale, name).result():.1f}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=9, help="timed turns of each program")
-    repeats = parser.parse_args().repeats
-    versions = f"jax {jax.__version__}, numba {numba.__version__}, numpy {np.__version__}"
-    print(f"{versions}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    full = "memory, other collisions, fewer directions, and 30,000,000 cells"
+    arguments = options(__doc__, repeats=9, full=full).parse_args()
+    repeats = arguments.repeats
+    begin("jax", "numba", "numpy", "scipy")
     # First of all: a child's record of its peak begins at the size of its parent.
-    memory()
+    if arguments.full:
+        memory(MORE_SIZES[-1])
     compile_peer()
-    side_by_side(repeats)
-    any_map(repeats=min(repeats, 5))
-    full = room().size
-    rooms = (room(math.sqrt(size / full)) for size in SIZES)
-    series(f"Rooms of all sizes, {DIRECTIONS} directions", rooms, repeats)
-    fewer = (room(directions=directions) for directions in (4, 12, 36, 120))
-    series("The same room, fewer directions", fewer, repeats)
+    rows = side_by_side("swept", repeats)
+    if arguments.full:
+        rows += side_by_side("endpoint", repeats)
+    rows += any_map(min(repeats, 5))
+    full_size = room().size
+    sizes = sorted(SIZES + MORE_SIZES) if arguments.full else SIZES
+    rooms = (room(math.sqrt(size / full_size)) for size in sizes)
+    rows += series(f"Rooms of all sizes, {DIRECTIONS} directions", rooms, repeats)
+    if arguments.full:
+        fewer = (room(directions=directions) for directions in (4, 12, 36, 120))
+        series("The same room, fewer directions", fewer, repeats)
+    write_rows(arguments.rows, rows)
 
 
 if __name__ == "__main__":
