@@ -133,7 +133,8 @@ def side_by_side(chains: list[Chain], target: np.ndarray, repeats: int) -> Row:
     ):
         seconds = [timed(solve)[0] for _ in range(repeats)]
         row(len(target), program, seconds, min(seconds) / least, exact, "")
-    what = f"first of {ROBOTS} robots in one of {len(target)} cells, {RUNS:,} runs"
+    where = "one cell" if len(target) == 1 else f"any of {len(target)} cells"
+    what = f"first of {ROBOTS} robots in {where}, {RUNS:,} runs"
     median, theirs = statistics.median(warm), statistics.median(batch_s)
     return Row("arrival", what, f"{cells} cells", median, "NumPy, all runs at once", theirs)
 

@@ -102,12 +102,12 @@ def main() -> None:
         seconds = ours(name, law.rvs(5000, random_state=0), arguments.repeats)
         # Where gldpy is run, it gets rows of its own, with fewer samples.
         peer = "gldpy" if gldpy is None and name in continuous else None
-        rows.append(Row("gld", f"fit of a {name} law", "5,000 samples", seconds, peer))
+        rows.append(Row("gld", f"fit of samples, {name} law", "5,000 samples", seconds, peer))
     for name, law in continuous.items() if gldpy is not None else ():
         samples = law.rvs(arguments.samples, random_state=0)
         seconds = ours(name, samples, arguments.repeats)
         size, theirs = f"{samples.size:,} samples", by_gldpy(name, samples)
-        rows.append(Row("gld", f"fit of a {name} law", size, seconds, "gldpy", theirs))
+        rows.append(Row("gld", f"fit of samples, {name} law", size, seconds, "gldpy", theirs))
     write_rows(arguments.rows, rows)
 
 

@@ -26,6 +26,7 @@ PACKAGES = (
     "deeptime",
     "gldpy",
     "visilibity",
+    "distributed",
 )
 
 

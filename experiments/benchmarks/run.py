@@ -20,6 +20,7 @@ from typing import Any
 
 from machine import machine, versions
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 from rows import Row, read_rows
 
@@ -31,6 +32,7 @@ ROOT = HERE.parents[1]
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 # For the time of a peer that is not installed, or cannot do it.
 MISSING = "-"
+FILE_WIDTH = 140
 HEAD = ("", "what", "size", "jaxcell", "peer", "peer takes", "ratio")
 
 
@@ -117,11 +119,11 @@ def markdown(rows: Sequence[Row], setting: str) -> str:
 def show(rows: Sequence[Row], setting: str) -> None:
     """Prints the table of all rows."""
     table = Table(*HEAD, caption=setting, caption_justify="left")
-    for column in (3, 5, 6):
-        table.columns[column].justify = "right"
+    for number, column in enumerate(table.columns):
+        column.overflow, column.justify = "fold", "right" if number in (3, 5, 6) else "left"
     for row in rows:
-        table.add_row(*cells_of(row))
-    Console().print(table)
+        table.add_row(*map(escape, cells_of(row)))
+    (Console() if Console().is_terminal else Console(width=FILE_WIDTH)).print(table)
 
 
 def between_markers(text: str, new: str) -> str:
