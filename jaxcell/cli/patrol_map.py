@@ -250,13 +250,32 @@ class PatrolMap(OutputOptions):
         return {**spec, **times, "runs": self.runs, "seed": self.seed}
 
     def _write(self, out: Path, found: "MapPatrol", spec: dict[str, Any]) -> None:
+        import numpy as np
+
         from .. import record
+        from ..robot.patrol_task import save_patrols
 
         with status(f"writing {out}"):
             out.mkdir(parents=True, exist_ok=True)
             dataset = record.patrol_map_dataset(found, spec=spec)
             record.save_dataset(dataset, out / "patrol_map.nc")
             record.log_patrol_map(out / "patrol_map.rrd", found, seed=self.seed, spec=spec)
+            save_patrols(
+                out / "patrol.json",
+                found.cells,
+                [
+                    (np.asarray(policy.chain.image), np.asarray(policy.chain.probability))
+                    for policy in found.policies
+                ],
+                # Where it reports, or sees most.
+                [
+                    int(policy.cover[0] if policy.contact is None else policy.contact)
+                    for policy in found.policies
+                ],
+                self.reach,
+                map=spec["map"],
+                name=spec["name"],
+            )
 
 
 def _place(cells: "CellSpace", text: str, option: str) -> int:

@@ -2,53 +2,78 @@ import contextlib
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
 from .options import cell_at, write_text
-from .terminal import configuration, note, status, table
+from .robot_emulation import emulate, seen_from
+from .robot_summary import show
+from .terminal import note, status
 
 
 if TYPE_CHECKING:
     from ..record import RobotRecording
-    from ..robot.emulator import Emulator
-    from ..robot.runner import Outcome
-    from ..robot.tasks import FilterTask, PlanTask
+    from ..robot.outcome import Outcome
+    from ..robot.patrol_task import PatrolTask
+    from ..robot.run_log import RunLog
+    from ..robot.tasks import AnyTask
+    from ..robot.walker import Walker
     from ..space import CellSpace
+    from .robot_emulation import Emulation
+
+    _Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], Outcome]]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobotRun:
-    """Run a localization filter or a plan on a robot, or on an emulated one in a map.
+    """Run a filter, a plan, or a robot of a team or a patrol, on a robot or an emulated one.
 
     The robot stops, and the run ends, at Ctrl-C."""
 
     file: tyro.conf.Positional[Path]
-    """What to run: the filter.jxf of `jaxcell localize --out`, or the summary.json of `jaxcell
-    navigate --out`."""
+    """What to run: the filter.jxf of `jaxcell localize --out`, the summary.json of `jaxcell
+    navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell patrol
+    map --out`."""
+    robot: int | None = None
+    """Which robot of a team or of those that patrol this is, by default 0. Each runs by itself, in
+    a process of its own."""
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     simulate: Path | None = None
     """Map in which to emulate the robot instead; it may be another than that of the file."""
     start: str | None = None
-    """Start of the emulated robot: "x,y,heading" in m and degrees, or a cell; by default that of
-    the plan, or random."""
+    """Start of the emulated robot, and of any that patrols: "x,y,heading" in m and degrees, or a
+    cell; by default that of what is run, or random."""
     heading: float | None = None
     """Heading of the robot at the start in degrees, where steps in some directions are longer than
-    in others; the filter is not told. By default that of the plan or the emulated robot; without
+    in others; the filter is not told. By default that of what is run or the emulated robot; without
     any, all steps are of one length."""
+    steps: Literal["encoder", "clock"] = "encoder"
+    """Whether the encoders of the wheels tell how far the robot has gone, or the time that it took
+    at a known speed."""
+    tolerance: float | None = None
+    """How near the end of a step is near enough by the encoders, in metres; by default 4 mm, or
+    less for steps below 1 m."""
+    turn_tolerance: float = 0.4
+    """How near the end of a turn is near enough by the encoders, in degrees."""
     noise: float = 0.0
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians a metre."""
     speedup: float = 10.0
     """Seconds of the emulated robot in a second."""
     seed: int = 0
-    """Seed of the random start and of the noise."""
+    """Seed of the random start, of the noise, and of the draws of a patrol."""
     limit: int = 10_000
     """Observations after which to give up."""
+    visits: int = 100
+    """Drawn cells after which a patrol is over."""
+    bumps: int = 20
+    """Bumps where the map is free after which a patrol is given up."""
+    intruder: str | None = None
+    """Where the emulated map has an intruder, "x,y" in metres, whom a robot on patrol reports."""
     out: Path | None = None
     """Directory for the log, which must not be there yet, the recording and summary.json."""
     live: str | None = None
@@ -67,10 +92,21 @@ class RobotRun:
             raise ValueError("expected one of --port and --simulate")
         if self.live is not None and self.out is None:
             raise ValueError("--live: expected --out as well, for the recording")
-        task = load_task(self.file)
+        task = load_task(self.file, self.robot)
         rng = np.random.default_rng(self.seed)
-        emulation = None if self.simulate is None else _emulation(self, task, rng)
+        emulation = None
+        if self.simulate is not None:
+            emulation = emulate(
+                self.simulate,
+                task,
+                start=self.start,
+                heading=self.heading,
+                noise=self.noise,
+                speedup=self.speedup,
+                rng=rng,
+            )
         heading = self._heading(task, emulation)
+        runner = self._runner(task, emulation, heading)
         # Before the robot is there: what it needs takes seconds to load.
         recording = None if self.out is None else self._recording(task, emulation)
         try:
@@ -81,7 +117,9 @@ class RobotRun:
                 assert port is not None
                 robot = stack.enter_context(Create.open(port))
                 robot.arm()
-                outcome = self._run(robot, task, heading, recording)
+                outcome = self._run(
+                    self._walker(robot, task, emulation, heading), runner, recording
+                )
         except RobotStopped as error:
             note(f"jaxcell robot run: the robot was stopped: {error}")
             return 1
@@ -94,11 +132,13 @@ class RobotRun:
             print(json.dumps(summary))
         else:
             show(self.file.name, summary, emulation)
-        return 0 if outcome.result in ("localized", "arrived") else 1
+        return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
-    def _heading(self, task: "FilterTask | PlanTask", emulation: "_Emulation | None") -> int | None:
+    def _heading(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:
         """The direction at the start, where it is known."""
+        from ..robot.patrol_task import PatrolTask
         from ..robot.tasks import PlanTask
+        from ..robot.team import MemberTask
 
         if self.heading is not None:
             direction = self.heading * task.directions / 360
@@ -110,13 +150,25 @@ class RobotRun:
             return round(direction) % task.directions
         if emulation is not None:
             return emulation.start // emulation.cells.positions
+        if isinstance(task, PatrolTask):
+            return self._patrol_start(task) // task.cells.positions
+        if isinstance(task, MemberTask):
+            return round(task.start[2] * task.directions / (2 * math.pi)) % task.directions
         if isinstance(task, PlanTask):
             raise ValueError("--heading: a plan needs the heading that its robot starts with")
         return None
 
-    def _recording(
-        self, task: "FilterTask | PlanTask", emulation: "_Emulation | None"
-    ) -> "RobotRecording":
+    def _patrol_start(self, task: "PatrolTask", emulation: "Emulation | None" = None) -> int:
+        """The cell where a patrol begins, among those of its map."""
+        if emulation is not None:
+            x, y, theta = emulation.cells.centre(emulation.start)
+            try:
+                return int(task.cells.index(x, y, theta))
+            except ValueError as error:
+                raise ValueError(f"--start: {task.path} has no such place: {error}") from None
+        return task.start if self.start is None else cell_at(task.cells, self.start, "--start")
+
+    def _recording(self, task: "AnyTask", emulation: "Emulation | None") -> "RobotRecording":
         from ..record import RecordedRobot, RobotRecording
         from ..robot.tasks import FilterTask
 
@@ -135,68 +187,88 @@ class RobotRun:
             self.out / "run.rrd",
             [robot],
             cells=cells,
-            filter=filter if same else None,
+            filter=filter,
+            filter_of_cells=same,
             viewer=self.live,
             spec={"file": str(self.file), **about},
         )
 
-    def _run(
-        self,
-        robot: Any,
-        task: "FilterTask | PlanTask",
-        heading: int | None,
-        recording: "RobotRecording | None",
-    ) -> "Outcome":
-        from ..robot.run_log import RunLog
-        from ..robot.runner import run_filter, run_plan
-        from ..robot.tasks import FilterTask
+    def _walker(
+        self, robot: Any, task: "AnyTask", emulation: "Emulation | None", heading: int | None
+    ) -> "Walker":
+        from ..robot.clock import ByClock
         from ..robot.walker import Walker
 
+        if self.steps == "clock":
+            if emulation is None:
+                robot = ByClock(robot)
+            else:
+                robot = ByClock(robot, clock=lambda: emulation.robot.seconds)
+        return Walker(
+            robot,
+            task.step,
+            strides=None if heading is None else task.strides,
+            direction=heading or 0,
+            tolerance=self.tolerance,
+            turn_tolerance=math.radians(self.turn_tolerance),
+        )
+
+    def _runner(
+        self, task: "AnyTask", emulation: "Emulation | None", heading: int | None
+    ) -> "_Runner":
+        """What runs the task, and the header of its log."""
+        from ..robot.patrol import Patrol, run_patrol
+        from ..robot.runner import run_filter, run_plan
+        from ..robot.tasks import FilterTask, PlanTask
+        from ..robot.team import MemberTask, run_member
+
+        header, limit = task.header, self.limit
+        if self.intruder is not None and (emulation is None or header["kind"] != "patrol"):
+            raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
+        match task:
+            case FilterTask():
+                return header, lambda walker, log: run_filter(
+                    walker, task.filter, task.bounce, log=log, limit=limit
+                )
+            case PlanTask():
+                return header, lambda walker, log: run_plan(walker, task.actions, log=log)
+            case MemberTask():
+                return header, lambda walker, log: run_member(walker, task, log=log)
+        patrol = Patrol(
+            task,
+            start=self._patrol_start(task, emulation) % task.cells.positions,
+            facing=heading or 0,
+            seed=self.seed,
+            visits=self.visits,
+            most_bumps=self.bumps,
+            limit=limit,
+        )
+        look = None
+        if self.intruder is not None and emulation is not None:
+            look = seen_from(emulation.cells, task, self.intruder)
+        header |= {"patrol": patrol.settings}
+        return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
+
+    def _run(
+        self, walker: "Walker", runner: "_Runner", recording: "RobotRecording | None"
+    ) -> "Outcome":
+        from ..robot.run_log import RunLog
+
+        header, run = runner
         log: RunLog | None = None
         if self.out is not None:
             # First, for it refuses to replace what is there.
-            log = RunLog(self.out / "run.jsonl", task.header)
-        strides = None if heading is None else task.strides
-        walker = Walker(robot, task.step, strides=strides, direction=heading or 0)
+            log = RunLog(self.out / "run.jsonl", header)
         with contextlib.ExitStack() as stack:
             if log is not None and recording is not None:
                 stack.enter_context(recording)
                 log.on_event = recording.event
                 stack.enter_context(log)
             stack.enter_context(status(f"running {self.file.name}"))
-            if isinstance(task, FilterTask):
-                return run_filter(walker, task.filter, task.bounce, log=log, limit=self.limit)
-            return run_plan(walker, task.actions, log=log)
+            return run(walker, log)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Emulation:
-    """An emulated robot, and the cells of its map."""
-
-    robot: "Emulator"
-    cells: "CellSpace"
-    start: int
-
-    @property
-    def end(self) -> int | None:
-        """The cell that the robot is in, if any."""
-        with contextlib.suppress(ValueError):
-            return int(self.cells.index(*self.robot.pose))
-        return None
-
-    def describe(self, outcome: "Outcome") -> dict[str, Any]:
-        """The truth, for the summary."""
-        x, y, theta = self.robot.pose
-        return {
-            "start": self.start,
-            "end": self.end,
-            "pose": [round(x, 4), round(y, 4), round(math.degrees(theta) % 360, 2)],
-            "seconds": round(self.robot.seconds, 2),
-            "truth_is_a_candidate": self.end in outcome.cells if outcome.cells else None,
-        }
-
-
-def _cells_of(task: "FilterTask | PlanTask", about: Mapping[str, Any]) -> "CellSpace | None":
+def _cells_of(task: "AnyTask", about: Mapping[str, Any]) -> "CellSpace | None":
     """The cells of the map that a filter is of, if the map is where it was."""
     from ..space import CellSpace, Workspace
 
@@ -216,147 +288,3 @@ def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
         "robot_radius_m": cells.workspace.robot_radius,
     }
     return all(about.get(key, value) == value for key, value in found.items())
-
-
-def _emulation(options: RobotRun, task: "FilterTask | PlanTask", rng: Any) -> _Emulation:
-    from ..robot.body import Body, Noise
-    from ..robot.emulator import Emulator, Line
-    from ..robot.tasks import PlanTask
-    from ..space import CellSpace, Workspace
-
-    assert options.simulate is not None
-    workspace = dataclasses.replace(Workspace.load(options.simulate), robot_radius=task.radius)
-    cells = CellSpace.of(workspace, task.cell, task.directions)
-    if options.start is not None:
-        start = cell_at(cells, options.start, "--start")
-    elif isinstance(task, PlanTask):
-        start = cell_at(cells, str(task.start), f"{options.file}: start")
-    else:
-        start = int(rng.integers(cells.size))
-    x, y, theta = cells.centre(start)
-    noise = Noise(distance=options.noise, rotation=options.noise, veer=options.noise)
-    body = Body(workspace, (float(x), float(y), float(theta)), noise=noise, rng=rng)
-    return _Emulation(Emulator(body, line=Line(speedup=options.speedup)), cells, start)
-
-
-def show(title: str, summary: dict[str, Any], emulation: _Emulation | None = None) -> None:
-    """Prints the outcome of a run for people."""
-    observed = summary["observations"]
-    rows: list[tuple[str, object]] = [
-        ("result", summary["result"]),
-        ("why", summary["reason"]),
-        ("observed", observed if len(observed) <= 60 else f"{observed[:57]}... ({len(observed)})"),
-    ]
-    if emulation is None:
-        if summary["cells"]:
-            rows.append(("may be in", ", ".join(map(str, summary["cells"][:20]))))
-    else:
-        truth = summary["emulated"]
-        rows.append(("started at", configuration(emulation.cells, truth["start"])))
-        end = truth["end"]
-        rows.append(("is at", "no cell" if end is None else configuration(emulation.cells, end)))
-        if summary["cells"]:
-            may = [configuration(emulation.cells, z) for z in summary["cells"][:8]]
-            rows.append(("may be at", "\n".join(may)))
-            rows.append(
-                ("the truth is among them", "yes" if truth["truth_is_a_candidate"] else "NO")
-            )
-    table(title, ("", ""), rows)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotReplay:
-    """Give the filter or plan of a logged run what the robot sensed, and compare."""
-
-    log: tyro.conf.Positional[Path]
-    """The run.jsonl of `jaxcell robot run --out`."""
-    filter: Path | None = None
-    """The filter that was run, if it is no more where it was."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
-
-    def run(self) -> int:
-        from ..automata import Filter
-        from ..robot.run_log import read_log
-        from ..robot.runner import plan_outcome, replay
-        from ..robot.tasks import digest
-
-        run = read_log(self.log)
-        try:
-            if run.header["kind"] == "plan":
-                outcome = plan_outcome(run.header["actions"], run.observations)
-            else:
-                path = Path(run.header["file"]) if self.filter is None else self.filter
-                if digest(path) != run.header["sha256"]:
-                    raise ValueError(f"it is of another filter than {path} is now")
-                outcome = replay(run, Filter.load(path))
-        except KeyError as error:
-            raise ValueError(f"{self.log}: line 1: {error} is missing") from error
-        except ValueError as error:
-            raise ValueError(f"{self.log}: {error}") from error
-        summary = {"log": str(self.log), "whole": run.whole, **dataclasses.asdict(outcome)}
-        if self.json:
-            print(json.dumps(summary))
-        else:
-            show(self.log.name, summary)
-        return 0
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotCheck:
-    """Ask a robot how it is."""
-
-    port: str
-    """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
-    firmware: bool = False
-    """Also reboot it to read its firmware version, which takes ten seconds."""
-    move: bool = False
-    """Also drive 10 cm forward and back."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
-
-    def run(self) -> int:
-        from ..robot import Create, RobotStopped
-
-        found: dict[str, Any] = {"port": self.port}
-        if self.firmware:
-            found["firmware"] = self._firmware()
-        try:
-            with Create.open(self.port) as robot:
-                now = robot.sensors()
-                found |= {
-                    "mode": now.mode.name.lower(),
-                    "battery_percent": round(100 * now.battery, 1),
-                    "voltage_V": now.voltage,
-                    "charging_state": now.charging_state,
-                    "charger": now.charger,
-                    "contact": [flag.name.lower() for flag in now.contact if flag.name],
-                    "cliff": list(now.cliff),
-                    "encoders": list(now.encoders),
-                    "danger": now.danger,
-                }
-                if self.move:
-                    robot.arm()
-                    for name, way in [("forward_m", 0.1), ("back_m", -0.1)]:
-                        moved = robot.forward(way)
-                        found[name] = round(moved.distance, 4)
-                        found["bumped"] = moved.bumped
-        except RobotStopped as error:
-            found["danger"] = str(error)
-        if self.json:
-            print(json.dumps(found))
-        else:
-            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in found.items()])
-        return 0 if found["danger"] is None else 1
-
-    def _firmware(self) -> str:
-        import serial
-
-        from ..robot.firmware import firmware
-        from ..robot.open_interface import BAUD
-
-        with (
-            contextlib.closing(serial.serial_for_url(self.port, BAUD, exclusive=True)) as line,
-            status("waiting for the robot to reboot"),
-        ):
-            return firmware(line)

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any
 
 from .options import MapOptions, OutputOptions, cell_at
@@ -72,8 +73,28 @@ class Team(MapOptions, OutputOptions):
                     record.team_dataset(cells, run, spec=spec), self.out / "team.nc"
                 )
                 record.log_team(self.out / "team.rrd", cells, run, spec=spec)
+                self._write_for_robots(cells, run, spec)
         self.finish(summary, lambda: show(cells, summary))
         return 1 if run.uncovered.size else 0
+
+    def _write_for_robots(
+        self, cells: "CellSpace", run: "TeamTrajectory", spec: dict[str, Any]
+    ) -> None:
+        """Writes what `jaxcell robot run` needs."""
+        from ..robot.team import member_actions, save_team
+        from ..space import free_steps
+
+        assert self.out is not None
+        step = spec["step_m"] / cells.cell
+        x, y, theta = (each.tolist() for each in cells.centre(run.path[0]))
+        bounces = self.bounce * (1 if len(self.bounce) > 1 else len(x))
+        save_team(
+            self.out / "team.json",
+            spec,
+            list(zip(x, y, theta, strict=True)),
+            [math.radians(bounce) for bounce in bounces],
+            member_actions(run.path, run.bumped, free_steps(cells, step, self.collision)),
+        )
 
     def _cells_of_robots(self, cells: "CellSpace") -> list[int]:
         """The starts that were given, or random ones in different positions."""

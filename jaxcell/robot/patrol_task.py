@@ -161,6 +161,6 @@ def _check_ways(task: PatrolTask) -> None:
     if cut_off.size:
         x, y, _ = task.cells.centre(int(cut_off[0]))
         raise ValueError(
-            f"{task.path}: robots[{task.robot}] walks to position {cut_off[0]}, ({x:g} m, {y:g} m), "
-            "where no way along the grid leads from its start"
+            f"{task.path}: robots[{task.robot}] walks to position {cut_off[0]}, ({x:g} m, "
+            f"{y:g} m), where no way along the grid leads from its start"
         )

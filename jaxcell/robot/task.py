@@ -64,7 +64,7 @@ class Fields:
 
     def number(self, name: str, least: float = -math.inf) -> float:
         """A finite number, of `least` at least."""
-        value = self.values.get(name)
+        value: Any = self.values.get(name)
         if not is_number(value) or value < least:
             wanted = "" if least == -math.inf else f" from {least:g}"
             raise self.refused(name, f"a finite number{wanted}")

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Int
 
 from ..files import replacing
 from .outcome import Outcome, observed
-from .run_log import RunLog, finished
+from .run_log import LoggedRun, RunLog, finished
 from .task import Fields, Task
 from .walker import Walker
 
@@ -243,3 +243,10 @@ def run_member(
         if member.index > index and action in turns:
             walker.rotate(turns[action])
     return finished(member.outcome(), log)
+
+
+def replay_member(run: LoggedRun) -> Outcome:
+    """How a robot of a team ended, or stands, by its log."""
+    member = Member(run.header["actions"], TRIES)
+    member.replay(run.observations)
+    return member.outcome()

@@ -168,6 +168,7 @@ def test_writes_its_results(capsys, tmp_path):
     assert {path.name for path in out.iterdir()} == {
         "patrol_map.nc",
         "patrol_map.rrd",
+        "patrol.json",
         "summary.json",
     }
     assert json.loads((out / "summary.json").read_text()) == found

@@ -5,7 +5,9 @@ import pytest
 from rerun.chunk import RrdReader
 from wheels import MAPS, bounce_filter, bounce_tables, map_cells
 
-from jaxcell.cli.robot import RobotCheck, RobotReplay, RobotRun
+from jaxcell.cli.robot import RobotRun
+from jaxcell.cli.robot_check import RobotCheck
+from jaxcell.cli.robot_replay import RobotReplay
 from jaxcell.robot.body import Body
 from jaxcell.robot.emulator import Emulator, Line
 from jaxcell.robot.packets import Contact

@@ -85,7 +85,12 @@ def test_results_are_left_to_look_at(capsys, tmp_path):
     folder = tmp_path / "new" / "folder"
     status, found, _ = run(capsys, LAB, "--bounce", 135, "--robots", 2, "--out", folder)
     assert status == 0
-    assert {path.name for path in folder.iterdir()} == {"team.nc", "team.rrd", "summary.json"}
+    assert {path.name for path in folder.iterdir()} == {
+        "team.nc",
+        "team.rrd",
+        "team.json",
+        "summary.json",
+    }
     assert json.loads((folder / "summary.json").read_text()) == found
     with xr.open_dataset(folder / "team.nc") as dataset:
         assert dataset.cell.isel(time=0).values.tolist() == found["starts"]

@@ -1,3 +1,4 @@
+import itertools
 import json
 import math
 
@@ -8,7 +9,7 @@ from wheels import Wheels, map_cells
 from jaxcell.robot.body import Body
 from jaxcell.robot.patrol import Patrol, replay_patrol, run_patrol
 from jaxcell.robot.patrol_task import save_patrols
-from jaxcell.robot.routing import grid_steps, wave
+from jaxcell.robot.routing import wave
 from jaxcell.robot.run_log import RunLog, read_log
 from jaxcell.robot.tasks import load_task
 from jaxcell.robot.walker import Walker
@@ -93,14 +94,14 @@ def test_a_robot_visits_what_is_drawn(task_of, tmp_path):
     assert outcome.position == 18 == place_of(LAB, body)
     # On shortest ways, without a bump, and with a look in each cell on them.
     tour = [0, *outcome.visited]
-    length = sum(int(wave(task.ways, b)[a]) for a, b in zip(tour, tour[1:], strict=False))
+    length = sum(int(wave(task.ways, b)[a]) for a, b in itertools.pairwise(tour))
     assert outcome.observations == "0" * length
     assert seen[0] == 0
     assert len(seen) == length + 1
     run = read_log(tmp_path / "run.jsonl")
     assert replay_patrol(run, task) == outcome
     other = task_of(LAB, round_tour(LAB, np.array([0, 7, 18])))
-    with pytest.raises(ValueError, match="observation 0: the log has way .* of another policy"):
+    with pytest.raises(ValueError, match=r"observation 0: the log has way .* of another policy"):
         replay_patrol(run, other)
 
 

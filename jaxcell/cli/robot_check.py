@@ -1,0 +1,68 @@
+import contextlib
+import dataclasses
+import json
+from typing import Annotated, Any
+
+import tyro
+
+from .terminal import status, table
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RobotCheck:
+    """Ask a robot how it is."""
+
+    port: str
+    """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    firmware: bool = False
+    """Also reboot it to read its firmware version, which takes ten seconds."""
+    move: bool = False
+    """Also drive 10 cm forward and back."""
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+    def run(self) -> int:
+        from ..robot import Create, RobotStopped
+
+        found: dict[str, Any] = {"port": self.port}
+        if self.firmware:
+            found["firmware"] = self._firmware()
+        try:
+            with Create.open(self.port) as robot:
+                now = robot.sensors()
+                found |= {
+                    "mode": now.mode.name.lower(),
+                    "battery_percent": round(100 * now.battery, 1),
+                    "voltage_V": now.voltage,
+                    "charging_state": now.charging_state,
+                    "charger": now.charger,
+                    "contact": [flag.name.lower() for flag in now.contact if flag.name],
+                    "cliff": list(now.cliff),
+                    "encoders": list(now.encoders),
+                    "danger": now.danger,
+                }
+                if self.move:
+                    robot.arm()
+                    for name, way in [("forward_m", 0.1), ("back_m", -0.1)]:
+                        moved = robot.forward(way)
+                        found[name] = round(moved.distance, 4)
+                        found["bumped"] = moved.bumped
+        except RobotStopped as error:
+            found["danger"] = str(error)
+        if self.json:
+            print(json.dumps(found))
+        else:
+            table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in found.items()])
+        return 0 if found["danger"] is None else 1
+
+    def _firmware(self) -> str:
+        import serial
+
+        from ..robot.firmware import firmware
+        from ..robot.open_interface import BAUD
+
+        with (
+            contextlib.closing(serial.serial_for_url(self.port, BAUD, exclusive=True)) as line,
+            status("waiting for the robot to reboot"),
+        ):
+            return firmware(line)

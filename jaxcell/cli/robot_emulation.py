@@ -1,0 +1,131 @@
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .options import cell_at
+
+
+if TYPE_CHECKING:
+    from ..robot.emulator import Emulator
+    from ..robot.outcome import Outcome
+    from ..robot.patrol_task import PatrolTask
+    from ..robot.tasks import AnyTask
+    from ..space import CellSpace
+
+
+# How far the emulated bumper goes in before it is felt: 2 cm as on the robot, but where cells are
+# small a hundredth of one, since a step that goes less deep into a wall would be no bump.
+_GIVE = 0.02
+_GIVE_OF_A_CELL = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class Emulation:
+    """An emulated robot, and the cells of its map."""
+
+    robot: "Emulator"
+    cells: "CellSpace"
+    start: int
+
+    @property
+    def end(self) -> int | None:
+        """The cell that the robot is in, if any."""
+        with contextlib.suppress(ValueError):
+            return int(self.cells.index(*self.robot.pose))
+        return None
+
+    def describe(self, outcome: "Outcome") -> dict[str, Any]:
+        """The truth, for the summary."""
+        x, y, theta = self.robot.pose
+        return {
+            "start": self.start,
+            "end": self.end,
+            "pose": [round(x, 4), round(y, 4), round(math.degrees(theta) % 360, 2)],
+            "seconds": round(self.robot.seconds, 2),
+            "truth_is_a_candidate": self.end in outcome.cells if outcome.cells else None,
+        }
+
+
+def emulate(
+    map: Path,
+    task: "AnyTask",
+    *,
+    start: str | None,
+    heading: float | None,
+    noise: float,
+    speedup: float,
+    rng: Any,
+) -> Emulation:
+    """An emulated robot in a map, at the start of a task, or at that of an option."""
+    from ..robot.body import Body, Noise
+    from ..robot.emulator import Emulator, Line
+    from ..space import CellSpace, Workspace
+
+    workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
+    cells = CellSpace.of(workspace, task.cell, task.directions)
+    if start is not None:
+        at = cell_at(cells, start, "--start")
+    else:
+        at = _start(cells, task, heading, rng)
+    x, y, theta = cells.centre(at)
+    body = Body(
+        workspace,
+        (float(x), float(y), float(theta)),
+        give=min(_GIVE, _GIVE_OF_A_CELL * task.cell),
+        noise=Noise(distance=noise, rotation=noise, veer=noise),
+        rng=rng,
+    )
+    return Emulation(Emulator(body, line=Line(speedup=speedup)), cells, at)
+
+
+def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
+    """The cell that a task starts in; of a filter any."""
+    from ..robot.patrol_task import PatrolTask
+    from ..robot.tasks import PlanTask
+    from ..robot.team import MemberTask
+
+    match task:
+        case PlanTask():
+            return cell_at(cells, str(task.start), f"{task.path}: start")
+        case MemberTask():
+            pose = task.start
+        case PatrolTask():
+            x, y, _ = task.cells.centre(task.start)
+            pose = float(x), float(y), math.radians(heading or 0)
+        case _:
+            return int(rng.integers(cells.size))
+    try:
+        return int(cells.index(*pose))
+    except ValueError as error:
+        raise ValueError(f"{task.path}: its start is not in the map: {error}") from None
+
+
+def seen_from(
+    cells: "CellSpace", task: "PatrolTask", intruder: str
+) -> Callable[[int], dict[str, float] | None]:
+    """What a robot on patrol reports from each of its positions: an intruder whose cell it sees.
+
+    **Arguments:**
+
+    - `cells`: the cells of the map that it is in.
+    - `task`: the patrol, and how far the robot sees.
+    - `intruder`: where the intruder is, "x,y" in metres.
+    """
+    from ..space import visible_cells
+
+    try:
+        x, y = map(float, intruder.split(","))
+        hidden = int(cells.index(x, y)) % cells.positions
+    except ValueError as error:
+        raise ValueError(f'--intruder {intruder!r}: expected "x,y" in metres: {error}') from None
+    sees = visible_cells(cells, task.reach)[:, hidden]
+
+    def look(position: int) -> dict[str, float] | None:
+        there = task.cells.centre(position)
+        at = int(cells.index(*there)) % cells.positions
+        return {"x": x, "y": y} if sees[at] else None
+
+    return look

@@ -1,0 +1,192 @@
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from wheels import MAPS, bounce_filter, map_cells
+
+from jaxcell.cli.robot import RobotRun
+from jaxcell.cli.robot_replay import RobotReplay
+from jaxcell.robot.patrol_task import save_patrols
+from jaxcell.robot.team import save_team
+from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
+
+
+LAB = map_cells("lab_b.json")
+SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
+
+
+@pytest.fixture
+def patrol_file(tmp_path):
+    """Three robots that go from cell to cell at random."""
+    image = free_steps(map_cells("lab_b.json", directions=4), 1.0, "swept")
+    walks = [
+        (image, np.random.default_rng(seed).dirichlet(np.ones(4), LAB.positions).T)
+        for seed in range(3)
+    ]
+    path = tmp_path / "patrol.json"
+    save_patrols(path, LAB, walks, [0, 7, 18], 1.6)
+    return path
+
+
+def run(command, capsys) -> tuple[int, dict]:
+    code = command.run()
+    return code, json.loads(capsys.readouterr().out)
+
+
+def simulated(file, name="lab_b.json", **fields) -> RobotRun:
+    return RobotRun(file=file, simulate=MAPS / name, speedup=100.0, json=True, **fields)
+
+
+def replayed(out, found, capsys) -> dict:
+    code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
+    assert code == 0
+    same = set(again) - {"log", "whole"}
+    assert {name: again[name] for name in same} == {name: found[name] for name in same}
+    return again
+
+
+def test_robots_patrol_each_in_a_process_of_its_own(patrol_file, tmp_path, capsys):
+    outs = [tmp_path / f"robot{i}" for i in range(3)]
+    robots = [
+        subprocess.Popen(
+            [sys.executable, "-c", "from jaxcell.cli import main; raise SystemExit(main())"]
+            + ["robot", "run", patrol_file, "--robot", str(i)]
+            + ["--simulate", MAPS / "lab_b.json", "--visits", "6", "--seed", str(10 + i)]
+            + ["--speedup", "50", "--json"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for i, _ in enumerate(outs)
+    ]
+    told = [robot.communicate(timeout=100) for robot in robots]
+    assert [robot.returncode for robot in robots] == [0, 0, 0], [error for _, error in told]
+    found = [json.loads(out) for out, _ in told]
+    for i, one in enumerate(found):
+        assert one["result"] == "patrolled"
+        assert len(one["visited"]) == 6
+        assert one["observations"].count("1") == 0
+        assert one["emulated"]["start"] == [0, 7, 18][i]
+        assert one["emulated"]["end"] % LAB.positions == one["position"] == one["visited"][-1]
+    assert len({tuple(one["visited"]) for one in found}) == 3
+
+
+def test_a_patrol_is_logged_and_replays(patrol_file, tmp_path, capsys):
+    out = tmp_path / "out"
+    fields = {"robot": 1, "visits": 3, "start": "3.5,0.5,90", "out": out}
+    code, found = run(simulated(patrol_file, **fields), capsys)
+    assert (code, found["result"]) == (0, "patrolled")
+    replayed(out, found, capsys)
+    assert RobotReplay(log=out / "run.jsonl").run() == 0
+    assert "3 cells" in capsys.readouterr().out
+    header = json.loads((out / "run.jsonl").read_text().splitlines()[0])
+    assert header["patrol"]["start"] == int(LAB.index(3.5, 0.5))
+    assert header["patrol"]["facing"] == 1
+    patrol_file.write_text(patrol_file.read_text() + " ")
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another patrol"):
+        RobotReplay(log=out / "run.jsonl").run()
+
+
+def test_an_intruder_is_reported_from_where_it_is_seen(patrol_file, tmp_path, capsys):
+    # Two steps from the start, so that it is not seen at once.
+    ways = free_steps(map_cells("lab_b.json", directions=4), 1.0, "swept")
+    sees = visible_cells(LAB, 1.6)
+    hidden = next(int(z) for z in ways[:, ways[:, 0]].ravel() if not sees[0, z])
+    x, y, _ = map(float, LAB.centre(hidden))
+    out = tmp_path / "out"
+    code, found = run(simulated(patrol_file, intruder=f"{x},{y}", out=out), capsys)
+    assert (code, found["result"]) == (0, "reported")
+    assert found["intruder"] == {"x": x, "y": y}
+    assert sees[found["position"], hidden]
+    assert "0" in found["observations"]
+    replayed(out, found, capsys)
+
+
+def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
+    hall = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)])
+    cells = CellSpace.of(hall, 1.0, 8)
+    image = np.arange(15)[None].copy()
+    image[0, [5, 9]] = [9, 5]
+    save_patrols(tmp_path / "patrol.json", cells, [(image, np.ones((1, 15)))], [5], 1.0)
+    boxed = tmp_path / "boxed.json"
+    Workspace(hall.boundary, [[(2, 1), (3, 1), (3, 2), (2, 2)]]).save(boxed)
+    command = RobotRun(
+        file=tmp_path / "patrol.json", simulate=boxed, visits=2, speedup=100.0, json=True
+    )
+    code, found = run(command, capsys)
+    assert (code, found["result"]) == (0, "patrolled")
+    assert found["obstacles"] == [[6, 0]]
+    assert "1 time where the map is free" in found["reason"]
+
+
+@pytest.mark.parametrize("steps", ["encoder", "clock"])
+def test_a_robot_of_a_team(tmp_path, capsys, steps):
+    # East until the wall, and back; then a meeting, a turn to the left, and the wall there.
+    path = tmp_path / "team.json"
+    x, y, _ = map(float, LAB.centre(0))
+    cells = CellSpace.of(Workspace([(0, 0), (3, 0), (3, 2), (0, 2)]), 1.0, 8)
+    Workspace([(0, 0), (3, 0), (3, 2), (0, 2)]).save(tmp_path / "hall.json")
+    save_team(
+        path,
+        SPEC,
+        [(0.5, 0.5, 0.0), (2.5, 1.5, math.pi)],
+        [math.pi, math.pi / 2],
+        ["001002+", "00+"],
+    )
+    for robot, end in [(0, (1.5, 0.5, math.radians(45))), (1, (0.5, 1.5, math.radians(225)))]:
+        out = tmp_path / f"robot{robot}"
+        command = RobotRun(
+            file=path,
+            simulate=tmp_path / "hall.json",
+            robot=robot,
+            steps=steps,
+            speedup=40.0,
+            out=out,
+            json=True,
+        )
+        code, found = run(command, capsys)
+        assert (code, found["result"]) == (0, "arrived"), found["reason"]
+        replayed(out, found, capsys)
+        if robot == 1:
+            assert found["emulated"]["end"] == int(cells.index(*end))
+
+
+def test_a_filter_by_the_clock_alone(tmp_path, capsys):
+    lab = map_cells("lab_a.json")
+    path = tmp_path / "filter.jxf"
+    bounce_filter(lab, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    code, found = run(
+        RobotRun(
+            file=path,
+            simulate=MAPS / "lab_a.json",
+            start="70",
+            steps="clock",
+            speedup=20.0,
+            json=True,
+        ),
+        capsys,
+    )
+    assert (code, found["result"]) == (0, "localized")
+    assert found["emulated"]["truth_is_a_candidate"] is True
+
+
+def test_bad_options(patrol_file, tmp_path):
+    with pytest.raises(ValueError, match="there is no robot 3; robots are 0 to 2"):
+        simulated(patrol_file, robot=3).run()
+    with pytest.raises(ValueError, match="--intruder 'x': expected"):
+        simulated(patrol_file, intruder="x").run()
+    with pytest.raises(ValueError, match="visits: expected at least 1, got 0"):
+        simulated(patrol_file, visits=0).run()
+    with pytest.raises(ValueError, match="tolerance: expected a positive number"):
+        simulated(patrol_file, tolerance=-1.0).run()
+    path = tmp_path / "filter.jxf"
+    bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
+    with pytest.raises(ValueError, match="it is for one robot"):
+        simulated(path, robot=0).run()
+    with pytest.raises(ValueError, match="--intruder has a meaning only"):
+        simulated(path, intruder="1,1").run()
+    with pytest.raises(ValueError, match="a robot does not read NetCDF"):
+        simulated(tmp_path / "plans.nc").run()
