@@ -41,6 +41,7 @@ _OFF = 0.01
 # A trail has so many corners at most; a run of n steps would else take n^2 points.
 _MOST_CORNERS = 100
 _ESTIMATE: Color = CATEGORIES["pink"]
+_DONE = ("localized", "arrived", "patrolled")
 _COLORS: list[Color] = [
     ROBOT,
     *(CATEGORIES[name] for name in ("green", "orange", "sky blue", "yellow", "blue")),
@@ -78,6 +79,7 @@ class RobotRecording:
         *,
         cells: CellSpace | None = None,
         filter: Filter | None = None,
+        filter_of_cells: bool = True,
         viewer: str | None = None,
         spec: Mapping[str, Any] | None = None,
     ) -> None:
@@ -86,7 +88,8 @@ class RobotRecording:
         - `path`: the file to write or replace; its name ends in `.rrd`.
         - `robots`: who drives.
         - `cells`: the map that they drive in, if it is known.
-        - `filter`: the localization filter that the robot runs, if it is one of that map.
+        - `filter`: the localization filter that the robot runs, if it does.
+        - `filter_of_cells`: whether it is of that map, so that its cells can be shown on it.
         - `viewer`: where to show the run as it goes; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: what was asked for, shown in the text.
 
@@ -100,12 +103,13 @@ class RobotRecording:
             raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         if not robots:
             raise ValueError("robots: expected one or more, got none")
-        if filter is not None and (cells is None or filter.uncertainty[0] != cells.size):
+        on_map = filter is not None and cells is not None and filter_of_cells
+        if on_map and filter.uncertainty[0] != cells.size:
             raise ValueError(
-                f"filter: it is of {filter.uncertainty[0]} cells, and the map has "
-                f"{0 if cells is None else cells.size}"
+                f"filter: it is of {filter.uncertainty[0]} cells, and the map has {cells.size}"
             )
         self._path, self._cells, self._filter = path, cells, filter
+        self._filter_on_map = on_map
         self._spec = dict(spec or {})
         self._robots = [
             _Robot(about, _COLORS[index % len(_COLORS)]) for index, about in enumerate(robots)
@@ -179,9 +183,9 @@ class RobotRecording:
                     self._log_scalar(robot, path, value)
             told = {key: fields[key] for key in fields if key not in ("seconds", "robot")}
             text = ": ".join([name, *map(str, told.values())])
-            fine = told.get("result") in ("localized", "arrived")
+            fine = told.get("result") in _DONE
             self._say(robot, text, "INFO" if fine else "WARN")
-            if told.get("result") == "localized" and self._cells is not None:
+            if told.get("result") == "localized":
                 self._log_known(robot.cells)
 
     def _watch(self) -> None:
@@ -242,7 +246,8 @@ class RobotRecording:
         self._stream.log(f"{path}/trail", rr.LineStrips2D([robot.believed]))
 
     def _log_belief(self, where: Int32[np.ndarray, "belief"]) -> None:
-        assert self._cells is not None
+        if self._cells is None or not self._filter_on_map:
+            return
         few = where if where.size <= MOST_ARROWS else _NOWHERE
         origins, vectors = arrows(self._cells, few, belief_length(self._cells))
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
@@ -250,7 +255,8 @@ class RobotRecording:
 
     def _log_known(self, where: Int32[np.ndarray, "belief"]) -> None:
         """Marks the cells that are left in the end."""
-        assert self._cells is not None
+        if self._cells is None or not self._filter_on_map:
+            return
         x, y, _ = self._cells.centre(where[:MOST_ARROWS])
         half = max(0.5 * self._cells.cell, 0.014 * extent(self._cells))
         boxes = rr.Boxes2D(centers=np.stack([x, y], axis=1), half_sizes=np.full((x.size, 2), half))
@@ -260,6 +266,7 @@ class RobotRecording:
         stream, cells = self._stream, self._cells
         if cells is not None:
             log_map(stream, cells)
+        if cells is not None and self._filter_on_map:
             log_belief_style(stream, cells)
             log_shades(stream)
             line = rr.Boxes2D.from_fields(
@@ -332,15 +339,18 @@ class RobotRecording:
                 )
             )
         bumps = [f"+ /robot/{robot.about.name}/bumped" for robot in self._robots]
+        plots = [("Bumps (1)", bumps)]
+        if self._filter is not None:
+            plots = [
+                ("Cells where it may be", ["+ /filter/uncertainty"]),
+                ("Colour of the filter", ["+ /filter/color"]),
+                *plots,
+            ]
         series = [
             rrb.TimeSeriesView(
                 origin="/", name=name, contents=paths, plot_legend=rrb.PlotLegend(visible=False)
             )
-            for name, paths in (
-                ("Cells where it may be", ["+ /filter/uncertainty"]),
-                ("Colour of the filter", ["+ /filter/color"]),
-                ("Bumps (1)", bumps),
-            )
+            for name, paths in plots
         ]
         return rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views), rrb.Horizontal(*series), row_shares=[7, 3]),
@@ -361,7 +371,7 @@ class RobotRecording:
         lines += [
             "- **Pink**: where the encoders of its wheels say that it is, after each observation."
         ]
-        if self._filter is not None:
+        if self._filter_on_map:
             lines += [
                 "- **Blue**: the cells where it may be, by its filter; squares while they are more "
                 f"than {MOST_ARROWS}.",
