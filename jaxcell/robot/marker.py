@@ -1,0 +1,381 @@
+"""Finds the marker of a dummy intruder in a camera's frames: a dark cross on a light sheet.
+
+Alam 2018, section 4.5.7, has robots on patrol look for a cross, without saying how it was made or
+found. Here it is a black cross on a white square. In units of half an arm's width, the arms are 2
+wide and end 3 from the middle, and the sheet ends 5 from it:
+
+```text
++-----------+
+|    ###    |
+|  #######  |    turned as you like: + and x are the same marker
+|    ###    |
++-----------+
+```
+
+`draw_cross` draws it, to be printed at any size. A camera of 640 pixels over 62 degrees sees the
+cross of a sheet of 20 cm as 24 pixels from end to end at 2.7 m. Other dark crosses of these
+proportions on something light, such as a plus sign in bold type, are the marker too. A cross that
+something dark touches is mostly missed.
+
+OpenCV is imported when it is needed; `pip install jaxcell[vision]` brings it.
+"""
+
+import functools
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+
+Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
+"""Grey, or with three channels in OpenCV's order: blue, green, red."""
+
+# The cross in units of half an arm's width: its edges that face right, down, left and up, first the
+# four ends of the arms. An edge lies `_AT` along the axis that it faces (0 for x, 1 for y), and
+# runs from `_FROM` to `_TO` along the other one.
+_FACING = np.array([0, 1, 0, 1] * 3)
+_AT = np.array([3.0, 3, -3, -3] + [1.0, 1, -1, -1] * 2)
+_FROM = np.array([-1.0] * 4 + [1.0] * 4 + [-3.0] * 4)
+_TO = np.array([1.0] * 4 + [3.0] * 4 + [-1.0] * 4)
+_AREA = 20.0
+_VARIANCE = 29 / 15  # Of x over the cross, and of y.
+
+# The local mean is taken over a window of this many pixels, and a frame is halved as long as its
+# shorter side stays above `_SMALLEST`. Outlines of fewer pixels than `_SHORTEST` are skipped.
+_WINDOW = 31
+_SMALLEST = 96
+_SHORTEST = 48
+_MOST_POINTS = 400
+# The bounds of two measures that an affine map leaves alone: area over the root of the determinant
+# of the second moments (10.3 for the cross), and area over that of the convex hull (0.71).
+_COMPACT = (8.5, 11.5)
+_SOLID = (0.58, 0.85)
+# Points nearer than this to the edges take part in each round of the fit, units.
+_ROUNDS = (0.9, 0.7, 0.5, 0.4)
+# In the end, which part of the outline has to be how near to an edge (units; pixels).
+_LEAST_FITTING = 0.9
+_NEAR = 0.25
+_NEAR_PIXELS = 0.75
+# The correlation with the marker, over a patch of pixels that shows the inner 9 by 9 units.
+_LEAST_SCORE = 0.8
+_PATCH = 32
+
+_SECOND_DIFFERENCES = np.array([(1, -2, 1), (-2, 4, -2), (1, -2, 1)], np.float32)
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A cross that was found in a frame."""
+
+    centre: tuple[float, float]
+    "How far right and down it is from the middle of the first pixel, pixels."
+    arm: float
+    "From the centre to the end of an arm, pixels; the geometric mean over all directions."
+    rotation: float
+    "From the frame's x axis to the next arm, clockwise as one sees it, radians from 0 to pi / 2."
+    score: float
+    "The correlation with a perfect marker, at most 1."
+
+
+def find_cross(frame: Frame) -> Marker | None:
+    """Finds the marker, or the one with the highest score if there are several.
+
+    At the frame's resolution and halves of it, shapes darker than the mean around them are taken
+    out. An affine map takes the moments of a shape to those of the cross, and then a homography its
+    outline, as near as they get. Where that is near enough, and the sheet could be seen so by a
+    camera, the frame is rectified by the homography and correlated with the marker.
+
+    **Arguments:**
+
+    - `frame`: 640 by 480 pixels are enough; the time grows with their number.
+
+    **Raises:** `ValueError` if it is not a frame; `ModuleNotFoundError` without OpenCV.
+    """
+    cv2 = _opencv()
+    level = _grey(frame)
+    best: Marker | None = None
+    for doublings in itertools.count():
+        for homography in _crosses(level):
+            score = _correlation(level, homography)
+            if score >= (best.score if best else _LEAST_SCORE):
+                best = _marker(homography, 2**doublings, score)
+        if min(level.shape) < 2 * _SMALLEST:
+            break
+        # The middle of a pixel of the next level is that of every second one of this.
+        level = cv2.pyrDown(level)
+    return best
+
+
+def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
+    """Draws the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact."""
+    across = np.abs((np.arange(side) + 0.5) / side * 10 - 5)
+    wide, long = across < 1, across < 3
+    dark = (wide[:, None] & long) | (long[:, None] & wide)
+    return np.where(dark, 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class CrossLook:
+    """What a patrolling robot sees in each cell: whether the marker is there."""
+
+    source: Callable[[], Frame]
+    "Gives a frame of what is before the robot, such as `camera()` or `pictures(folder)`."
+
+    def __call__(self, cell: int) -> str | None:
+        """Takes a frame, and reports the marker if it is there.
+
+        **Raises:** what the source and `find_cross` raise.
+        """
+        marker = find_cross(self.source())
+        if marker is None:
+            return None
+        x, y = marker.centre
+        return (
+            f"cross at {x:.0f}, {y:.0f} px, arms of {marker.arm:.0f} px, score {marker.score:.2f}"
+        )
+
+
+def camera(device: int = 0) -> Callable[[], Frame]:
+    """Opens a camera, by its number, as a source of frames.
+
+    **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
+    """
+    cv2 = _opencv()
+    capture = cv2.VideoCapture(device)
+    if not capture.isOpened():
+        raise OSError(f"camera {device} does not open")
+
+    def look() -> Frame:
+        # Drivers keep up to four frames, taken while the robot was still on its way.
+        for _ in range(5):
+            capture.grab()
+        whole, frame = capture.retrieve()
+        if not whole:
+            raise OSError(f"camera {device} gives no frame")
+        return np.asarray(frame)
+
+    return look
+
+
+def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
+    """A source of frames that gives the pictures in a folder in the order of their names.
+
+    After the last it begins again.
+
+    **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
+    """
+    cv2 = _opencv()
+    paths = sorted(
+        path for path in Path(folder).iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg")
+    )
+    if not paths:
+        raise ValueError(f"{folder}: expected .png or .jpg files, found none")
+    in_turn = itertools.cycle(paths)
+
+    def look() -> Frame:
+        path = next(in_turn)
+        frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if frame is None:
+            raise ValueError(f"{path}: expected a picture, and this cannot be read")
+        return np.asarray(frame)
+
+    return look
+
+
+# Shapes, and whether they are crosses.
+
+
+def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
+    """The homographies that take what may be a marker to the cross."""
+    cv2 = _opencv()
+    height, width = level.shape
+    # The median of second differences tells the noise (Immerkaer 1996), of which the smoothing
+    # leaves 3/8. What is darker by three deviations is not noise.
+    rough = cv2.filter2D(level, cv2.CV_16S, _SECOND_DIFFERENCES)[::4, ::4]
+    noise = float(np.median(np.abs(rough))) / (6 * 0.6745)
+    smooth = cv2.GaussianBlur(level, (3, 3), 0)
+    mean, below = cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV
+    margin = max(3.0, 3 * 0.375 * noise)
+    dark = cv2.adaptiveThreshold(smooth, 255, mean, below, _WINDOW, margin)
+    outlines, family = cv2.findContours(dark, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    for k, outline in enumerate(outlines):
+        # Those with a parent are holes.
+        if len(outline) < _SHORTEST or family[0, k, 3] >= 0:
+            continue
+        left, top, across, down = cv2.boundingRect(outline)
+        whole = left > 1 and top > 1 and left + across < width - 1 and top + down < height - 1
+        affine = _normalizing(outline) if whole else None
+        if affine is None:
+            continue
+        points = outline[:: 1 + len(outline) // _MOST_POINTS, 0].astype(np.float64)
+        unit = 1 / math.sqrt(np.linalg.det(affine))
+        homography = _fit(_through(affine, points), unit, width)
+        if homography is not None:
+            yield homography @ affine
+
+
+def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3 3"] | None:
+    """The affine map that takes the moments of a shape to those of the cross.
+
+    `None` if its invariants are not those of a cross.
+    """
+    cv2 = _opencv()
+    moments = cv2.moments(outline)
+    area = moments["m00"]
+    mixed = moments["mu11"]
+    second = np.array([(moments["mu20"], mixed), (mixed, moments["mu02"])])
+    spread = math.sqrt(max(np.linalg.det(second), 0.0))
+    # The second moments are not divided by the area, hence its square.
+    if not _COMPACT[0] * spread < area**2 < _COMPACT[1] * spread:
+        return None
+    hull = cv2.contourArea(cv2.convexHull(outline))
+    if not _SOLID[0] * hull < area < _SOLID[1] * hull:
+        return None
+    affine = np.eye(3)
+    affine[:2, :2] = np.linalg.inv(np.linalg.cholesky(second / area / _VARIANCE))
+    centre = np.array([moments["m10"], moments["m01"]]) / area
+    affine[:2, 2] = -affine[:2, :2] @ centre
+    # What is left is a rotation, which the fourth moment of the outline tells up to quarter turns.
+    x, y = _through(affine, outline[:, 0].astype(np.float64)).T
+    angle = np.angle(np.sum((x + 1j * y) ** 4)) / 4
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([(cos, sin, 0), (-sin, cos, 0), (0, 0, 1)]) @ affine
+
+
+def _fit(
+    points: Float[np.ndarray, "points 2"], unit: float, width: int
+) -> Float[np.ndarray, "3 3"] | None:
+    """The homography that takes an outline to that of the cross.
+
+    In each round a point belongs to the edge nearest to it. `None` if the outline does not fit.
+
+    **Arguments:**
+
+    - `points`: of the outline, so normalized that the homography is near the identity.
+    - `unit`: pixels in a unit.
+    - `width`: of the frame, pixels.
+    """
+    homography, inset = np.eye(3), 0.0
+    for reach in (*_ROUNDS, 0.0):
+        seen = _through(homography, points)
+        across = seen[:, _FACING] - (_AT - inset * np.sign(_AT))
+        along = seen[:, 1 - _FACING]
+        beyond = np.maximum(np.maximum(_FROM - along, along - _TO), 0)
+        distances = np.hypot(across, beyond)
+        edge, distance = distances.argmin(axis=1), distances.min(axis=1)
+        used = distance < reach
+        if reach:
+            # What the homography is for can be off by less; most outlines end here.
+            if used.mean() < _LEAST_FITTING:
+                return None
+            homography, inset = _onto_edges(points[used], edge[used])
+            if (points @ homography[2, :2] < 0.2 - 1).any():
+                return None
+    fitting = distance < max(_NEAR, _NEAR_PIXELS / unit)
+    per_edge = np.bincount(edge[fitting], minlength=len(_AT)) / (len(points) / len(_AT))
+    # One edge may be hidden.
+    if fitting.mean() < _LEAST_FITTING or (per_edge > 0.4).sum() < len(_AT) - 1:
+        return None
+    # The threshold moves an outline by less than a pixel; more is a cross with other arms.
+    if not -0.6 < inset / (1 / unit + 0.05) < 0.8:
+        return None
+    # The foreshortening of a sheet so far away, before a camera that sees at most a right angle.
+    slope = math.hypot(homography[2, 0], homography[2, 1])
+    return homography if slope < 0.02 + 1.7 * unit / width else None
+
+
+def _onto_edges(
+    points: Float[np.ndarray, "points 2"], edge: Int[np.ndarray, "points"]
+) -> tuple[Float[np.ndarray, "3 3"], float]:
+    """The homography that puts points on the lines of their edges, by linear least squares.
+
+    The pixels of an outline lie within the shape, and a threshold moves it, so that all edges may
+    be further inside by the same length, which is the second thing returned.
+    """
+    at, sideways = _AT[edge], _FACING[edge] == 0
+    extended = np.column_stack([points, np.ones(len(points))])
+    rows = np.zeros((len(points), 9))
+    rows[sideways, 0:3] = extended[sideways]
+    rows[~sideways, 3:6] = extended[~sideways]
+    rows[:, 6:8] = -at[:, None] * points
+    rows[:, 8] = np.sign(at)
+    solution = np.linalg.lstsq(rows, at, rcond=None)[0]
+    return np.append(solution[:8], 1.0).reshape(3, 3), float(solution[8])
+
+
+def _through(
+    homography: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "points 2"]
+) -> Float[np.ndarray, "points 2"]:
+    ends = points @ homography[:2, :2].T + homography[:2, 2]
+    return ends / (points @ homography[2, :2] + homography[2, 2])[:, None]
+
+
+# What a cross looks like.
+
+
+@functools.cache
+def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
+    """The marker as a unit vector, and a basis of light that falls off evenly to one side."""
+    fine = draw_cross(320)[16:-16, 16:-16].astype(np.float64)
+    marker = fine.reshape(_PATCH, 9, _PATCH, 9).mean(axis=(1, 3)).ravel()
+    y, x = np.indices((_PATCH, _PATCH)).reshape(2, -1)
+    light = np.linalg.qr(np.column_stack([np.ones(len(x)), x, y]))[0]
+    marker -= light @ (light.T @ marker)
+    return marker / np.linalg.norm(marker), light
+
+
+def _correlation(
+    level: UInt8[np.ndarray, "height width"], homography: Float[np.ndarray, "3 3"]
+) -> float:
+    cv2 = _opencv()
+    size, middle = _PATCH / 9, (_PATCH - 1) / 2
+    to_patch = np.array([(size, 0, middle), (0, size, middle), (0, 0, 1)]) @ homography
+    border = cv2.BORDER_REPLICATE
+    patch = cv2.warpPerspective(level, to_patch, (_PATCH, _PATCH), borderMode=border)
+    marker, light = _perfect()
+    seen = patch.ravel().astype(np.float64)
+    seen -= light @ (light.T @ seen)
+    length = np.linalg.norm(seen)
+    return float(marker @ seen / length) if length > 0 else 0.0
+
+
+def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> Marker:
+    back = np.linalg.inv(homography)
+    back /= back[2, 2]
+    centre = back[:2, 2]
+    # The derivative at the centre; its polar decomposition tells the rotation.
+    slope = back[:2, :2] - np.outer(centre, back[2, :2])
+    turned = math.atan2(slope[1, 0] - slope[0, 1], slope[0, 0] + slope[1, 1])
+    arm = 3 * scale * math.sqrt(np.linalg.det(slope))
+    x, y = (scale * centre).tolist()
+    return Marker((x, y), arm, turned % (math.pi / 2), score)
+
+
+def _grey(frame: np.ndarray) -> UInt8[np.ndarray, "height width"]:
+    cv2 = _opencv()
+    shape = frame.shape
+    channels = shape[2:] in ((), (3,)) and len(shape) > 1
+    if frame.dtype != np.uint8 or not channels or min(shape[:2]) < _WINDOW:
+        raise ValueError(
+            f"frame: expected bytes of height x width or height x width x 3, both at least "
+            f"{_WINDOW}, got {frame.dtype} of {' x '.join(map(str, shape))}"
+        )
+    if frame.ndim == 2:
+        return np.ascontiguousarray(frame)
+    return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+
+
+def _opencv() -> ModuleType:
+    try:
+        import cv2
+    except ImportError as error:
+        raise ModuleNotFoundError(
+            f"finding crosses needs OpenCV; install it with: pip install jaxcell[vision] ({error})"
+        ) from None
+    return cv2
