@@ -14,6 +14,14 @@ run can be replayed. `jaxcell.robot.emulator` has a robot without hardware.
 
 from .create import Create as Create, Moved as Moved
 from .driver import Port as Port, RobotStopped as RobotStopped
+from .marker import (
+    CrossLook as CrossLook,
+    Marker as Marker,
+    camera as camera,
+    draw_cross as draw_cross,
+    find_cross as find_cross,
+    pictures as pictures,
+)
 from .open_interface import (
     Command as Command,
     CommandParser as CommandParser,
