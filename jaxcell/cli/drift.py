@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 _MOST_FOR_CURVE = 20_000
 _MOST_FOR_COUNTS = 100_000
 _FACTORS = (0.5, 1.0, 2.0, 4.0)
-_EDGES = {"wall": "uniform", "exit": "exit"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -46,7 +45,7 @@ class Drift(OutputOptions):
     spread: Literal["turned", "all", "sampled"] = "turned"
     """Where a step may go instead: along the current turned by 45 degrees to either side; to all
     cells around its end; or, for a known current, wherever points of the cell go."""
-    edge: Literal["wall", "exit"] = "wall"
+    edge: Literal["uniform", "exit"] = "uniform"
     """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
     dissertation, or drift like others and may leave the map."""
     start: str | None = None
@@ -170,8 +169,7 @@ class Drift(OutputOptions):
     def _behaviour(self, water: "Water", flow: "Flow", duration: float) -> "LongTermBehaviour":
         from ..drift import drift_map, long_term_behaviour
 
-        edge = _EDGES[self.edge]
-        chain = drift_map(water, flow, duration, rho=self.rho, spread=self.spread, edge=edge)
+        chain = drift_map(water, flow, duration, rho=self.rho, spread=self.spread, edge=self.edge)
         # Where drifters stay almost for ever, times are only roughly right; all else is of use.
         return long_term_behaviour(chain, duration, throw=False)
 
@@ -181,8 +179,7 @@ class Drift(OutputOptions):
 
         durations = [factor * duration for factor in _FACTORS]
         rhos = [1.0] if self.spread == "sampled" or self.rho == 1 else [1.0, self.rho]
-        edge = _EDGES[self.edge]
-        found = group_counts(water, flow, durations, rhos, spread=self.spread, edge=edge)
+        found = group_counts(water, flow, durations, rhos, spread=self.spread, edge=self.edge)
         return {"durations_s": durations, "rhos": rhos, "groups": found.tolist()}
 
     def _start(self, water: "Water") -> int:
