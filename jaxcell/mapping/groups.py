@@ -62,6 +62,14 @@ def periodic_groups(
         The others get group, step and period -1.
 
     **Returns:** [`PeriodicGroups`][].
+
+    Cells 1 and 2 change places, 3 stays, and 0 comes to the first two:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell.mapping import periodic_groups
+        >>> groups = periodic_groups(jnp.array([1, 2, 1, 3]))
+        >>> groups.group.tolist(), groups.step.tolist(), groups.period.tolist()
+        ([0, 0, 0, 1], [1, 0, 0, 0], [2, 2, 2, 1])
     """
     cells = image.shape[0]
     me = jnp.arange(cells, dtype=image.dtype)

@@ -1,0 +1,61 @@
+"""Every example in a docstring of jaxcell gives what it says."""
+
+import doctest
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import jaxcell
+
+
+ROOT = Path(jaxcell.__file__).parent
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+def modules_with_examples() -> list[str]:
+    """The modules with a prompt in them, found without importing any."""
+    names = []
+    for path in sorted(ROOT.rglob("*.py")):
+        if ">>> " in path.read_text(encoding="utf-8"):
+            parts = ("jaxcell", *path.relative_to(ROOT).with_suffix("").parts)
+            names.append(".".join(parts).removesuffix(".__init__"))
+    return names
+
+
+def examples(module: ModuleType) -> Iterator[doctest.DocTest]:
+    """The examples of a module's docstring, and of the functions and classes it defines.
+
+    Each begins with no names at all, so that whoever reads it can paste it into a prompt. The
+    finder is not given the module: it would pass over whatever the run-time type checks wrap.
+    """
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    own = doctest.DocTestParser().get_doctest(
+        module.__doc__ or "", {}, module.__name__, module.__file__, 0
+    )
+    yield own
+    for name, value in vars(module).items():
+        kind = inspect.isclass(value) or inspect.isroutine(inspect.unwrap(value))
+        if kind and value.__module__ == module.__name__:
+            yield from finder.find(value, f"{module.__name__}.{name}", module=False, globs={})
+
+
+@pytest.mark.parametrize("name", modules_with_examples())
+def test_examples(name):
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("jaxcell"):
+            raise
+        pytest.skip(f"needs the optional {error.name}")
+    runner = doctest.DocTestRunner(optionflags=FLAGS)
+    report: list[str] = []
+    for test in examples(module):
+        runner.run(test, out=report.append)
+    assert not runner.failures, "".join(report)
+    prompts = re.findall(r"^\s*>>> ", Path(module.__file__).read_text(encoding="utf-8"), re.M)
+    assert runner.tries == len(prompts), "an example that no run comes to"
