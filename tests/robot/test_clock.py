@@ -1,0 +1,92 @@
+import itertools
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from jaxcell.robot.body import Body
+from jaxcell.robot.clock import ByClock
+from jaxcell.robot.walker import Walker
+from jaxcell.space import Workspace
+
+
+ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
+
+
+TICK = 0.004
+
+
+@pytest.fixture(autouse=True)
+def _no_sleep(monkeypatch):
+    monkeypatch.setattr("jaxcell.robot.clock.time", SimpleNamespace(sleep=lambda _: None))
+
+
+class Ticking:
+    """A robot whose time passes when somebody asks what it is: some milliseconds each time."""
+
+    def __init__(self, pose):
+        self.body = Body(ROOM, pose)
+        self.seconds = itertools.count(0.0, TICK)
+        self.wheels = (0.0, 0.0)
+
+    def clock(self):
+        left, right = self.wheels
+        self.body.advance(left, right, TICK)
+        return next(self.seconds)
+
+    def drive(self, *, right, left, stop_on_bump=False):
+        bumped = stop_on_bump and (self.body.bump_left or self.body.bump_right)
+        self.wheels = (0.0, 0.0) if bumped else (left, right)
+        return not bumped
+
+    def stop(self):
+        self.wheels = (0.0, 0.0)
+
+
+def clocked(pose=(1.0, 1.0, 0.0), **fields) -> tuple[ByClock, Body]:
+    robot = Ticking(pose)
+    return ByClock(robot, clock=robot.clock, pause=0.01, **fields), robot.body
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.3])
+def test_a_known_speed_for_a_known_time_is_a_distance(speed):
+    robot, body = clocked(speed=speed)
+    moved = robot.forward(0.6, tolerance=0.01)
+    assert moved.distance == pytest.approx(0.6, abs=0.005)
+    assert not moved.bumped
+    assert body.x == pytest.approx(1 + moved.distance, abs=0.005)
+    assert robot.forward(-0.2, tolerance=0.01).distance == pytest.approx(-0.2, abs=0.005)
+    assert body.x == pytest.approx(1.4, abs=0.01)
+    for angle in (math.pi / 2, -2.0):
+        before = body.theta
+        assert robot.turn(angle, tolerance=0.01).angle == pytest.approx(angle, abs=0.01)
+        assert body.theta - before == pytest.approx(angle, abs=0.01)
+
+
+def test_a_bump_ends_it_and_the_clock_tells_how_far_it_was():
+    robot, body = clocked((3.0, 1.0, 0.0))
+    moved = robot.forward(2.0, tolerance=0.01)
+    assert moved.bumped
+    # A wall that is 1 m ahead, and the 2 cm that the bumper goes in.
+    assert moved.distance == pytest.approx(1.02, abs=0.005)
+    assert robot.forward(-moved.distance, tolerance=0.01).bumped is False
+    assert body.x == pytest.approx(3.0, abs=0.01)
+
+
+def test_a_walker_walks_by_the_clock():
+    robot, body = clocked((0.5, 0.5, 0.0), speed=0.4, turning=2.0)
+    walker = Walker(robot, 1.0)
+    bumps = []
+    for _ in range(10):
+        bumps.append(walker.step())
+        if bumps[-1]:
+            walker.rotate(math.pi / 2)
+    assert "".join(str(int(bump)) for bump in bumps) == "0001001000"
+    assert (body.x, body.y) == pytest.approx((0.5, 2.5), abs=0.05)
+
+
+def test_bad_input():
+    for fields in ({"speed": 0.0}, {"speed": 0.6}, {"turning": -1.0}, {"turning": math.nan}):
+        name = next(iter(fields))
+        with pytest.raises(ValueError, match=f"{name}: expected more than 0 and at most"):
+            clocked(**fields)
