@@ -48,6 +48,10 @@ _COLORS: list[Color] = [
 ]
 
 
+_NOWHERE = np.empty(0, np.int32)
+_NO_TRAIL = np.empty((0, 2))
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRobot:
     """A robot in the recording of a run."""
@@ -103,11 +107,13 @@ class RobotRecording:
             raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         if not robots:
             raise ValueError("robots: expected one or more, got none")
-        on_map = filter is not None and cells is not None and filter_of_cells
-        if on_map and filter.uncertainty[0] != cells.size:
-            raise ValueError(
-                f"filter: it is of {filter.uncertainty[0]} cells, and the map has {cells.size}"
-            )
+        on_map = False
+        if filter is not None and cells is not None and filter_of_cells:
+            on_map = True
+            if filter.uncertainty[0] != cells.size:
+                raise ValueError(
+                    f"filter: it is of {filter.uncertainty[0]} cells, and the map has {cells.size}"
+                )
         self._path, self._cells, self._filter = path, cells, filter
         self._filter_on_map = on_map
         self._spec = dict(spec or {})
@@ -436,10 +442,6 @@ class _Robot:
     def seconds(self, fields: Mapping[str, Any]) -> float:
         """The time of an event: the robot's own, where it has one."""
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
-
-
-_NOWHERE = np.empty(0, np.int32)
-_NO_TRAIL = np.empty((0, 2))
 
 
 def _trail_color(robot: _Robot, robots: Sequence[_Robot]) -> Color:
