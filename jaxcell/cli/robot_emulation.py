@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-# How far the emulated bumper goes in before it is felt: 2 cm as on the robot, but where cells are
-# small a hundredth of one, since a step that goes less deep into a wall would be no bump.
+# How far the emulated bumper goes in before it is felt: 2 cm, or where cells are small a fiftieth
+# of one. A step that goes less deep into a wall is no bump, against the model; with less, a robot
+# that is beside its line by what its tolerances allow meets corners that the model's grazes.
 _GIVE = 0.02
-_GIVE_OF_A_CELL = 0.01
+_GIVE_OF_A_CELL = 0.02
 
 
 @dataclasses.dataclass(frozen=True)

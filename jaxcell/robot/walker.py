@@ -84,13 +84,13 @@ class Walker:
         - `direction`: then the heading at the start, as a number of directions.
         - `tolerance`, `turn_tolerance`: how near a target is near enough by the encoders, in metres
             and in radians; a place by default to 4 mm, or where a step is less than 1 m to 0.4 % of
-            it, but no less than the encoders tell, 0.5 mm.
+            it, but no less than 1 mm, which the wheels can still make.
 
         **Raises:** `ValueError` for a step or a tolerance that is not positive, or a direction that
         is not one.
         """
         if tolerance is None:
-            tolerance = max(min(0.004, 0.004 * step), 0.0005)
+            tolerance = max(min(0.004, 0.004 * step), 0.001)
         positive = {"step": step, "tolerance": tolerance, "turn_tolerance": turn_tolerance}
         for name, value in positive.items():
             if not (math.isfinite(value) and value > 0):
