@@ -3,6 +3,7 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
+from random_rooms import slanted_obstacles
 
 from jaxcell.space import CellSpace, Workspace, free_steps, stencil
 
@@ -61,12 +62,7 @@ def test_squares_and_walls_agree(free, scale, collision):
 def rooms(draw):
     """Rooms with slanted obstacles, some of them overlapping or across the boundary."""
     number = st.floats(0, 8, allow_subnormal=False)
-    obstacles = []
-    for _ in range(draw(st.integers(0, 4))):
-        corners = draw(st.lists(st.tuples(number, number), min_size=3, max_size=5))
-        hull = shapely.MultiPoint(corners).convex_hull
-        if hull.geom_type == "Polygon" and hull.area > 0.01:
-            obstacles.append(shapely.get_coordinates(hull)[:-1])
+    obstacles = draw(slanted_obstacles(number))
     radius = draw(st.sampled_from([0.0, 0.0, 0.3]))
     return [(0, 0), (8, 0), (7.5, 6), (0.2, 7)], obstacles, radius
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
+from random_rooms import slanted_obstacles
 
 from jaxcell.space import CellSpace, Workspace, visible_cells
 from jaxcell.space.view import visibility_polygon
@@ -16,12 +17,7 @@ ROOM = [(0, 0), (6, 0), (6, 6), (0, 6)]
 def rooms(draw):
     """Rooms with slanted obstacles, some of them overlapping, and a point in them."""
     number = st.integers(0, 600).map(lambda n: n / 100)
-    obstacles = []
-    for _ in range(draw(st.integers(0, 4))):
-        corners = draw(st.lists(st.tuples(number, number), min_size=3, max_size=5))
-        hull = shapely.MultiPoint(corners).convex_hull
-        if hull.geom_type == "Polygon" and hull.area > 0.01:
-            obstacles.append(shapely.get_coordinates(hull)[:-1])
+    obstacles = draw(slanted_obstacles(number))
     return [(0, 0), (6, 0), (5.5, 4), (0.2, 5)], obstacles, draw(st.tuples(number, number))
 
 
