@@ -16,6 +16,7 @@ from .terminal import note, status
 
 if TYPE_CHECKING:
     from ..record import RobotRecording
+    from ..robot.marker import CrossLook
     from ..robot.outcome import Outcome
     from ..robot.patrol_task import PatrolTask
     from ..robot.run_log import RunLog
@@ -74,6 +75,9 @@ class RobotRun:
     """Bumps where the map is free after which a patrol is given up."""
     intruder: str | None = None
     """Where the emulated map has an intruder, "x,y" in metres, whom a robot on patrol reports."""
+    camera: str | None = None
+    """What a robot on patrol looks for the cross marker with: the number of a camera, or a folder
+    of pictures."""
     out: Path | None = None
     """Directory for the log, which must not be there yet, the recording and summary.json."""
     live: str | None = None
@@ -225,6 +229,8 @@ class RobotRun:
         header, limit = task.header, self.limit
         if self.intruder is not None and (emulation is None or header["kind"] != "patrol"):
             raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
+        if self.camera is not None and (self.intruder is not None or header["kind"] != "patrol"):
+            raise ValueError("--camera has a meaning only on patrol, and without --intruder")
         match task:
             case FilterTask():
                 return header, lambda walker, log: run_filter(
@@ -243,9 +249,11 @@ class RobotRun:
             most_bumps=self.bumps,
             limit=limit,
         )
-        look = None
+        look: Callable[[int], Any] | None = None
         if self.intruder is not None and emulation is not None:
             look = seen_from(emulation.cells, task, self.intruder)
+        elif self.camera is not None:
+            look = _cross_look(self.camera)
         header |= {"patrol": patrol.settings}
         return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
 
@@ -266,6 +274,16 @@ class RobotRun:
                 stack.enter_context(log)
             stack.enter_context(status(f"running {self.file.name}"))
             return run(walker, log)
+
+
+def _cross_look(source: str) -> "CrossLook":
+    from ..robot import CrossLook, camera, pictures
+
+    try:
+        return CrossLook(camera(int(source)) if source.isdecimal() else pictures(source))
+    except (ValueError, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ValueError(f"--camera {source}: {reason}") from None
 
 
 def _cells_of(task: "AnyTask", about: Mapping[str, Any]) -> "CellSpace | None":

@@ -12,6 +12,7 @@ A `Walker` makes steps from cell to cell, `run_filter` and `run_plan` use them, 
 run can be replayed. `jaxcell.robot.emulator` has a robot without hardware.
 """
 
+from .clock import ByClock as ByClock
 from .create import Create as Create, Moved as Moved
 from .driver import Port as Port, RobotStopped as RobotStopped
 from .marker import (
@@ -45,6 +46,7 @@ from .runner import (
     run_filter as run_filter,
     run_plan as run_plan,
 )
+from .sketch import bounce_sketch as bounce_sketch, filter_sketch as filter_sketch
 from .tasks import load_task as load_task
 from .team import (
     MemberTask as MemberTask,

@@ -7,9 +7,10 @@ from .create import Moved
 from .packets import WHEEL_BASE
 
 
-# Robots gain and lose speed at once as far as a clock can tell, if they are slow.
-_SPEED = 0.15
-_TURNING = 0.8
+# Robots gain and lose speed at once as far as a clock can tell, if they are slow; and these are
+# speeds that the driver does not change.
+_SPEED = 0.18
+_TURNING = 0.69
 
 
 @runtime_checkable
@@ -44,7 +45,8 @@ class ByClock:
         """**Arguments:**
 
         - `robot`: e.g. [`jaxcell.robot.Create`][], armed.
-        - `speed`, `turning`: metres, and radians, a second.
+        - `speed`, `turning`: metres, and radians, a second. The wheels' speeds must be among those
+            that [`jaxcell.robot.Create.drive`][] does not change.
         - `clock`: tells the seconds; for an emulated robot, its own.
         - `pause`: seconds to stand still after each motion.
 

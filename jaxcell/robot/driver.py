@@ -12,6 +12,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 from .open_interface import (
     BAUD,
     MAX_SPEED,
+    RESET,
     SAFE,
     START,
     STOP,
@@ -187,7 +188,9 @@ class Driver:
 
         **Arguments:**
 
-        - `right`, `left`: metres per second, -0.5 to 0.5.
+        - `right`, `left`: metres per second, -0.5 to 0.5. A speed whose byte would be a command
+            if the line lost the one before it gives way to the next slower one; up to 0.082, and
+            from 0.174 to 0.248, none does.
         - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
           stay still until a call without it, or `stop`.
 
@@ -363,4 +366,15 @@ def _exit(number: int, _: FrameType | None) -> None:
 def _millimetres(name: str, speed: float) -> int:
     if not abs(speed) <= MAX_SPEED / 1000:
         raise ValueError(f"{name} = {speed}: expected -0.5 to 0.5 m/s")
-    return round(1000 * speed)
+    return _harmless(round(1000 * speed))
+
+
+def _harmless(speed: int) -> int:
+    """The speed, or the next slower one, in mm/s, whose low byte is no command.
+
+    Where the line loses the opcode of a drive command, the robot takes its data for commands, and
+    would clean, dock, switch off or reset.
+    """
+    while speed & 0xFF == RESET[0] or START[0] <= speed & 0xFF <= STOP[0]:
+        speed -= 1 if speed > 0 else -1
+    return speed

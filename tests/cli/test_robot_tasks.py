@@ -9,6 +9,7 @@ from wheels import MAPS, bounce_filter, map_cells
 
 from jaxcell.cli.robot import RobotRun
 from jaxcell.cli.robot_replay import RobotReplay
+from jaxcell.robot import draw_cross
 from jaxcell.robot.patrol_task import save_patrols
 from jaxcell.robot.team import save_team
 from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
@@ -101,6 +102,27 @@ def test_an_intruder_is_reported_from_where_it_is_seen(patrol_file, capsys):
     assert found["intruder"] == {"x": x, "y": y}
     assert sees[found["position"], hidden]
     assert "0" in found["observations"]
+
+
+def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
+    cv2 = pytest.importorskip("cv2")
+    blank = np.full((240, 320), 160, np.uint8)
+    marked = blank.copy()
+    cross = draw_cross(100)
+    marked[60 : 60 + len(cross), 90 : 90 + len(cross)] = cross
+    for i, picture in enumerate([blank, blank, marked]):
+        assert cv2.imwrite(str(tmp_path / f"{i}.png"), picture)
+    code, found = run(simulated(patrol_file, camera=str(tmp_path)), capsys)
+    assert (code, found["result"]) == (0, "reported")
+    assert found["intruder"].startswith("cross at 140")
+    assert len(found["observations"]) == 2
+
+
+def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
+    with pytest.raises(ValueError, match="--camera .*nothing: No such file"):
+        run(simulated(patrol_file, camera=str(tmp_path / "nothing")), capsys)
+    with pytest.raises(ValueError, match="without --intruder"):
+        run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)
 
 
 def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
