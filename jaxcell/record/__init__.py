@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .patrol_graph import log_patrol_graph as log_patrol_graph
     from .patrol_map import log_patrol_map as log_patrol_map
     from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
+    from .sweep import log_sweep as log_sweep
     from .team import log_team as log_team
 
 
@@ -51,6 +52,7 @@ _LOGGED = (
     "navigation",
     "patrol_graph",
     "patrol_map",
+    "sweep",
     "team",
 )
 

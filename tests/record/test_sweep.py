@@ -1,0 +1,198 @@
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+
+from jaxcell.record import log_sweep
+from jaxcell.record.sweep_axes import QUANTILES, axes, means, pairs, statistics
+
+
+def result(shape, coords, **variables):
+    """The result of a sweep whose members are all done."""
+    dims = tuple(shape)
+    sizes = tuple(shape.values())
+    found = {"status": (dims, np.ones(sizes, np.int8))}
+    found |= {name: (dims, np.reshape(values, sizes)) for name, values in variables.items()}
+    return xr.Dataset(found, coords, {"title": "Sweep of a test"})
+
+
+def axis_of(values, most=1000):
+    (axis,) = axes(result({"x": len(values)}, {"x": values}), most)
+    return axis
+
+
+def test_times_follow_from_values():
+    whole = axis_of([30, -10, 20])
+    assert (whole.timeline, whole.times.tolist(), whole.told) == ("x", [-10, 20, 30], "the value")
+    assert whole.step.tolist() == [2, 0, 1]
+    tenths = axis_of([0.1, 0.2, 1.5])
+    assert (tenths.timeline, tenths.times.tolist()) == ("x x 10", [1, 2, 15])
+    assert tenths.told == "the value times 10"
+    texts = axis_of(["b", "a"])
+    assert (texts.timeline, texts.times.tolist()) == ("x number", [0, 1])
+    assert (texts.labels, texts.step.tolist()) == (("b", "a"), [0, 1])
+    vast = axis_of([1e-30, 1e30])
+    assert (vast.timeline, vast.times.tolist()) == ("x number", [0, 1])
+    third = axis_of([1 / 3, 2 / 3])
+    assert third.timeline == "x x 10000000"
+    np.testing.assert_allclose(third.times / 1e7, [1 / 3, 2 / 3], rtol=1e-6)
+
+
+def test_many_values_share_steps():
+    axis = axis_of(np.arange(25)[::-1], most=10)
+    assert axis.times.tolist() == list(range(0, 25, 3))
+    assert axis.step.tolist() == [value // 3 for value in range(24, -1, -1)]
+    assert axis.told == "the value; 3 neighbouring values share a step, at the first of them"
+
+
+def test_pairs_of_a_grid_with_samples():
+    n = np.arange(4)
+    coords = {"angle": [0, 1, 2], "sample": n, "a": ("sample", n / 2), "b": ("sample", n)}
+    found = axes(result({"angle": 3, "sample": 4}, coords), 1000)
+    assert {axis.name for axis in found[:3]} == {"angle", "a", "b"}
+    assert found[3].name == "sample"
+    spanned = [{a.name, b.name} for a, b in pairs(found, 9)]
+    # The number of a sample comes last, and not with its own parameters.
+    expected = [{"angle", "a"}, {"angle", "b"}, {"a", "b"}, {"angle", "sample"}]
+    assert spanned[-1] == expected[-1]
+    assert all(spanned.count(one) == 1 for one in expected)
+    assert len(spanned) == 4
+    assert pairs(found, 2) == pairs(found, 9)[:2]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 7), st.integers(1, 8))
+def test_statistics_are_those_of_numpy(seed, rows, columns, most):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(rows, columns))
+    known = rng.random((rows, columns)) < 0.7
+    coords = {"x": rng.permutation(rows), "y": rng.permutation(columns) / 4}
+    found = axes(result({"x": rows, "y": columns}, coords), most)
+    masked = np.where(known, values, np.nan)
+    for place, axis in enumerate(found):
+        steps, told, alone = statistics(values, known, place, axis)
+        members = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
+        members = [one[~np.isnan(one)] for one in members]
+        assert steps.tolist() == [k for k, one in enumerate(members) if one.size]
+        assert alone == all(one.size < 2 for one in members)
+        for column, k in zip(told.T, steps, strict=True):
+            np.testing.assert_allclose(column, np.quantile(members[k], [*QUANTILES.values()]))
+    across, up = found
+    heat = means(values, known, (0, 1), (across, up))
+    for i in range(up.steps):
+        for j in range(across.steps):
+            some = masked[np.ix_(across.step == j, up.step == i)]
+            some = some[~np.isnan(some)]
+            expected = some.mean() if some.size else np.nan
+            np.testing.assert_allclose(heat[i, j], expected, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    """A grid of two parameters, with one member failed, one not computed, and one that is inf."""
+    x, y = np.arange(0, 360, 30), [0.5, 1.5, 2.5]
+    value = np.add.outer(x / 30, np.array(y) * 100)
+    dataset = result({"x": 12, "y": 3}, {"x": x, "y": y}, value=value, other=value > 100)
+    dataset["other"].attrs["units"] = "m"
+    dataset["vector"] = (("x", "y", "z"), np.zeros((12, 3, 2)))
+    dataset["status"][3, 1], dataset["status"][4, 1], dataset["value"][5, 1] = 2, 0, np.inf
+    dataset.attrs["spec"] = '{"task": "test", "grid": {"x": [1, 2]}}'
+    return dataset
+
+
+@pytest.fixture(scope="module")
+def recorded(sweep, read, tmp_path_factory):
+    path = tmp_path_factory.mktemp("sweep") / "some.rrd"
+    log_sweep(path, sweep, failures=["chunk 7: no luck"])
+    return read(path)
+
+
+def test_series_run_along_each_parameter(sweep, recorded):
+    assert recorded.timelines >= {"x", "y x 10"}
+    known = sweep["value"].where((sweep["status"] == 1) & np.isfinite(sweep["value"]))
+    for timeline, along, over, scale in ("x", "x", "y", 1), ("y x 10", "y", "x", 10):
+        for name, share in QUANTILES.items():
+            path = f"/series/value/{name.replace(' ', '_')}"
+            found = recorded.over(timeline, path, "Scalars:scalars")
+            expected = known.quantile(share, over)
+            np.testing.assert_allclose(
+                [found[at][0] for at in np.rint(sweep[along].values * scale)], expected
+            )
+
+
+def test_heat_maps_have_a_square_for_each_member(sweep, recorded):
+    buffer = recorded.static("/heat/value/0/picture", "SegmentationImage:buffer")
+    picture = np.array(buffer[0]).reshape(3, 12)
+    labels = recorded.classes("/heat/value/0/picture")
+    for i in range(12):
+        for j in range(3):
+            # The greatest value of the parameter is on top.
+            label = labels[picture[2 - j, i]]
+            value = float(sweep["value"][i, j])
+            if (i, j) in ((3, 1), (4, 1), (5, 1)):
+                assert label == "no member that is done"
+            else:
+                low, high = map(float, label.split(" to "))
+                assert low - 1 <= value <= high + 1
+    sliders = recorded.over("x", "/pairs/0/slider_x", "LineStrips2D:strips")
+    assert sorted(sliders) == sweep["x"].values.tolist()
+    assert sliders[90][0][0][0] == pytest.approx(160 * 3.5 / 12)
+
+
+def test_the_text_says_what_there_is(recorded):
+    (text,) = recorded.static("/text", "TextDocument:text")
+    for part in (
+        "**36 members** (12 x x 3 y)",
+        "34 are done, **1 failed**, **1 are not computed yet**",
+        "| `x` | the value | 0 | 330 |",
+        "| `y x 10` | the value times 10 | 0.5 | 2.5 |",
+        "| `value` | 50 | 261 |  (not finite, and not shown, for 1 members) |",
+        "| `other` | 0 | 1 | in m |",
+        "`vector`",
+        "- chunk 7: no luck",
+        "| grid.x | [1, 2] |",
+    ):
+        assert part in text
+
+
+def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
+    """Pictures and series are bounded, however many members there are."""
+    monkeypatch.setattr("jaxcell.record.sweep._PICTURE_BYTES", 40_000)
+    rng = np.random.default_rng(0)
+    n = 3000
+    coords = {name: ("sample", rng.random(n)) for name in "abc"}
+    names = [f"v{i}" for i in range(20)]
+    dataset = result({"sample": n}, coords, **dict.fromkeys(names, rng.random(n)))
+    log_sweep(tmp_path / "large.rrd", dataset)
+    recorded = read(tmp_path / "large.rrd")
+    pictures = [one for one in recorded.entities if one.endswith("/picture")]
+    # Three pairs of parameters, of the variables that are shown.
+    assert len(pictures) == 3 * 16
+    layouts = [recorded.static(one, "SegmentationImage:format")[0] for one in pictures]
+    size = sum(one["width"] * one["height"] for one in layouts)
+    assert 0.9 * 40_000 < size <= 40_000
+    (timeline,) = (one for one in recorded.timelines if one.startswith("a x "))
+    assert len(recorded.over(timeline, "/series/v0/median", "Scalars:scalars")) == 1000
+    (text,) = recorded.static("/text", "TextDocument:text")
+    assert "or too many: `v16`, `v17`, `v18`, `v19`." in text
+
+
+def test_what_is_no_sweep_is_refused(tmp_path, sweep):
+    path = tmp_path / "none.rrd"
+    with pytest.raises(ValueError, match="which has a variable status"):
+        log_sweep(path, sweep.drop_vars("status"))
+    with pytest.raises(ValueError, match="expected a variable with a number for each member"):
+        log_sweep(path, sweep[["status", "vector"]])
+    assert not path.exists()
+
+
+def test_nothing_done_and_one_value_alone(tmp_path, read):
+    """A parameter of one value spans no picture; a variable without values has no series."""
+    dataset = result({"x": 1, "y": 2}, {"x": [7], "y": ["a", "b"]}, value=[1.0, np.nan])
+    log_sweep(tmp_path / "one.rrd", dataset)
+    one = read(tmp_path / "one.rrd")
+    assert one.over("y number", "/series/value/value", "Scalars:scalars") == {0: [1.0]}
+    assert not any(entity.startswith("/heat") for entity in one.entities)
+    dataset["status"][:] = 0
+    log_sweep(tmp_path / "none.rrd", dataset)
