@@ -31,6 +31,8 @@ _MOST_DEATHS = 3
 _CONNECT_SECONDS = 10
 # Two clusters on a machine would quarrel about the usual one.
 _ANY_PORT = "127.0.0.1:0"
+# Ctrl-C goes to all processes of a terminal. This is run in each worker.
+_LEAVE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
 def engine_named(name: str, workers: int | None = None) -> Engine:
@@ -179,7 +181,11 @@ def _dask_here(jobs: Iterator[Job], workers: int) -> Outcomes:
     with (
         dask.config.set(settings),
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=_ANY_PORT
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=_ANY_PORT,
+            preload=[_LEAVE_CTRL_C],
         ) as cluster,
         contextlib.closing(_dask(jobs, cluster.scheduler_address)) as outcomes,
     ):
