@@ -119,7 +119,7 @@ def test_the_marker_is_found_in_pictures(patrol_file, tmp_path, capsys):
 
 
 def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
-    with pytest.raises(ValueError, match="--camera .*nothing: No such file"):
+    with pytest.raises(ValueError, match=r"--camera .*nothing: No such file"):
         run(simulated(patrol_file, camera=str(tmp_path / "nothing")), capsys)
     with pytest.raises(ValueError, match="without --intruder"):
         run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)

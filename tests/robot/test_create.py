@@ -139,7 +139,7 @@ def test_forward_and_turn_by_the_encoders(terminal):
         end = create.sensors()
         assert end.distance - start.distance == pytest.approx(0.05, abs=0.02)
         assert end.heading - start.heading == pytest.approx(-math.pi / 2, abs=0.1)
-    assert robot.mode == 0
+    eventually(lambda: robot.mode == 0)
     assert robot.counts[1] < 65536 or robot.counts[0] < 0, "a counter went through its wrap"
 
 

@@ -30,14 +30,16 @@ def test_it_agrees_with_the_robot_on_the_line():
     body = Body(LAB.workspace, pose_of(cell))
     walker = Walker(DirectRobot(body), 1.0, strides=STRIDES, direction=cell // LAB.positions)
     outcome = run_filter(walker, filter, bounce)
-    with Emulator(Body(LAB.workspace, pose_of(cell)), line=Line(speedup=100.0)) as robot:
+    with Emulator(Body(LAB.workspace, pose_of(cell)), line=Line(speedup=20.0)) as robot:
         with Create.open(robot.port, patience=5.0) as create:
             create.arm()
             walker = Walker(create, 1.0, strides=STRIDES, direction=cell // LAB.positions)
             assert run_filter(walker, filter, bounce) == outcome
         x, y, theta = robot.pose
-    assert body.pose[:2] == pytest.approx((x, y), abs=0.02)
-    assert math.remainder(body.theta - theta, 2 * math.pi) == pytest.approx(0, abs=0.02)
+    # Turns may miss by 0.4 degrees, and the encoders round: the way sums that up to centimetres.
+    assert body.pose[:2] == pytest.approx((x, y), abs=0.1)
+    assert math.remainder(body.theta - theta, 2 * math.pi) == pytest.approx(0, abs=0.05)
+    assert LAB.index(*body.pose) == LAB.index(x, y, theta)
 
 
 def test_it_follows_the_bounce_map():

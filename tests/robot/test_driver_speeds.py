@@ -26,7 +26,7 @@ def test_a_speed_gives_way_to_the_next_slower_one(speed):
     asked = round(1000 * speed)
     assert abs(sent) <= abs(asked) <= abs(sent) + 46
     assert sent * asked >= 0
-    if abs(asked) <= 82 and abs(asked) != 7 or 174 <= abs(asked) <= 248:
+    if (abs(asked) <= 82 and abs(asked) != 7) or 174 <= abs(asked) <= 248:
         assert sent == asked
 
 
