@@ -26,6 +26,19 @@ class CellSpace:
     counter-clockwise from the x axis (East).
 
     Make one with [`CellSpace.of`][] from a map or [`CellSpace.of_grid`][] from a grid.
+
+    A corridor of three squares, with the directions East and West; cell 4 is the middle one,
+    Westward:
+
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> cells.positions, cells.size
+        (3, 6)
+        >>> [float(number) for number in cells.centre(4)]
+        [1.5, 0.5, 3.141592653589793]
+        >>> int(cells.index(1.5, 0.5, theta=3.0))
+        4
     """
 
     workspace: Workspace | None

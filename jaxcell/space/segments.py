@@ -22,6 +22,18 @@ def free_steps(
     - `cells`: the cell space.
     - `step`: length of a step in cells.
     - `collision`: `"swept"` or `"endpoint"`.
+
+    **Returns:** the positions, by direction and position.
+
+    **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
+
+    In a corridor of three squares, with the directions East and West:
+
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> space.free_steps(cells, 1.0, "swept").tolist()
+        [[1, 2, 2], [0, 0, 1]]
     """
     steps = np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
     rows, columns = cells.free.shape

@@ -54,6 +54,14 @@ def visible_cells(
 
     **Raises:** `ValueError` if a number is out of range, or if only one of `field_of_view` and
     `heading` is given.
+
+    In a corridor of three squares; the far corners of the next one are 1.58 m away:
+
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> space.visible_cells(cells, reach=1.6).astype(int).tolist()
+        [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     reach = check_reach(reach) / cells.cell
     camera = _camera(cells, field_of_view, heading)
@@ -100,6 +108,14 @@ def visible_centres(
     **Returns:** `visible[i, j]`: whether the centres of `i` and `j` see each other.
 
     **Raises:** `ValueError` if `reach` is not more than 0.
+
+    In a corridor of three squares:
+
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> space.visible_centres(cells, reach=1.0).astype(int).tolist()
+        [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     reach = check_reach(reach) / cells.cell
     scene = _Scene.of(cells)

@@ -45,6 +45,22 @@ def stencil(directions: int, step: float, collision: str) -> Stencil:
 
     `collision="endpoint"` asks only that the end point be free; `"swept"` asks the same of all the
     way.
+
+    **Arguments:**
+
+    - `directions`: number of directions in a full turn.
+    - `step`: length of a step, in sides of a square.
+    - `collision`: `"endpoint"` asks only that the end point be free, `"swept"` the same of all the
+        way.
+
+    **Returns:** [`Stencil`][].
+
+    Steps of one square in 360 directions do 16 different things; North leads one row up:
+
+        >>> from jaxcell.space import stencil
+        >>> one = stencil(360, 1.0, "swept")
+        >>> len(one.offset), one.offset[one.way[90]].tolist()
+        (16, [1, 0])
     """
     ways: dict[tuple, int] = {}
     found = (_way(k, directions, step, collision) for k in range(directions))
@@ -79,6 +95,14 @@ def line_orders(
 
     - `rows`, `columns`: size of the grid.
     - `lines`: offsets of steps, `(row, column)`; each makes one order.
+
+    **Returns:** the squares, `row * columns + column`.
+
+    Steps to the right, and steps up, in two rows of three squares:
+
+        >>> from jaxcell.space import line_orders
+        >>> line_orders(2, 3, ((0, 1), (1, 0))).tolist()
+        [[0, 1, 2, 3, 4, 5], [0, 3, 1, 4, 2, 5]]
     """
     row, column = np.divmod(np.arange(rows * columns), columns)
     orders = np.empty((len(lines), rows * columns), np.int32)

@@ -39,6 +39,16 @@ class Workspace:
     - `name`: one line that says which map this is.
     - `cell`: side of the cells that the map suggests, in metres, or `None`.
     - `directions`: number of directions that the map suggests, or `None`.
+
+    A room with a pillar, for a robot of radius 0.5 m:
+
+        >>> from jaxcell import space
+        >>> pillar = [(2, 2), (3, 2), (3, 3), (2, 3)]
+        >>> room = space.Workspace([(0, 0), (8, 0), (8, 4), (0, 4)], [pillar], name="hall")
+        >>> room.environment.area, room.pieces
+        (31.0, 1)
+        >>> room.describe()
+        'hall: 8 x 4 m, 1 obstacle, free space 31 m2 in one piece'
     """
 
     boundary: Float[np.ndarray, "vertices 2"] = dataclasses.field(repr=False)
