@@ -11,6 +11,19 @@ class Environments:
     """Open-world filters of several maps side by side: in which map is the robot, and where?
 
     Alam 2018, section 2.4.4.
+
+    One ring bumps every third step, the other every second:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> def ring(cells):
+        ...     image = np.roll(np.arange(cells), -1)
+        ...     return automata.Filter.of(automata.subset_construction(image, image == 0))
+        ...
+        >>> rooms = automata.Environments({"three": ring(3), "two": ring(2)})
+        >>> known = rooms.run("100")
+        >>> known.remaining, known.refuted_at
+        (('three',), {'two': 2})
     """
 
     def __init__(self, filters: Mapping[str, Filter]):

@@ -15,6 +15,15 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
     - `name`: the title of the graph.
 
     **Returns:** the text of a `.dot` file.
+
+    The last edge of the filter of a ring of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> print(automata.to_dot(filter).splitlines()[-2])
+          4 -> 3 [label="0"];
     """
     lines = [
         f"digraph {_dot_string(name)} {{",
@@ -55,6 +64,16 @@ def to_json(filter: Filter) -> str:
     - `filter`: a localization filter.
 
     **Returns:** the text of a `.json` file.
+
+    The filter of a ring of three cells:
+
+        >>> import json
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> json.loads(automata.to_json(filter))["transition"]
+        [[1, 2], [3, 2], [4, -1], [-1, 2], [3, -1]]
     """
     described = {
         "format": "jaxcell filter",

@@ -13,6 +13,15 @@ def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str 
         default.
 
     **Returns:** the string of 0s and 1s, or `None` if no knowledge cycle has that uncertainty.
+
+    In a ring of three cells with one bump, the bump tells the cell:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> automata.fastest_localization(filter)
+        '1'
     """
     goals = [
         cycle.states.min()

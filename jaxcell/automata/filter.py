@@ -2,6 +2,7 @@ import dataclasses
 import functools
 import json
 import os
+import reprlib
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -26,6 +27,20 @@ class Filter:
     State 0 is the start, and states are numbered in breadth-first order, observation 0 before
     observation 1. Made by [`Filter.of`][]; the constructor takes the parts and checks that they
     fit.
+
+    Three cells in a ring, with a bump on the way from cell 2 to cell 0:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> filter.color.tolist(), filter.uncertainty.tolist()
+        ([1, 1, 2, 2, 2], [3, 2, 1, 1, 1])
+        >>> [cycle.word for cycle in filter.cycles]
+        ['001']
+        >>> run = filter.run("01")
+        >>> run.localized_at, filter.cells(int(run.states[-1])).tolist()
+        (2, [0])
     """
 
     transition: Int32[np.ndarray, "states 2"]
@@ -187,7 +202,9 @@ class Filter:
         header, arrays = read_arrays(path)
         try:
             if header["kind"] != "filter":
-                raise ValueError(f"it is a {header['kind']}, not a filter")
+                raise ValueError(f"it is a {reprlib.repr(header['kind'])}, not a filter")
+            if not isinstance(header["metadata"], dict):
+                raise ValueError("metadata: expected an object")
             sizes = arrays["sizes"]
             if (
                 arrays["transition"].size != 2 * sizes.size

@@ -31,6 +31,15 @@ def to_jflap(
     start.
 
     **Raises:** `ValueError` if `kind` is neither.
+
+    The filter of a ring of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> automata.to_jflap(filter).count("<transition>")
+        7
     """
     if kind not in ("fa", "moore"):
         raise ValueError(f"kind is {kind!r}; expected 'fa' or 'moore'")
@@ -73,6 +82,14 @@ def nondeterministic_to_jflap(
     - `name`: a note in the drawing.
 
     **Returns:** the text of a `.jff` file. The start stands left of a square of cells.
+
+    A ring of three cells; its edges, and those from the start:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> automata.nondeterministic_to_jflap(image, bumped).count("<transition>")
+        6
     """
     side = int(np.ceil(np.sqrt(image.size)))
     root, automaton = _document("fa", name)

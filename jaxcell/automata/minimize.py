@@ -27,6 +27,17 @@ def minimize(filter: Filter) -> Filter:
 
     **Raises:** `ValueError` if states outside the knowledge cycles form a cycle, which subset
     construction never makes.
+
+    A ring of four cells that bumps every second step, and a way into it: the filter that knows in
+    which cell of the ring the robot is says no more with colours than which half:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image = np.array([1, 2, 3, 0, 0, 4])
+        >>> bumped = np.array([False, True, False, True, True, True])
+        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> len(filter.transition), len(automata.minimize(filter).transition)
+        (8, 6)
     """
     zero, one = filter.transition.T.tolist()
     block = _merge(filter, zero, one)

@@ -53,6 +53,18 @@ def subset_construction(
 
     **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets outgrow
     `limit`.
+
+    Three cells in a ring, with a bump on the way from cell 2 to cell 0. The states are the sets
+    {0, 1, 2}, {1, 2}, {0}, {2} and {1}:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
+        >>> automaton = automata.subset_construction(image, bumped)
+        >>> automaton.transition.tolist()
+        [[1, 2], [3, 2], [4, -1], [-1, 2], [3, -1]]
+        >>> automaton.members.tolist()
+        [0, 1, 2, 1, 2, 0, 2, 1]
     """
     if image.size == 0:
         raise ValueError("image: there are no cells; expected at least one")
