@@ -134,6 +134,18 @@ def persistent_groups(chain: Chain) -> PersistentGroups:
 
     **Returns:** [`PersistentGroups`][]. `domicile`, `period` and `phase` are computed when they are
     asked for.
+
+    Cells 1 and 2 change places, cell 3 stays, and cell 0 comes to either:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping
+        >>> P = np.array([[0, 0.5, 0, 0.5], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> groups = mapping.persistent_groups(chain)
+        >>> groups.group.tolist(), groups.period.tolist()
+        ([-1, 0, 0, 1], [2, 1])
+        >>> groups.domicile.astype(int).tolist()
+        [[1, 1, 1, 0], [1, 0, 0, 1]]
     """
     matrix = chain.to_scipy()
     components, label = csgraph.connected_components(matrix, connection="strong")

@@ -55,7 +55,19 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     - `chain`: the chain.
     - `groups`: its persistent groups.
 
+    **Returns:** [`TransientGroups`][].
+
     **Raises:** `ValueError` if the groups are of another chain.
+
+    A random walk that ends at either end of a line of four cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping
+        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> found = mapping.transient_groups(chain, mapping.persistent_groups(chain))
+        >>> found.group.tolist(), found.domiciles
+        ([-1, 0, 0, -1], ((0, 1),))
     """
     group = np.asarray(groups.group)
     if group.size != chain.cells:

@@ -24,6 +24,19 @@ class Chain:
     probability 0, which is no edge of the chain. The probabilities of a cell may sum to less than
     1: what is missing leaves the space and goes to a *sink*, from which nothing comes back. It is
     never normalised away.
+
+    Cell 0 stays or goes on to 1, which stays; cell 2 leaves the space in one of ten steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping
+        >>> P = np.array([[0.5, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.9]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> chain.image.tolist()
+        [[0, 1, 2], [1, 1, 2]]
+        >>> chain.push(np.array([1.0, 0.0, 0.0])).tolist()
+        [0.5, 0.5, 0.0]
+        >>> chain.leaving.round(3).tolist()
+        [0.0, 0.0, 0.1]
     """
 
     image: Int[Array, "branches cells"]

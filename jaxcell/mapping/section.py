@@ -59,6 +59,16 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
         of slots is taken.
 
     **Returns:** [`SectionGroups`][], `period` of length `max_groups`.
+
+    Of a ring of cells 0, 1, 2 the section of cells 0 and 2, in slots 0 and 1:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import mapping
+        >>> slots = [jnp.array(x) for x in ([1, 0], [2, 1], [1, 0])]
+        >>> section = mapping.Section(*slots, live=jnp.array([True, True]))
+        >>> groups = mapping.section_groups(section)
+        >>> int(groups.count), int(groups.period[0]), groups.group.tolist()
+        (1, 3, [0, 0])
     """
     find, number = _cycles, _number
     for _ in range(section.live.ndim - 1):

@@ -11,6 +11,14 @@ class SimpleMap:
 
     `bumped` is what the robot's bump sensor says on the way from a cell to its image; the pair is
     the I-state graph of the map (Alam 2018, Definition 2.4.1).
+
+    Two steps around a ring of three cells:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import mapping
+        >>> ring = mapping.SimpleMap(jnp.array([1, 2, 0]), jnp.array([False, False, True]))
+        >>> ring.image[ring.image].tolist()
+        [2, 0, 1]
     """
 
     image: Int[Array, "*batch cells"]
