@@ -158,6 +158,14 @@ def first_arrival(
     **Raises:** `ValueError` for chains of different spaces, starts that are not as many as the
     robots or not understood, more robots than cells for distinct starts, and as
     [`jaxcell.markov.first_passage`][].
+
+    Two random walks on a line of three cells, from its middle to its right end:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> markov.first_arrival([chain, chain], [1, 1], target=2, steps=4).tolist()
+        [0.0, 0.75, 0.0, 0.1875, 0.0]
     """
     require_x64("first_arrival")
     check_steps(steps)
@@ -194,6 +202,15 @@ def mean_first_arrival(
 
     **Raises:** `ValueError` as [`first_arrival`][]; `RuntimeError` if a million steps are not
     enough.
+
+    Two random walks on a line of three cells, from its middle to its right end, where one of them
+    arrives with probability 3/4 every other step:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> round(markov.mean_first_arrival([chain, chain], [1, 1], target=2).value, 6)
+        1.666667
     """
     require_x64("mean_first_arrival")
     if not tolerance > 0:

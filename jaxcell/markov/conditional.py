@@ -33,6 +33,15 @@ def arrival_probabilities(
 
     **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if the
     solve stalls.
+
+    A random walk between two ends, where it stays:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> (3 * markov.arrival_probabilities(chain, target=3).value).round(6).tolist()
+        [0.0, 1.0, 2.0, 3.0]
     """
     require_x64("arrival_probabilities")
     there = cell_mask(chain.cells, target)
@@ -60,6 +69,15 @@ def conditional_hitting_times(
 
     **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if a
     solve stalls.
+
+    A random walk between two ends, where it stays:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> (3 * markov.conditional_hitting_times(chain, target=3).value).round(6).tolist()
+        [inf, 8.0, 5.0, 0.0]
     """
     require_x64("conditional_hitting_times")
     there = cell_mask(chain.cells, target)

@@ -28,6 +28,17 @@ class DecisionModel:
 
     An action is a chain: it moves by its probabilities, and what those lack of 1 goes to the sink,
     where nothing is gained any more.
+
+    A robot that goes left or right on a line of three cells, and gains 1 at the right end:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> right = mapping.Chain(np.array([[1, 2, 2]]), np.ones((1, 3)))
+        >>> left = mapping.Chain(np.array([[0, 0, 1]]), np.ones((1, 3)))
+        >>> reward = np.array([[0, 0, 1], [0, 0, 1]])
+        >>> model = markov.DecisionModel.of([right, left], reward)
+        >>> model.actions, model.cells
+        (2, 3)
     """
 
     chains: tuple[Chain, ...]
@@ -146,6 +157,18 @@ def value_iteration(
     **Raises:** `ValueError` for a discount or tolerance out of range. Without a discount, values
     may be infinite; [`jaxcell.markov.stochastic_shortest_path`][] has an answer then.
     `RuntimeError` if rounding or 100,000 sweeps end it before the tolerance is met.
+
+    A robot that goes left or right on a line of three cells, and gains 1 at the right end:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> right = mapping.Chain(np.array([[1, 2, 2]]), np.ones((1, 3)))
+        >>> left = mapping.Chain(np.array([[0, 0, 1]]), np.ones((1, 3)))
+        >>> reward = np.array([[0, 0, 1], [0, 0, 1]])
+        >>> model = markov.DecisionModel.of([right, left], reward)
+        >>> best = markov.value_iteration(model, discount=0.5)
+        >>> best.policy.tolist(), best.value.round(6).tolist()
+        ([0, 0, 0], [0.25, 0.5, 1.0])
     """
     if not 0 < discount < 1:
         raise ValueError(
@@ -168,7 +191,21 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     - `model`: the decision model.
     - `policy`: the action that is taken in each cell.
 
+    **Returns:** [`jaxcell.mapping.Chain`][].
+
     **Raises:** `ValueError` that names a cell whose action does not exist or is not allowed.
+
+    Right, right, and then left on a line of three cells:
+
+        >>> import jax.numpy as jnp
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> right = mapping.Chain(np.array([[1, 2, 2]]), np.ones((1, 3)))
+        >>> left = mapping.Chain(np.array([[0, 0, 1]]), np.ones((1, 3)))
+        >>> reward = np.array([[0, 0, 1], [0, 0, 1]])
+        >>> model = markov.DecisionModel.of([right, left], reward)
+        >>> markov.policy_chain(model, jnp.array([0, 0, 1])).image.tolist()
+        [[1, 2, 1]]
     """
     chosen = np.asarray(policy)
     wrong = np.flatnonzero((chosen < 0) | (chosen >= model.actions))

@@ -15,7 +15,22 @@ from jaxtyping import Array, Float
 
 
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
-    """The distribution with `pi P = pi`."""
+    """The distribution with `pi P = pi`.
+
+    **Arguments:**
+
+    - `P`: the transition matrix, rows summing to 1.
+
+    **Returns:** the shares of the cells, which sum to 1.
+
+    A random walk on a line of three cells:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell.markov import dense
+        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> dense.stationary(P).round(6).tolist()
+        [0.25, 0.5, 0.25]
+    """
     cells = P.shape[-1]
     return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
 
@@ -24,6 +39,20 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """The expected number of steps from cell `i` until first at cell `j`; 0 where `i = j`.
 
     For an irreducible chain; from a transient cell the times are right, and to one they are not.
+
+    **Arguments:**
+
+    - `P`: the transition matrix, rows summing to 1.
+
+    **Returns:** the numbers of steps, `[from, to]`.
+
+    A random walk on a line of three cells:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell.markov import dense
+        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> dense.hitting(P).round(6).tolist()
+        [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
     inverse = jnp.linalg.inv(_shifted(P))
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
@@ -33,6 +62,20 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Kemeny's constant: the expected number of steps to a cell drawn from `pi`, from any cell.
 
     The cell may be drawn where the chain is already, which counts 0 steps.
+
+    **Arguments:**
+
+    - `P`: the transition matrix, rows summing to 1.
+
+    **Returns:** the number of steps.
+
+    A random walk on a line of three cells:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell.markov import dense
+        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> float(dense.kemeny(P).round(6))
+        1.5
     """
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 
@@ -41,6 +84,20 @@ def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """The entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 
     An entry that is 0 is no edge: its own derivative there, which is infinite, counts as 0.
+
+    **Arguments:**
+
+    - `P`: the transition matrix, rows summing to 1.
+
+    **Returns:** the entropy in nats.
+
+    A random walk on a line of three cells:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell.markov import dense
+        >>> P = jnp.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> float((dense.entropy_rate(P) / jnp.log(2.0)).round(6))
+        0.5
     """
     edge = P > 0
     surprise = -jnp.log(jnp.where(edge, P, 1.0))

@@ -45,6 +45,16 @@ def absorption_probabilities(
     by which those of a cell together differ from 1.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
+
+    A random walk between two ends, where it stays:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> groups = mapping.persistent_groups(chain)
+        >>> (3 * markov.absorption_probabilities(chain, groups).value).round(6).tolist()
+        [[3.0, 2.0, 1.0, 0.0], [0.0, 1.0, 2.0, 3.0]]
     """
     group = group_of(chain, groups)
     matrix = chain.to_scipy()
@@ -83,6 +93,16 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
     certificate bounds the relative error of every time.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
+
+    A random walk between two ends, where it stays:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(P)
+        >>> groups = mapping.persistent_groups(chain)
+        >>> markov.absorption_times(chain, groups).value.round(6).tolist()
+        [0.0, 2.0, 2.0, 0.0]
     """
     transient = group_of(chain, groups) < 0
     time = np.zeros(chain.cells)
@@ -109,6 +129,14 @@ def hitting_times(
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a target that is empty or not
     on the map.
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> markov.hitting_times(chain, target=2).value.round(6).tolist()
+        [4.0, 3.0, 0.0]
     """
     require_x64("hitting_times")
     there = cell_mask(chain.cells, target)

@@ -57,6 +57,15 @@ def limiting_distribution(
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` for weights that are not
     understood, negative, or do not sum to 1, or if the groups are of another chain.
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> groups = mapping.persistent_groups(chain)
+        >>> markov.limiting_distribution(chain, groups).value.round(6).tolist()
+        [0.25, 0.5, 0.25]
     """
     group = group_of(chain, groups)
     matrix = chain.to_scipy()

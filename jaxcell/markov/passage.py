@@ -35,6 +35,14 @@ def first_passage(
 
     **Raises:** `ValueError` for a target or start that is empty or not on the map, for
     probabilities that are negative or do not sum to 1, and for a negative number of steps.
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> markov.first_passage(chain, start=0, target=2, steps=5).tolist()
+        [0.0, 0.0, 0.5, 0.0, 0.25, 0.0]
     """
     require_x64("first_passage")
     check_steps(steps)
@@ -59,6 +67,14 @@ def survival(
 
     **Raises:** `ValueError` for a target that is empty or not on the map, and for a negative number
     of steps.
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> markov.survival(chain, target=2, steps=2).tolist()
+        [[1.0, 1.0, 0.0], [1.0, 0.5, 0.0], [0.5, 0.5, 0.0]]
     """
     require_x64("survival")
     check_steps(steps)

@@ -50,6 +50,14 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
     **Raises:** `ValueError` if the chain is not irreducible, naming a cell that it does not come
     back to, or if it has more than 10,000 cells, whose matrices would take gigabytes;
     `RuntimeError` if rounding spoils the answer, as where parts of the chain hardly ever meet.
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> markov.hitting_matrix(chain).value.round(6).tolist()
+        [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
     _check_irreducible(chain, "hitting_matrix")
     return _hitting(chain, "hitting_matrix", throw)
@@ -67,6 +75,14 @@ def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
     error of every time.
 
     **Raises:** as [`hitting_matrix`][].
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> markov.commute_times(chain).value.round(6).tolist()
+        [[0.0, 4.0, 8.0], [4.0, 0.0, 4.0], [8.0, 4.0, 0.0]]
     """
     _check_irreducible(chain, "commute_times")
     there = _hitting(chain, "commute_times", throw)
@@ -83,7 +99,17 @@ def kemeny_constant(chain: Chain) -> float:
 
     - `chain`: an irreducible chain.
 
+    **Returns:** the number of steps.
+
     **Raises:** as [`hitting_matrix`][].
+
+    A random walk on a line of three cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> round(markov.kemeny_constant(chain), 6)
+        1.5
     """
     groups = _check_irreducible(chain, "kemeny_constant")
     times = np.asarray(_hitting(chain, "kemeny_constant", True).value)
@@ -97,7 +123,17 @@ def entropy_rate(chain: Chain) -> float:
 
     - `chain`: an irreducible chain, of any size.
 
+    **Returns:** the entropy in nats, 0 or more.
+
     **Raises:** `ValueError` if the chain is not irreducible, naming a cell.
+
+    Two cells, between which the chain goes in one of four steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0.75, 0.25], [0.25, 0.75]]))
+        >>> round(markov.entropy_rate(chain), 4)
+        0.5623
     """
     groups = _check_irreducible(chain, "entropy_rate")
     share = np.asarray(limiting_distribution(chain, groups).value)
@@ -117,7 +153,17 @@ def slem(chain: Chain) -> float:
     - `chain`: an irreducible chain. All eigenvalues are computed, which takes about 0.4 s at 750
         cells, and more with the cube of that number.
 
+    **Returns:** the modulus, 0 to 1.
+
     **Raises:** `ValueError` as [`hitting_matrix`][].
+
+    Two cells, between which the chain goes in one of four steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0.75, 0.25], [0.25, 0.75]]))
+        >>> round(markov.slem(chain), 6)
+        0.5
     """
     groups = _check_irreducible(chain, "slem")
     if groups.period[0] > 1:
@@ -143,6 +189,14 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
 
     **Raises:** `ValueError` for another distance, if the chain is not irreducible, or if it has
     more than 2,000 cells; `RuntimeError` if it mixes so slowly that rounding hides it.
+
+    Two cells, between which the chain goes in one of four steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> chain = mapping.Chain.from_scipy(np.array([[0.75, 0.25], [0.25, 0.75]]))
+        >>> markov.mixing_time(chain), markov.mixing_time(chain, distance=0.1)
+        (1.0, 3.0)
     """
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")

@@ -67,6 +67,18 @@ def stochastic_shortest_path(
 
     **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if the
     policy still improves after 1000 rounds or a solve stalls.
+
+    A robot that goes left or right on a line of three cells, and right fails half the time:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> half = np.full((2, 3), 0.5)
+        >>> right = mapping.Chain(np.array([[1, 2, 2], [0, 1, 2]]), half)
+        >>> left = mapping.Chain(np.array([[0, 0, 1]]), np.ones((1, 3)))
+        >>> model = markov.DecisionModel.of([right, left], np.zeros((2, 3)))
+        >>> best = markov.stochastic_shortest_path(model, goal=2)
+        >>> best.policy[:2].tolist(), best.time.round(6).tolist()
+        ([0, 0], [4.0, 2.0, 0.0])
     """
     require_x64("stochastic_shortest_path")
     there = cell_mask(model.cells, goal)

@@ -72,6 +72,15 @@ def simulate_arrival(
 
     **Raises:** `ValueError` for fewer than two runs, a horizon that is not 1 to 2^30 steps, and as
     [`jaxcell.markov.first_arrival`][].
+
+    A robot that goes around a ring of three cells for sure:
+
+        >>> import jax
+        >>> import numpy as np
+        >>> from jaxcell import mapping, markov
+        >>> ring = mapping.Chain(np.array([[1, 2, 0]]), np.ones((1, 3)))
+        >>> markov.simulate_arrival(jax.random.key(0), [ring], [0], target=2, runs=3).time.tolist()
+        [2.0, 2.0, 2.0]
     """
     require_x64("simulate_arrival")
     if runs < 2:
