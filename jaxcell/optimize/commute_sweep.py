@@ -69,6 +69,15 @@ def minimum_commute_sweep(
     **Raises:** `ValueError` for arrays of other shapes, a share out of range, and an emphasis that
     is not two or more different vertices, naming the problem; `RuntimeError` if a gap does not
     close, or where JAX is set to 32 bits.
+
+    A triangle, with all edges and without the last:
+
+        >>> import numpy as np
+        >>> from jaxcell import optimize
+        >>> graph = optimize.Graph([[0, 1], [1, 2], [0, 2]])
+        >>> allowed = np.array([[True, True, True], [True, True, False]])
+        >>> (6 * optimize.minimum_commute_sweep(graph, allowed=allowed).weights).round(3).tolist()
+        [[2.0, 2.0, 2.0], [3.0, 3.0, 0.0]]
     """
     edges = len(graph.edges)
     allowed = np.ones((1, edges), bool) if allowed is None else np.asarray(allowed)
@@ -146,6 +155,16 @@ def commute_weights(
     **Returns:** [`CommuteSweep`][] without an axis for problems.
 
     **Raises:** `RuntimeError` where JAX is set to 32 bits.
+
+    A line of three vertices, without emphasis:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import optimize
+        >>> edges, both = jnp.array([[0, 1], [1, 2]]), jnp.array([True, True])
+        >>> share, tolerance = jnp.array(0.0), jnp.array(1e-8)
+        >>> best = optimize.commute_weights(3, edges, both, both, share, tolerance)
+        >>> best.weights.round(3).tolist()
+        [0.5, 0.5]
     """
     require_x64("commute_weights")
     number = jnp.arange(edges.shape[0])

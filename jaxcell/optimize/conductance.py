@@ -75,6 +75,15 @@ def minimum_commute(
     emphasis that is not two or more different vertices of the graph; for a share that is not 0 to
     1, or that leaves nothing but rounding to vertices that are not on the tour.
     `RuntimeError` if the gap does not close.
+
+    Of a line of three vertices both edges weigh the same; of the pairs, two take 4 steps there and
+    back and one 8:
+
+        >>> from jaxcell import optimize
+        >>> graph = optimize.Graph([[0, 1], [1, 2]])
+        >>> best = optimize.minimum_commute(graph)
+        >>> best.weights.round(6).tolist(), round(best.commute_time, 6)
+        ([0.5, 0.5], 5.333333)
     """
     if not 0 <= share <= 1:
         raise ValueError(f"share: expected 0 to 1, got {share}")

@@ -57,6 +57,14 @@ def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Co
     **Returns:** [`Cover`][].
 
     **Raises:** `ValueError` for a negative choice.
+
+    The first two of three sets hold all elements:
+
+        >>> import numpy as np
+        >>> from jaxcell import optimize
+        >>> sets = np.array([[True, True, False], [False, True, True], [False, False, True]])
+        >>> optimize.greedy_cover(sets).chosen.tolist()
+        [0, 1]
     """
     if choice < 0:
         raise ValueError(f"choice: expected a place in the ranking, at least 0, got {choice}")
@@ -103,6 +111,16 @@ def minimum_cover(
     do. Iterations are the nodes of the branch and bound.
 
     **Raises:** `RuntimeError` if time runs out, or if the solver fails.
+
+    The greedy cover begins with the largest set, and then needs two more:
+
+        >>> import numpy as np
+        >>> from jaxcell import optimize
+        >>> sets = np.array([[0, 1, 1, 1, 1, 0], [1, 1, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]], bool)
+        >>> optimize.greedy_cover(sets).chosen.tolist()
+        [0, 1, 2]
+        >>> optimize.minimum_cover(sets).chosen.tolist()
+        [1, 2]
     """
     greedy = greedy_cover(sets)
     if greedy.chosen.size == 0:

@@ -73,6 +73,14 @@ def stackelberg(
     numbers; a prior that is not a distribution over the types; an unknown method; or more than
     10,000 ways to answer for `"multiple-lp"`. `RuntimeError` if the solver gives no answer or one
     that is not good enough, or where JAX is set to 32 bits.
+
+    The leader gains by mixing: committed to its first strategy it would get 2 (Conitzer and
+    Sandholm 2006):
+
+        >>> from jaxcell import optimize
+        >>> best = optimize.stackelberg([[2, 4], [1, 3]], [[1, 0], [0, 1]])
+        >>> best.weights.round(6).tolist(), best.answer.tolist(), round(best.value, 6)
+        ([0.5, 0.5], [1], 3.5)
     """
     require_x64("stackelberg")
     R, C = _payoffs("leader", leader), _payoffs("follower", follower)
@@ -130,6 +138,14 @@ def payoffs(
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
     **Raises:** `ValueError` for a row that is not an order of the vertices.
+
+    Two strategies on two vertices, each nearest to another:
+
+        >>> import numpy as np
+        >>> from jaxcell import optimize
+        >>> patroller, adversary = optimize.payoffs(np.array([[0, 1], [1, 0]]))
+        >>> patroller.tolist(), adversary.tolist()
+        ([[2.0, 0.75], [0.75, 2.0]], [[1.0, 1.25], [1.25, 1.0]])
     """
     strategies, vertices = order.shape
     if order.size == 0:

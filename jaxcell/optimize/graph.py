@@ -9,7 +9,15 @@ from jaxtyping import Float, Int
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Graph:
-    """An undirected graph without loops or parallel edges, and where its vertices are."""
+    """An undirected graph without loops or parallel edges, and where its vertices are.
+
+    A line of three vertices, with positions:
+
+        >>> from jaxcell import optimize
+        >>> graph = optimize.Graph([[0, 1], [1, 2]], xy=[[0, 0], [3, 4], [3, 5]])
+        >>> graph.vertices, graph.lengths.tolist()
+        (3, [5.0, 1.0])
+    """
 
     vertices: int
     "How many; they are numbered from 0."

@@ -75,6 +75,14 @@ def fastest_mixing(
 
     **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part, and a
     `stationary` that is not such a distribution; `RuntimeError` if the gap does not close.
+
+    A line of three vertices, at whose ends the chain stays half the time:
+
+        >>> from jaxcell import optimize
+        >>> graph = optimize.Graph([[0, 1], [1, 2]])
+        >>> best = optimize.fastest_mixing(graph)
+        >>> best.transition.round(4).tolist(), round(best.rate, 4)
+        ([[0.5, 0.5, 0.0], [0.5, 0.0, 0.5], [0.0, 0.5, 0.5]], 0.5)
     """
     stationary = (
         np.full(graph.vertices, 1 / graph.vertices)
@@ -116,6 +124,14 @@ def fastest_averaging(
 
     **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part;
     `RuntimeError` if the gap does not close.
+
+    A line of three vertices:
+
+        >>> from jaxcell import optimize
+        >>> graph = optimize.Graph([[0, 1], [1, 2]])
+        >>> best = optimize.fastest_averaging(graph)
+        >>> best.weights.round(4).tolist(), round(best.rate, 4)
+        ([0.5, 0.5], 0.5)
     """
     n = graph.vertices
     even = np.full(n, 1 / n)

@@ -46,6 +46,15 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     **Raises:** `ValueError` for arrays whose shapes do not match, that are empty, or that hold
     something other than finite float64 numbers; `RuntimeError` if the gap does not close, or where
     JAX is set to 32 bits.
+
+    The point nearest to (1, 0.5) between two columns:
+
+        >>> import numpy as np
+        >>> from jaxcell import optimize
+        >>> A = np.array([[1.0, 0.0], [0.0, 1.0]])
+        >>> nearest = optimize.mixture(A, np.array([1.0, 0.5]))
+        >>> nearest.weights.round(6).tolist(), round(nearest.distance, 6)
+        ([0.75, 0.25], 0.353553)
     """
     require_x64("mixture")
     A, b = _checked("A", A, 2), _checked("b", b, 1)

@@ -31,6 +31,13 @@ def shortest_tour(graph: Graph, through: Sequence[int]) -> Int[np.ndarray, "step
 
     **Raises:** `ValueError` for fewer than two vertices, and one that names the vertex if it does
     not exist, comes twice, or cannot be reached from the first.
+
+    A square, whose opposite corners have no edge:
+
+        >>> from jaxcell import optimize
+        >>> square = optimize.Graph([[0, 1], [1, 2], [2, 3], [3, 0]])
+        >>> optimize.shortest_tour(square, [0, 2]).tolist()
+        [0, 3, 2, 3]
     """
     stops = np.asarray(through)
     if stops.ndim != 1 or stops.size < 2 or not np.issubdtype(stops.dtype, np.integer):
