@@ -147,6 +147,16 @@ def all_plans(
 
     **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `FileNotFoundError` if the folder of the
     file does not exist.
+
+    What the plans from all six cells of a corridor to cell 0 cost:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> plans = bounce.all_plans(cells, [math.pi])
+        >>> plans.costs(np.array([0])).ravel().tolist()
+        [0, 5, 4, 1, 2, 3]
     """
     roadmap = Roadmap.of(
         cells, bounces, keep, change, step=step, collision=collision, method=method

@@ -49,6 +49,17 @@ def noisy_bounce_map(
     **Raises:** `ValueError` for angles that are not whole numbers of directions, an error so large
     that it reaches one direction twice, a reliability out of range, or one below 1 where the error
     is 0; else as [`jaxcell.bounce.bounce_map`][]. `RuntimeError` where JAX is set to 32 bits.
+
+    The image of cell 1, at the East end of a corridor of two squares. Of ten turns, eight are right
+    about, and one each to the North and the South:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 2), bool), directions=4)
+        >>> chain = bounce.noisy_bounce_map(cells, math.pi, error=math.pi / 2, reliability=0.8)
+        >>> chain.to_scipy().toarray()[1].round(6).tolist()
+        [0.0, 0.0, 0.0, 0.1, 0.0, 0.8, 0.0, 0.1]
     """
     require_x64("noisy_bounce_map")
     turns, probability = noisy_turns(bounce, error, reliability, cells.directions)
@@ -60,7 +71,22 @@ def noisy_turns(
 ) -> tuple[Int[np.ndarray, "branches"], Float[np.ndarray, "branches"]]:
     """The turns at a wall, in directions, the one without error first, and their probabilities.
 
+    **Arguments:**
+
+    - `bounce`, `error`, `reliability`: as for [`noisy_bounce_map`][].
+    - `directions`: number of directions in a full turn.
+
+    **Returns:** the turns, and the probability of each.
+
     **Raises:** as [`noisy_bounce_map`][].
+
+    Mostly to the left, one in ten times a direction farther, and one in ten times one less:
+
+        >>> import math
+        >>> from jaxcell import bounce
+        >>> turns, chance = bounce.noisy_turns(math.pi / 2, math.pi / 4, 0.8, directions=8)
+        >>> turns.tolist(), chance.round(6).tolist()
+        ([2, 3, 1], [0.8, 0.1, 0.1])
     """
     shift = int(bounce_shift(bounce, directions))
     spacing = 360 / directions
@@ -177,6 +203,16 @@ def coverage_policy(
 
     **Raises:** `ValueError` for no angles, two that are the same, a bad target, or as
     [`noisy_bounce_map`][]; `RuntimeError` if a solve stalls, or where JAX is set to 32 bits.
+
+    A room of two by two squares is covered evenly by any policy:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((2, 2), bool), directions=4)
+        >>> policy = bounce.coverage_policy(cells, [math.pi], error=math.pi / 2, reliability=0.8)
+        >>> policy.mixture.round(6).tolist()
+        [0.25, 0.25, 0.25, 0.25]
     """
     require_x64("coverage_policy")
     turns = [noisy_turns(float(b), error, reliability, cells.directions) for b in bounces]
@@ -228,6 +264,14 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
 
     **Raises:** `ValueError` for a target of another shape, one that is negative or not finite
     at some position, or that is 0 at all of them.
+
+    The last of three squares is worth twice as much as the others:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> bounce.coverage_target(cells, np.array([1, 1, 2])).tolist()
+        [0.25, 0.25, 0.5]
     """
     x, y, _ = cells.centre(np.arange(cells.positions))
     worth: np.ndarray

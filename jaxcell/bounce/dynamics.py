@@ -48,8 +48,19 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         but not slip between two obstacles that meet in a point); `"endpoint"` asks that of its end
         only, as the dissertation does. The end must lie in a free cell in either case.
 
+    **Returns:** [`Moves`][].
+
     **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision
     rule.
+
+    A corridor of three squares, with the directions East and West:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves = bounce.moves(cells)
+        >>> moves.target[moves.way].tolist()
+        [[1, 2, 2], [0, 0, 1]]
     """
     length = 1.0 if step is None else step / cells.cell
     if not (math.isfinite(length) and length >= 1 - 1e-9):
@@ -92,6 +103,16 @@ def grid_moves(
     - `directions`: number of directions.
     - `step`: length of a step in squares, at least 1.
     - `collision`: as for [`moves`][].
+
+    **Returns:** [`Moves`][].
+
+    A corridor of three squares whose last is blocked, with the directions East and West:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import bounce
+        >>> moves = bounce.grid_moves(jnp.array([[True, True, False]]), directions=2)
+        >>> moves.target[moves.way].tolist()
+        [[1, 1, 2], [0, 0, 2]]
     """
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
@@ -190,7 +211,16 @@ def bounce_shift(
     - `bounce`: angles in radians, counter-clockwise.
     - `directions`: number of directions in a full turn.
 
+    **Returns:** the numbers of directions, at least 0 and less than `directions`.
+
     **Raises:** `ValueError` for an angle that is not a whole number of directions.
+
+    Of eight directions, three make 135 degrees:
+
+        >>> import math
+        >>> from jaxcell import bounce
+        >>> int(bounce.bounce_shift(math.radians(135), directions=8))
+        3
     """
     shift = np.asarray(bounce, float) * directions / (2 * math.pi)
     whole = np.round(shift)
@@ -229,6 +259,16 @@ def bounce_map(
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions; else as
     [`moves`][].
+
+    A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> there_and_back = bounce.bounce_map(cells, math.pi)
+        >>> there_and_back.image.tolist(), there_and_back.bumped.astype(int).tolist()
+        ([1, 2, 5, 0, 3, 4], [0, 0, 1, 1, 0, 0])
     """
     shift = bounce_shift(bounce, cells.directions)
     possible = moves(cells, step=step, collision=collision)
@@ -246,6 +286,16 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
     - `moves`: where a step leads.
     - `shift`: directions that the robot turns by at a bump.
+
+    **Returns:** [`jaxcell.mapping.SimpleMap`][].
+
+    A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> bounce.bounce_image(bounce.moves(cells), 1).image.tolist()
+        [1, 2, 5, 0, 3, 4]
     """
     directions, positions = moves.way.shape[0], moves.free.shape[0]
     position = jnp.arange(positions, dtype=jnp.int32)

@@ -38,7 +38,18 @@ class Runs:
 
 @jax.jit
 def runs(moves: Moves) -> Runs:
-    """The straight run from every position in every way."""
+    """The straight run from every position in every way.
+
+    A corridor of three squares, with the directions East and West; at the end of a run is a bump:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, mapping, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves = bounce.moves(cells)
+        >>> runs = bounce.runs(moves)
+        >>> runs.length.tolist()
+        [[2, 1, 0], [0, 1, 2]]
+    """
     ways, positions = moves.target.shape
     position = jnp.arange(positions, dtype=jnp.int32)
     still = moves.target == position[None]
@@ -95,6 +106,19 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
     - `moves`, `runs`: where a step leads, and the run that starts there.
     - `shift`: directions that the robot turns by at a bump.
     - `slots`: length of the arrays, at least `runs.slots`.
+
+    **Returns:** [`jaxcell.mapping.Section`][].
+
+    A corridor of three squares, whose two bumps follow each other after three mappings:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, mapping, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves = bounce.moves(cells)
+        >>> runs = bounce.runs(moves)
+        >>> section = bounce.bump_section(moves, runs, 1, slots=int(runs.slots))
+        >>> section.duration[section.live].tolist()
+        [3, 3]
     """
     positions = runs.wall.shape[1]
     slot = jnp.arange(slots, dtype=jnp.int32)
@@ -116,7 +140,19 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
 
 @jax.jit
 def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGroups:
-    """The groups of all cells from those of the section."""
+    """The groups of all cells from those of the section.
+
+    A corridor of three squares, in which a robot goes there and back:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, mapping, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves = bounce.moves(cells)
+        >>> runs = bounce.runs(moves)
+        >>> section = bounce.bump_section(moves, runs, 1, slots=int(runs.slots))
+        >>> bounce.expand_groups(moves, runs, mapping.section_groups(section)).period.tolist()
+        [6, 6, 6, 6, 6, 6]
+    """
 
     # One direction at a time: what is gathered from is then a few hundred slots, which fit the
     # nearest cache.
@@ -133,7 +169,19 @@ def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGr
 
 @jax.jit
 def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
-    """What sweeps ask of the groups, without an array over all cells."""
+    """What sweeps ask of the groups, without an array over all cells.
+
+    A corridor of three squares, in which a robot goes there and back; its basin is all six cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, mapping, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves = bounce.moves(cells)
+        >>> runs = bounce.runs(moves)
+        >>> section = bounce.bump_section(moves, runs, 1, slots=int(runs.slots))
+        >>> bounce.summarize(moves, runs, mapping.section_groups(section)).basin[:1].tolist()
+        [6]
+    """
     ways, positions = runs.wall.shape
     slots = groups.group.shape[0]
     end = runs.end + (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
@@ -193,6 +241,20 @@ def bounce_groups(
     [`jaxcell.bounce.bounce_map`][], many times faster.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
+
+    **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
+
+    **Raises:** `ValueError` as [`jaxcell.bounce.bounce_map`][].
+
+    A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> groups = bounce.bounce_groups(cells, math.pi)
+        >>> int(groups.count), groups.period.tolist()
+        (1, [6, 6, 6, 6, 6, 6])
     """
     possible, straight, groups = _section_groups(cells, bounce, step, collision)
     expand = functools.partial(expand_groups, possible, straight)
@@ -213,6 +275,16 @@ def group_summary(
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
 
     **Returns:** [`jaxcell.mapping.GroupSummary`][].
+
+    A corridor of three squares, in which a robot goes there and back:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> found = bounce.group_summary(cells, math.pi)
+        >>> int(found.count), found.period[:1].tolist(), found.basin[:1].tolist()
+        (1, [6], [6])
     """
     possible, straight, groups = _section_groups(cells, bounce, step, collision)
     function = functools.partial(summarize, possible, straight)

@@ -31,7 +31,16 @@ class JointImage:
 
 
 def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
-    """Column and row of each position, which tell where robots meet."""
+    """Column and row of each position, which tell where robots meet.
+
+    A room of two by two squares:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((2, 2), bool), directions=4)
+        >>> bounce.squares_of(cells).tolist()
+        [[0, 1, 0, 1], [0, 0, 1, 1]]
+    """
     row, column = np.divmod(cells.square, cells.free.shape[1])
     return np.stack([column, row])
 
@@ -67,6 +76,18 @@ def joint_image(
     - `squares`: column and row of each position, of [`squares_of`][].
     - `shift`: directions that each robot turns by at a bump.
     - `state`: the cell of each robot, no two in one position.
+
+    Robots at both ends of a corridor, that look at each other, meet in the middle square:
+
+        >>> import jax.numpy as jnp
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves, squares = bounce.moves(cells), jnp.array(bounce.squares_of(cells))
+        >>> turn, state = jnp.array([[1, 1], [0, 5]], jnp.int32)
+        >>> step = bounce.joint_image(moves, squares, turn, state)
+        >>> step.image.tolist(), step.collided.tolist(), int(step.collisions)
+        ([3, 2], [True, True], 1)
     """
     directions, positions = moves.way.shape[0], moves.free.shape[0]
     direction, position = state // positions, state % positions
@@ -121,6 +142,17 @@ def joint_orbits(
     - `steps`: how many steps.
 
     **Returns:** [`JointImage`][] with batch axes (steps, lanes).
+
+    Robots at both ends of a corridor meet in the middle, turn round, and bump at the ends:
+
+        >>> import jax.numpy as jnp
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> moves, squares = bounce.moves(cells), jnp.array(bounce.squares_of(cells))
+        >>> turn, state = jnp.array([[1, 1], [0, 5]], jnp.int32)
+        >>> bounce.joint_orbits(moves, squares, turn, state[None], steps=2).image.tolist()
+        [[[3, 2]], [[0, 5]]]
     """
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 

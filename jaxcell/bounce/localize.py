@@ -27,6 +27,19 @@ def localization_filter(
     - `metadata`: kept with the filter, and saved with it.
 
     **Returns:** [`jaxcell.automata.Filter`][].
+
+    The laboratory of the dissertation, with the number of states and the uncertainties of its
+    Tables 2.1 and 2.2:
+
+        >>> import math
+        >>> from jaxcell import bounce, space
+        >>> from jaxcell.bundled import bundled
+        >>> room = space.Workspace.load(bundled("maps/lab_a.json"))
+        >>> cells = space.CellSpace.of(room, cell=1.0, directions=8)
+        >>> bounces = bounce.bounce_map(cells, math.radians(45), collision="endpoint")
+        >>> filter = bounce.localization_filter(bounces)
+        >>> len(filter.transition), sorted(cycle.uncertainty for cycle in filter.cycles)
+        (129, [1, 3, 4])
     """
     automaton = subset_construction(np.asarray(simple_map.image), np.asarray(simple_map.bumped))
     return Filter.of(automaton, open_world=open_world, metadata=metadata or {})
@@ -64,6 +77,17 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     trap instead, with no candidates.
 
     **Raises:** `ValueError` if the cell does not exist.
+
+    A corridor of three squares looks the same from its other end, so two configurations remain:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> bounces = bounce.bounce_map(cells, math.pi)
+        >>> run = bounce.localize(bounces, bounce.localization_filter(bounces), start=0)
+        >>> run.observations.tolist(), run.candidates.tolist()
+        ([0, 0], [2, 3])
     """
     image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
     if not 0 <= start < image.size:

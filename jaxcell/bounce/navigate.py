@@ -87,6 +87,17 @@ def plan(
     number of directions, one that turns the robot to the same direction as another or not at all;
     for costs that are not finite and above 0, or a change that costs less than none; and as
     [`jaxcell.bounce.moves`][].
+
+    A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; to turn takes one
+    bump:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> way = bounce.plan(cells, [math.pi], start=0, goal=4)
+        >>> way.cost, way.cells.tolist()
+        (4, [0, 1, 2, 5, 4])
     """
     roadmap = Roadmap.of(
         cells, bounces, keep, change, step=step, collision=collision, method=method
@@ -153,6 +164,15 @@ def replay(
 
     **Raises:** `ValueError` if the start does not exist, and for an action that is not possible
     where the robot is, which it names.
+
+    To the end of a corridor of three squares, right about, and one step back:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> bounce.replay(cells, 0, [0.0, 0.0, math.pi, 0.0]).tolist()
+        [0, 1, 2, 5, 4]
     """
     if not 0 <= start < cells.size:
         raise ValueError(f"start: cell {start} does not exist; cells are 0 to {cells.size - 1}")

@@ -95,6 +95,17 @@ def team_trajectory(
     are in one position, if there are neither one angle nor as many as robots, for an angle that is
     not a whole number of directions, or for a number of parts or steps below 1; else as
     [`jaxcell.bounce.moves`][].
+
+    Robots at both ends of a corridor of three squares meet in the middle and turn round. They have
+    been at their ends before, so one of them is turned, and the middle is reached:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> found = bounce.team_trajectory(cells, [0, 5], math.pi)
+        >>> found.path.tolist(), found.outcome.name
+        ([[0, 5], [3, 2], [0, 5], [3, 5], [0, 4]], 'COVERED')
     """
     return team_trajectories(
         cells,
@@ -125,6 +136,20 @@ def team_trajectories(
 
     **Arguments:** as for [`team_trajectory`][], but `starts` has a row for each run, and `progress`
     is called after each part of all runs with the most parts and the fewest positions of a run.
+
+    **Returns:** a [`TeamTrajectory`][] for each run.
+
+    **Raises:** `ValueError` as [`team_trajectory`][].
+
+    The number of steps from two pairs of starts in a corridor of three squares:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> found = bounce.team_trajectories(cells, np.array([[0, 5], [1, 5]]), math.pi)
+        >>> [len(run.path) - 1 for run in found]
+        [4, 2]
     """
     _check_starts(cells, starts)
     shift = _shifts(bounces, starts.shape[1], cells.directions)
