@@ -38,9 +38,14 @@ def examples(module: ModuleType) -> Iterator[doctest.DocTest]:
         module.__doc__ or "", {}, module.__name__, module.__file__, 0
     )
     yield own
+    seen = set()
     for name, value in vars(module).items():
-        kind = inspect.isclass(value) or inspect.isroutine(inspect.unwrap(value))
-        if kind and value.__module__ == module.__name__:
+        if getattr(value, "__module__", None) != module.__name__:
+            continue
+        # A transformation of a function has the examples of the function.
+        inner = inspect.unwrap(value)
+        if inner not in seen and (inspect.isclass(inner) or inspect.isroutine(inner)):
+            seen.add(inner)
             yield from finder.find(value, f"{module.__name__}.{name}", module=False, globs={})
 
 
