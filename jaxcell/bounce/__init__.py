@@ -30,6 +30,12 @@ from .dynamics import (
     grid_moves as grid_moves,
     moves as moves,
 )
+from .filter_size import heading_filter_sizes as heading_filter_sizes
+from .grid_groups import (
+    GridGroups as GridGroups,
+    grid_groups as grid_groups,
+    wall_groups as wall_groups,
+)
 from .groups import (
     bounce_groups as bounce_groups,
     bump_section as bump_section,
@@ -57,3 +63,4 @@ from .team import (
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,
 )
+from .walls import Walls as Walls, walls as walls

@@ -1,0 +1,296 @@
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .dynamics import Collision, bounce_shift
+from .walls import Walls, walls as walls_of
+
+
+_BLOCK = 1 << 15
+
+# Headings do not depend on the walls: after every bump a robot heads the bouncing angle farther,
+# and after `360 / gcd(360, angle)` bumps (in degrees) as at first. So the section of bumps falls
+# apart into independent cycles of headings. Each is layers of walls, the walls of one layer leading
+# to those of the next, and the map from the first layer to itself has the periodic groups of all of
+# them. That map depends on the ways of the headings alone: cycles of the same ways are isomorphic.
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GridGroups:
+    """What there is to say about all periodic groups of a bounce map, in a few numbers."""
+
+    count: Int[np.ndarray, "*batch"]
+    "Number of periodic groups."
+    longest_transient: Int[np.ndarray, "*batch"]
+    "Mappings from the farthest cell to its group."
+    shortest_period: Int[np.ndarray, "*batch"]
+    "The smallest number of cells of a group."
+    longest_period: Int[np.ndarray, "*batch"]
+    "The largest number of cells of a group."
+    periodic_cells: Int[np.ndarray, "*batch"]
+    "Number of cells of all groups."
+    largest_basin: Int[np.ndarray, "*batch"]
+    "Most cells that reach the same group, its own included."
+
+
+def grid_groups(
+    free: Bool[np.ndarray, "*rooms rows columns"] | Bool[Array, "*rooms rows columns"],
+    bounce: Float[np.ndarray, "angles"] | float,
+    directions: int,
+    *,
+    step: float = 1.0,
+    collision: Collision = "swept",
+) -> GridGroups:
+    """The periodic groups of many grids of one shape, each with many bouncing angles.
+
+    Gives the extremes of what [`jaxcell.bounce.group_summary`][] gives for each, many times faster,
+    since no list of groups is made.
+
+    **Arguments:**
+
+    - `free`: which squares are free, at least one of each grid; row 0 is the lowest.
+    - `bounce`: bouncing angles in radians, counter-clockwise; one, or an axis of them.
+    - `directions`: number of directions.
+    - `step`: length of a step in squares, at least 1.
+    - `collision`: as for [`jaxcell.bounce.moves`][].
+
+    **Returns:** [`GridGroups`][] of integers `[*rooms, angles]`, or `[*rooms]` for one angle.
+
+    **Raises:** `ValueError` for an angle that is not a whole number of directions, a step below 1,
+    and a grid without a free square.
+
+    In an open room of two rows of three squares, a robot that turns right about stays in its row or
+    column:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce
+        >>> rooms = np.ones((1, 2, 3), bool)
+        >>> bounce.grid_groups(rooms, math.pi, directions=4).count.tolist()
+        [5]
+    """
+    free = np.asarray(free)
+    rooms = free.shape[:-2]
+    shift = bounce_shift(bounce, directions)
+    flat = free.reshape(math.prod(rooms), *free.shape[-2:])
+    for room in np.flatnonzero(~flat.any(axis=(1, 2))).tolist()[:1]:
+        raise ValueError(f"free: expected a free square in every grid, got none in number {room}")
+    found = wall_groups(
+        walls_of(flat, directions, step=step, collision=collision), np.atleast_1d(shift)
+    )
+    fields = (getattr(found, field.name) for field in dataclasses.fields(found))
+    return GridGroups(*(x.reshape((*rooms, *shift.shape)) for x in fields))
+
+
+def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GridGroups:
+    """The periodic groups of grids whose walls are known, for each number of directions turned.
+
+    **Returns:** [`GridGroups`][] of integers `[grids, angles]`.
+
+    An open room of two rows of three squares, with turns to the left and right about:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce
+        >>> walls = bounce.walls(np.ones((1, 2, 3), bool), directions=4)
+        >>> bounce.wall_groups(walls, np.array([1, 2])).longest_period.tolist()
+        [[10, 6]]
+    """
+    directions, grids = walls.way.size, len(walls.count)
+    totals = np.zeros((6, grids, shift.size), np.int64)
+    orders = directions // np.gcd(shift, directions)
+    for order in np.unique(orders).tolist():
+        angles = np.flatnonzero(orders == order)
+        # A heading of every cycle, and those that it leads to.
+        first = np.arange(directions // order)
+        bumps = np.arange(order) * shift[angles, None, None]
+        ways = walls.way[(first[:, None] + bumps) % directions]
+        cycles, which = np.unique(ways.reshape(-1, order), axis=0, return_inverse=True)
+        found = _measured(walls, cycles)[:, :, which.reshape(ways.shape[:2])]
+        for total, one, collect in zip(totals, found, _COLLECT, strict=True):
+            total[:, angles] = collect(one, axis=2)
+    return GridGroups(*totals)
+
+
+_COLLECT = (np.sum, np.max, np.min, np.max, np.sum, np.max)
+
+
+def _measured(
+    walls: Walls, cycles: Int[np.ndarray, "cycles order"]
+) -> Int[np.ndarray, "6 grids cycles"]:
+    """What the fields of [`GridGroups`][] are for some cycles of headings."""
+    grids = len(walls.count)
+    tables = _Tables.of(walls)
+    found = np.empty((6, grids * len(cycles)), np.int64)
+    # So many at a time that a layer of them fits a cache.
+    block = max(1, _BLOCK // walls.slots)
+    for begin in range(0, found.shape[1], block):
+        some = np.arange(begin, min(begin + block, found.shape[1]))
+        grid, cycle = np.divmod(some, len(cycles))
+        found[:, some] = _measure(tables, grid, cycles[cycle])
+    return found.reshape(6, grids, len(cycles))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Tables:
+    """The walls of several grids, with a row for each grid and way, or grid and two ways."""
+
+    ways: int
+    next: Int[np.ndarray, "turns slots"]
+    length: Int[np.ndarray, "turns slots"]
+    behind: Int[np.ndarray, "layers slots"]
+
+    @classmethod
+    def of(cls, walls: Walls) -> "_Tables":
+        # NumPy takes by 64-bit numbers, and turns others into them each time.
+        tables = walls.next.astype(np.int64), walls.length, walls.behind
+        return cls(walls.behind.shape[1], *(x.reshape(-1, walls.slots) for x in tables))
+
+
+def _measure(
+    tables: _Tables, grid: Int[np.ndarray, "cycles"], ways: Int[np.ndarray, "cycles order"]
+) -> Int[np.ndarray, "6 cycles"]:
+    """What the fields of [`GridGroups`][] are for cycles of headings, each in one grid.
+
+    A place is a cycle and a slot of a layer, as one number.
+    """
+    cycles, slots = len(ways), tables.behind.shape[1]
+    layer = (grid[:, None] * tables.ways + ways).T
+    turn = layer * tables.ways + np.roll(ways, -1, axis=1).T
+    base = (np.arange(cycles) * slots)[:, None]
+    live = (tables.behind[layer[0]] >= 0).ravel()
+    image, mappings = _once_around(tables, turn)
+    periodic = live & _periodic(image)
+
+    # As in `jaxcell.mapping.section`: `into` is how many cells of a group are on the last run to a
+    # periodic place, its own included.
+    at = np.flatnonzero(periodic)
+    groups: list[tuple[np.ndarray, np.ndarray]] = []
+    cells = np.zeros(live.size)
+    for here, there in zip(layer, turn, strict=True):
+        to = (tables.next[there] + base).ravel()
+        into = 1 + tables.length[there].ravel()[at]
+        cells += (tables.behind[here] + 1).ravel()
+        cells = np.bincount(to, cells, live.size)
+        at = to[at]
+        groups.append((at, into))
+    at, into = groups[-1]
+
+    lead = np.zeros(live.size, np.int64)
+    lead[at] = 1 - into
+    none = np.zeros(live.size, bool)
+    around, transient = _pull(tables, layer, turn, groups, lead, none)
+    # A place from which the first return is periodic may have come to its group before that.
+    weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
+    leader, lead = _follow(image, periodic, weight)
+    lead[at] = 1 - into
+    _, later = _pull(tables, layer, turn, groups, lead, live & ~periodic)
+
+    period = np.bincount(leader[at], mappings[at], live.size + 1)[:-1].astype(np.int64)
+    leads = (period > 0).reshape(cycles, slots)
+    period = period.reshape(cycles, slots)
+    basin = np.bincount(leader, cells, live.size + 1)[:-1].reshape(cycles, slots)
+    return np.stack(
+        [
+            leads.sum(axis=1),
+            np.maximum(transient, later),
+            np.where(leads, period, np.iinfo(np.int64).max).min(axis=1),
+            period.max(axis=1),
+            period.sum(axis=1),
+            basin.max(axis=1).astype(np.int64),
+        ]
+    )
+
+
+def _once_around(
+    tables: _Tables, turn: Int[np.ndarray, "order cycles"]
+) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
+    """The place in the first layer to which each leads, and the mappings on the way."""
+    slots = tables.behind.shape[1]
+    cycle, slot = np.divmod(np.arange(turn.shape[1] * slots), slots)
+    mappings = np.zeros(slot.size, np.int64)
+    merged = []
+    following, length = tables.next.ravel(), tables.length.ravel()
+    for bumps, there in enumerate(turn, 1):
+        run = there[cycle] * slots + slot
+        slot = following[run]
+        mappings += 1 + length[run]
+        # Orbits that have met stay together, and most do soon.
+        if bumps in (4, 8, 16, 32, 64, 128):
+            place, which = np.unique(cycle * slots + slot, return_inverse=True)
+            merged.append((which, mappings))
+            cycle, slot = np.divmod(place, slots)
+            mappings = np.zeros(slot.size, np.int64)
+    image = cycle * slots + slot
+    for which, before in reversed(merged):
+        image, mappings = image[which], before + mappings[which]
+    return image, mappings
+
+
+def _pull(
+    tables: _Tables,
+    layer: Int[np.ndarray, "order cycles"],
+    turn: Int[np.ndarray, "order cycles"],
+    groups: list[tuple[np.ndarray, np.ndarray]],
+    lead: Int[np.ndarray, "places"],
+    wanted: Bool[np.ndarray, "places"],
+) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
+    """Goes backwards through the layers, from the mappings from the first layer to its groups.
+
+    **Arguments:**
+
+    - `wanted`: places of the first layer; where there are some, the layers that lead to none of
+        them are left out.
+
+    **Returns:** the mappings from places of the first layer, one round before; and the longest
+    transient of each cycle, among the layers that were not left out.
+    """
+    cycles, slots = layer.shape[1], tables.behind.shape[1]
+    base = (np.arange(cycles) * slots)[:, None]
+    longest = np.zeros(cycles, np.int64)
+    all_of_them = not wanted.any()
+    for j in reversed(range(len(layer))):
+        to = tables.next[turn[j]] + base
+        if not all_of_them:
+            wanted = wanted[to.ravel()]
+            if not wanted.any():
+                break
+        lead = lead[to]
+        lead += tables.length[turn[j]]
+        np.maximum(lead, 0, out=lead)
+        lead += 1
+        lead = lead.ravel()
+        at, into = groups[j - 1]
+        lead[at] = 1 - into
+        behind = tables.behind[layer[j]]
+        steps = np.where(behind < 0, 0, lead.reshape(cycles, slots) + behind)
+        np.maximum(longest, steps.max(axis=1), out=longest)
+    return lead, longest
+
+
+def _periodic(image: Int[np.ndarray, "places"]) -> Bool[np.ndarray, "places"]:
+    """As [`jaxcell.mapping.groups.periodic_cells`][], in NumPy."""
+    power, count = image, -1
+    while True:
+        seen = np.zeros(image.size, bool)
+        seen[power] = True
+        fewer = np.count_nonzero(seen)
+        if fewer == count:
+            return seen
+        power, count = power[power], fewer
+
+
+def _follow(
+    image: Int[np.ndarray, "places"],
+    periodic: Bool[np.ndarray, "places"],
+    weight: Int[np.ndarray, "places"],
+) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
+    """As [`jaxcell.mapping.groups.follow`][], in NumPy."""
+    leader = np.where(periodic, np.arange(image.size), image.size)
+    power, total = image, weight
+    while True:
+        least, added = np.minimum(leader, leader[power]), total[power]
+        if not added.any() and np.array_equal(least, leader):
+            return leader, total
+        power, leader, total = power[power], least, total + added

@@ -1,0 +1,143 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jaxcell.bounce import bounce_map, grid_groups, heading_filter_sizes, walls
+from jaxcell.mapping import periodic_groups
+from jaxcell.space import CellSpace
+
+
+# One shape, so that little is compiled.
+GRIDS = hnp.arrays(bool, (5, 6), elements=st.sampled_from([True, True, True, False])).filter(np.any)
+RULES = st.sampled_from(["swept", "endpoint"])
+# Few, since each is compiled.
+SETTINGS = st.sampled_from([(8, "swept", 1.0), (7, "endpoint", 1.0), (24, "swept", 1.7)])
+
+
+def image_of(free, directions, shift, **motion):
+    cells = CellSpace.of_grid(free, directions)
+    result = bounce_map(cells, 2 * math.pi * shift / directions, **motion)
+    return np.asarray(result.image), np.asarray(result.bumped), cells.positions
+
+
+def measured(image):
+    """What `GridGroups` tells, by walking from every cell."""
+    image = image.tolist()
+    group, step, periods = [-1] * len(image), [0] * len(image), []
+    for z in range(len(image)):
+        path, on_path = [], {}
+        while group[z] == -1 and z not in on_path:
+            on_path[z] = len(path)
+            path.append(z)
+            z = image[z]
+        if z in on_path:
+            for cell in path[on_path[z] :]:
+                group[cell] = len(periods)
+            periods.append(len(path) - on_path[z])
+            path = path[: on_path[z]]
+        for cell in reversed(path):
+            group[cell], step[cell] = group[image[cell]], step[image[cell]] + 1
+    return (
+        len(periods),
+        max(step),
+        min(periods),
+        max(periods),
+        sum(periods),
+        max(np.bincount(group)),
+    )
+
+
+def told(found, *index):
+    return tuple(
+        int(getattr(found, name)[index])
+        for name in (
+            "count",
+            "longest_transient",
+            "shortest_period",
+            "longest_period",
+            "periodic_cells",
+            "largest_basin",
+        )
+    )
+
+
+@given(GRIDS, SETTINGS, st.data())
+@settings(deadline=None, max_examples=30)
+def test_groups_of_all_angles_are_those_of_a_walk(free, setting, data):
+    directions, collision, step = setting
+    shift = data.draw(st.integers(0, directions - 1))
+    angles = 2 * math.pi * np.arange(directions) / directions
+    found = grid_groups(free, angles, directions, step=step, collision=collision)
+    image, _, _ = image_of(free, directions, shift, step=step, collision=collision)
+    assert told(found, shift) == measured(image)
+
+
+def test_groups_are_those_of_periodic_groups_in_a_larger_room():
+    rng = np.random.default_rng(0)
+    free = rng.random((3, 12, 15)) < 0.9
+    angles = np.radians([0, 7, 36, 45, 90, 120, 179, 180, 240])
+    found = grid_groups(free, angles, 360)
+    assert found.count.shape == (3, 9)
+    for room, angle in ((0, 1), (1, 4), (2, 6), (2, 7)):
+        image, _, _ = image_of(free[room], 360, round(math.degrees(angles[angle])))
+        groups = periodic_groups(image)
+        assert found.count[room, angle] == int(groups.count)
+        assert found.longest_transient[room, angle] == int(groups.step.max())
+        assert found.longest_period[room, angle] == int(groups.group_period.max())
+        assert found.largest_basin[room, angle] == np.bincount(np.asarray(groups.group)).max()
+    alone = grid_groups(free[1], angles[4], 360)
+    assert told(alone) == told(found, 1, 4)
+
+
+@given(st.lists(GRIDS, min_size=2, max_size=4), RULES)
+@settings(deadline=None, max_examples=20)
+def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, collision):
+    angles = np.radians([45, 90, 135])
+    together = grid_groups(np.array(rooms), angles, 8, collision=collision)
+    sizes = heading_filter_sizes(walls(np.array(rooms), 8, collision=collision), np.array([1, 3]))
+    for i, free in enumerate(rooms):
+        alone = grid_groups(free, angles, 8, collision=collision)
+        for angle in range(3):
+            assert told(together, i, angle) == told(alone, angle)
+        only = walls(free[None], 8, collision=collision)
+        np.testing.assert_array_equal(heading_filter_sizes(only, np.array([1, 3]))[0], sizes[i])
+
+
+@given(GRIDS, SETTINGS, st.data())
+@settings(deadline=None, max_examples=40)
+def test_filter_has_the_sets_that_observations_leave(free, setting, data):
+    directions, collision, step = setting
+    shift = data.draw(st.integers(0, directions - 1))
+    image, bumped, positions = image_of(free, directions, shift, step=step, collision=collision)
+    start = frozenset(range(positions))
+    states, left = {start}, [start]
+    while left:
+        state = left.pop()
+        for bit in (0, 1):
+            following = frozenset(int(image[z]) for z in state if bumped[z] == bit)
+            if following and following not in states:
+                states.add(following)
+                left.append(following)
+    shifts = np.arange(directions)
+    known = walls(free[None], directions, step=step, collision=collision)
+    assert heading_filter_sizes(known, shifts)[0, shift] == len(states)
+
+
+def test_filter_of_a_closed_cell_turns_on_the_spot():
+    # One free square: a state for each heading.
+    sizes = heading_filter_sizes(walls(np.ones((1, 1, 1), bool), 12), np.array([0, 1, 2, 3, 4, 6]))
+    assert sizes.tolist() == [[1, 12, 6, 4, 3, 2]]
+
+
+def test_refusals():
+    free = np.ones((2, 3, 4), bool)
+    with pytest.raises(ValueError, match=r"bounce: 10 deg is not a whole number of the 8"):
+        grid_groups(free, math.radians(10), 8)
+    with pytest.raises(ValueError, match=r"step: expected at least one square, got 0.5"):
+        grid_groups(free, math.radians(90), 8, step=0.5)
+    free[1] = False
+    with pytest.raises(ValueError, match=r"free: expected a free square .*, got none in number 1"):
+        grid_groups(free, math.radians(90), 8)
