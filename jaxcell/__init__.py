@@ -2,8 +2,9 @@
 
 Packages, from the ground floor up: `space` (maps and cells), `automata` (filters), `mapping`
 (cell maps and their groups), `markov` (chains), `optimize` (weights), `bounce` (bouncing robots),
-`patrol` (patrolling), `record` (results). They are imported on first use, so that `import jaxcell`
-alone does not import JAX.
+`patrol` (patrolling), `drift` (ocean drifters), `record` (results), `robot` (on an iRobot Create),
+`sweep` (many runs). They are imported on first use, so that `import jaxcell` alone does not import
+JAX.
 """
 
 import importlib
@@ -12,7 +13,19 @@ from types import ModuleType
 
 __version__ = "0.1.0"
 
-_PACKAGES = ("automata", "bounce", "mapping", "markov", "optimize", "patrol", "record", "space")
+_PACKAGES = (
+    "automata",
+    "bounce",
+    "drift",
+    "mapping",
+    "markov",
+    "optimize",
+    "patrol",
+    "record",
+    "robot",
+    "space",
+    "sweep",
+)
 
 __all__ = ["__version__", *_PACKAGES]
 

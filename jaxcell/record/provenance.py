@@ -1,17 +1,15 @@
 """Coordinates that datasets share, and attributes that say where a result comes from."""
 
 import datetime
-import functools
 import json
-import subprocess
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
 from .. import __version__
+from ..revision import git_revision
 from ..space import CellSpace
 
 
@@ -49,32 +47,9 @@ def provenance(
         "jax_version": jax.__version__,
         "spec": asked,
     }
-    if (revision := _git_revision()) is not None:
+    if (revision := git_revision()) is not None:
         attributes["git_revision"] = revision
     if cells is not None:
         attributes["cell_side_m"] = cells.cell
         attributes["cell_index"] = "direction * positions + position"
     return attributes
-
-
-@functools.cache
-def _git_revision() -> str | None:
-    """The commit of the checkout that this file is part of, with `-dirty` where it was changed."""
-
-    def git(*arguments: str) -> str:
-        command = ["git", "--no-optional-locks", *arguments]
-        return subprocess.run(
-            command,
-            cwd=Path(__file__).parents[1],
-            capture_output=True,
-            check=True,
-            text=True,
-            timeout=10,
-        ).stdout.strip()
-
-    try:
-        # An installed copy may lie inside a checkout of something else, which does not track it.
-        git("ls-files", "--error-unmatch", "__init__.py")
-        return git("describe", "--always", "--abbrev=40", "--dirty", "--exclude=*")
-    except (OSError, subprocess.SubprocessError):
-        return None
