@@ -128,8 +128,8 @@ def costs(folder: Path, seconds: float) -> None:
         slow = SLOW_CHUNKS * count
         what = spec(folder, "wait", slow + EMPTY_CHUNKS, 1, seconds=seconds, slow=slow)
         ends = swept(folder, what, engine, workers).ends
-        # The last of the first round to the last of the last one: workers do not begin together.
-        each = (ends[slow - 1] - ends[count - 1]) / (SLOW_CHUNKS - 1)
+        # From a chunk to the next of the same worker: they take turns, but do not begin together.
+        each = statistics.median(ends[i + count] - ends[i] for i in range(slow - count))
         empty = (ends[-1] - ends[slow]) / (EMPTY_CHUNKS - 1)
         told = (f"{ends[0] - seconds:.2f}", f"{each:.3f}", f"{each / seconds - 1:.1%}")
         line(engine, count, *told, f"{empty * 1e3:.1f}")
