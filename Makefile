@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test fuzz lint bench clean
 
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
@@ -9,6 +9,9 @@ demo: .venv/.runtime
 test: .venv/.dev
 	$(BIN)/pytest
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
+
+fuzz: .venv/.dev
+	JAXCELL_FUZZ=2000 $(BIN)/pytest tests/fuzz
 
 lint: .venv/.dev
 	$(BIN)/ruff format --check .

@@ -2,7 +2,6 @@ import dataclasses
 import functools
 import json
 import os
-import reprlib
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -202,7 +201,7 @@ class Filter:
         header, arrays = read_arrays(path)
         try:
             if header["kind"] != "filter":
-                raise ValueError(f"it is a {reprlib.repr(header['kind'])}, not a filter")
+                raise ValueError(f"it is a {str(header['kind'])[:60]}, not a filter")
             if not isinstance(header["metadata"], dict):
                 raise ValueError("metadata: expected an object")
             sizes = arrays["sizes"]

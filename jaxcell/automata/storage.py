@@ -95,9 +95,12 @@ def read_arrays(
         raise ValueError(f"{path}: its lengths do not agree with its {len(content)} bytes")
     try:
         described = json.loads(bytes(body[_PREFIX.size : begin - _LENGTH.size]))
-        header = dict(described["header"])
-        lengths = {str(name): int(length) for name, length in described["arrays"].items()}
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        header, lengths = described["header"], described["arrays"]
+        if not isinstance(header, dict) or not isinstance(lengths, dict):
+            raise ValueError("expected a header and the lengths of arrays")
+        if not all(type(length) is int for length in lengths.values()):
+            raise ValueError("expected whole numbers as the lengths of arrays")
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ValueError(f"{path}: its header cannot be read: {error}") from error
     size = 4 * sum(lengths.values())
     if min(lengths.values(), default=0) < 0 or size > _ZLIB_RATIO * (len(body) - begin):

@@ -26,6 +26,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
+from xml.etree.ElementTree import ParseError
 from xml.parsers import expat
 
 from ..files import replacing
@@ -73,6 +74,14 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     **Raises:** `ValueError` that names the file, the field, and what is wrong: text that is cut
     short or in another format, a directed graph, a loop, parallel edges, a vertex that is named
     twice or by an edge alone, or one without two finite coordinates; `FileNotFoundError`.
+
+    The graph of section 4.5.2 of Alam 2018:
+
+        >>> from jaxcell import patrol
+        >>> from jaxcell.bundled import bundled
+        >>> graph, names = patrol.load_graph(bundled("graphs/eight.json"))
+        >>> graph.vertices, len(graph.edges), names[:2], graph.xy[0].tolist()
+        (8, 13, ('1', '2'), [1.0, 3.0])
     """
     path = Path(path)
     if not path.exists():
@@ -108,6 +117,19 @@ def save_graph(
     **Raises:** `ValueError` for an unknown suffix, a graph without positions, and names that are
     not one a vertex, come twice, or cannot be written; `FileNotFoundError` if the folder does not
     exist.
+
+    A line of two vertices:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1]], xy=[[0, 0], [3.5, 1]])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "line.edges")
+        ...     patrol.save_graph(graph, path, ["hall", "yard"])
+        ...     print(path.read_text())
+        hall 0.0 0.0
+        yard 3.5 1.0
+        hall yard
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -180,7 +202,14 @@ def _parse_graphml(text: str) -> tuple[list[_Vertex], list[_Edge]]:
             # Of ports and types, which do not matter here.
             warnings.simplefilter("ignore")
             graph = nx.parse_graphml(text, force_multigraph=True)
-    except (nx.NetworkXError, LookupError, TypeError, ValueError, AttributeError) as error:
+    except (
+        nx.NetworkXError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        ParseError,
+    ) as error:
         raise ValueError(f"not GraphML that networkx reads: {error}") from None
     if graph.is_directed():
         raise ValueError(f"edgedefault: {_DIRECTED}")

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import os
+import reprlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -124,14 +125,14 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
                 raise ValueError("expected a JSON object")
             if number > 1:
                 _check_event(parsed[-1])
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ValueError(f"{path}: line {number}: {error}") from None
     header = parsed[0] if parsed else {}
     found = header.get("format"), header.get("version")
     if found != (_FORMAT, _VERSION):
         raise ValueError(
             f"{path}: line 1: expected the log of a robot, format {_FORMAT!r} version {_VERSION}, "
-            f"got {found[0]!r} version {found[1]!r}"
+            f"got {reprlib.repr(found[0])} version {reprlib.repr(found[1])}"
         )
     return LoggedRun(header, tuple(parsed[1:]), not unfinished)
 
@@ -139,6 +140,10 @@ def read_log(path: str | os.PathLike[str]) -> LoggedRun:
 def _check_event(event: Mapping[str, Any]) -> None:
     name = event.get("event")
     if not isinstance(name, str):
-        raise ValueError(f"event: expected a name, got {name!r}")
-    if name == "observation" and event.get("observation") not in (0, 1):
-        raise ValueError(f"observation: expected 0 or 1, got {event.get('observation')!r}")
+        raise ValueError(f"event: expected a name, got {reprlib.repr(name)}")
+    observation = event.get("observation")
+    # Not `in (0, 1)`: JSON has a true and a 1.0, which equal 1.
+    if name == "observation" and (type(observation) is not int or not 0 <= observation <= 1):
+        raise ValueError(f"observation: expected 0 or 1, got {reprlib.repr(observation)}")
+    if type(event.get("color", 0)) is not int:
+        raise ValueError(f"color: expected a whole number, got {reprlib.repr(event['color'])}")

@@ -2,6 +2,8 @@ import dataclasses
 import hashlib
 import math
 import re
+import reprlib
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,12 @@ import numpy as np
 from jaxtyping import Float
 
 from .walker import cell_strides
+
+
+LARGEST = 1e9
+"""What no number of a file is above: a robot goes some metres."""
+_LEAST_LENGTH = 1e-6
+_MOST_DIRECTIONS = 1_000_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,9 +71,9 @@ class Fields:
         return self.values.get(name)
 
     def number(self, name: str, least: float = -math.inf) -> float:
-        """A finite number, of `least` at least."""
+        """A finite number, of `least` at least and 10^9 at most."""
         value: Any = self.values.get(name)
-        if not is_number(value) or value < least:
+        if not is_number(value) or not least <= value <= LARGEST:
             wanted = "" if least == -math.inf else f" from {least:g}"
             raise self.refused(name, f"a finite number{wanted}")
         return float(value)
@@ -89,13 +97,14 @@ class Fields:
         if not matches or found.dtype.kind not in "iuf"[: 2 if whole else 3]:
             sizes = " x ".join("any" if n < 0 else str(n) for n in shape)
             raise self.refused(name, f"{'whole ' * whole}numbers, {sizes} of them", show=False)
-        if not np.isfinite(found).all():
-            raise self.refused(name, "finite numbers", show=False)
+        most = 2**31 - 1 if whole else LARGEST
+        if not (np.abs(found.astype(float)) <= most).all():
+            raise self.refused(name, f"finite numbers of at most {most:g}", show=False)
         return found.astype(np.int32 if whole else float)
 
     def refused(self, name: str, expected: str, *, show: bool = True) -> ValueError:
         """The error that says what a field should have been."""
-        got = f", got {self.values.get(name)!r}" if show else ""
+        got = f", got {reprlib.repr(self.values.get(name))}" if show else ""
         return ValueError(f"{self.path}: {self.within}{name}: expected {expected}{got}")
 
     def part(self, name: str, index: int) -> "Fields":
@@ -117,14 +126,14 @@ class Fields:
         """The fields of every [`Task`][]."""
         return {
             "path": self.path,
-            "cell": self.number("cell_m"),
-            "directions": int(self.number("directions")),
-            "step": self.number("step_m"),
-            "radius": self.number("robot_radius_m"),
+            "cell": self.number("cell_m", _LEAST_LENGTH),
+            "directions": self.whole("directions", 1, _MOST_DIRECTIONS),
+            "step": self.number("step_m", _LEAST_LENGTH),
+            "radius": self.number("robot_radius_m", 0.0),
         }
 
 
 def is_number(value: Any) -> bool:
     """Whether a value is a finite number."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(value)
+    return number and abs(value) <= sys.float_info.max

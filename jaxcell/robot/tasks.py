@@ -99,6 +99,6 @@ def _plan(fields: Fields) -> PlanTask:
 def _json(path: Path) -> dict[str, Any]:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected JSON: {error}") from None
     return values if isinstance(values, dict) else {}

@@ -6,6 +6,7 @@ blocked squares, and which suggests the side of a square as its `cell`.
 
 import json
 import math
+import reprlib
 import warnings
 from collections.abc import Mapping
 from io import BytesIO
@@ -23,6 +24,15 @@ from .occupancy import blocked_rings, rasterise
 
 _BLOCKED, _FREE = "#X@", ". "
 _HEADER = ("name", "cell", "origin", "robot_radius", "directions")
+
+
+class _Loader(yaml.BaseLoader):
+    """Without aliases: a few lines of them can stand for more than any memory holds."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"*{self.peek_event().anchor}: expected no aliases")
+        return super().compose_node(parent, index)
 
 
 def parse_ascii(text: str) -> dict[str, Any]:
@@ -90,11 +100,11 @@ def parse_ascii(text: str) -> dict[str, Any]:
             fields["directions"] = int(header["directions"])
         except ValueError:
             raise ValueError(
-                f"directions: expected a whole number, got {header['directions']!r}"
+                f"directions: expected a whole number, got {reprlib.repr(header['directions'])}"
             ) from None
     origin = _numbers("origin", header.get("origin", "0 0").split())
     if len(origin) != 2:
-        raise ValueError(f"origin: expected two numbers x y, got {header['origin']!r}")
+        raise ValueError(f"origin: expected two numbers x y, got {reprlib.repr(header['origin'])}")
     cell = _side("cell", header.get("cell", "1"))
     return {**fields, **_grid_fields(blocked, (origin[0], origin[1]), cell)}
 
@@ -150,7 +160,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     """
     try:
         # All scalars as text: YAML 1.1 has it that 5e-2 is not a number and that `no` is one.
-        document = yaml.load(text, Loader=yaml.BaseLoader)
+        document = yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, RecursionError) as error:
         raise ValueError(f"not valid YAML, or cut short: {' '.join(str(error).split())}") from None
     if not isinstance(document, dict):
@@ -160,16 +170,16 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
         if field not in document:
             raise ValueError(f"{field}: it is missing; a map_server file has {', '.join(required)}")
     if (mode := document.get("mode", "trinary")) != "trinary":
-        raise ValueError(f"mode: only trinary maps are read, got {mode!r}")
+        raise ValueError(f"mode: only trinary maps are read, got {reprlib.repr(mode)}")
     negate = {"0": False, "false": False, "1": True, "true": True}.get(
         str(document["negate"]).lower()
     )
     if negate is None:
-        raise ValueError(f"negate: expected 0 or 1, got {document['negate']!r}")
+        raise ValueError(f"negate: expected 0 or 1, got {reprlib.repr(document['negate'])}")
 
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise ValueError(f"origin: expected [x, y, yaw], got {origin!r}")
+        raise ValueError(f"origin: expected [x, y, yaw], got {reprlib.repr(origin)}")
     x, y, yaw = _numbers("origin", origin)
     if yaw != 0:
         raise ValueError(f"origin: only maps that are not rotated are read, got a yaw of {yaw:g}")
@@ -183,7 +193,9 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
         )
 
     if not isinstance(document["image"], str) or not document["image"]:
-        raise ValueError(f"image: expected the name of a file, got {document['image']!r}")
+        raise ValueError(
+            f"image: expected the name of a file, got {reprlib.repr(document['image'])}"
+        )
     try:
         pixels_free = _free_pixels(folder / document["image"], negate, free)
     except ValueError as error:
@@ -228,7 +240,7 @@ def _read_header_line(line: str, number: int, header: dict[str, str]) -> None:
     key, _, value = line[1:].strip().partition(" ")
     if key not in _HEADER:
         raise ValueError(
-            f"line {number}: {key!r}: unknown; expected {', '.join(_HEADER)}, "
+            f"line {number}: {reprlib.repr(key)}: unknown; expected {', '.join(_HEADER)}, "
             "or ';;' before a remark"
         )
     if key in header:
@@ -245,7 +257,7 @@ def _numbers(field: str, texts: list[Any]) -> list[float]:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise ValueError(f"{field}: expected a finite number, got {text!r}")
+            raise ValueError(f"{field}: expected a finite number, got {reprlib.repr(text)}")
         values.append(value)
     return values
 

@@ -15,6 +15,8 @@ RANDOM_DIMENSION = "sample"
 # `status` is a variable of every result; xarray would mistake a parameter of that name for it.
 _RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
 _MOST_VALUES = 100_000_000
+# So that the difference of two is finite too.
+_LARGEST = 1e300
 # A range ends before its stop, where rounding may have left the last value an ulp too small.
 _STEP_TOLERANCE = 1e-9
 
@@ -145,22 +147,28 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
         )
     for field in sorted(fields - {"num"}):
         if not _number(given[field]):
-            raise ValueError(f"{field}: expected a finite number, got {given[field]!r}")
+            raise ValueError(f"{field}: expected a finite number, got {reprlib.repr(given[field])}")
     start, stop = given["start"], given["stop"]
     if "num" in fields:
         return np.linspace(start, stop, _count("num", given["num"]))
     step = given["step"]
-    count = math.ceil((stop - start) / step - _STEP_TOLERANCE) if step else 0
+    parts = (stop - start) / step if step else 0
+    if parts > _MOST_VALUES:
+        raise ValueError(f"the number of values: expected at most {_MOST_VALUES}, got {parts:g}")
+    count = math.ceil(max(parts, 0) - _STEP_TOLERANCE)
     if count < 1:
         raise ValueError(f"no value lies from {start} up to {stop} in steps of {step}")
-    _count("the number of values", count)
     kind = np.int64 if all(map(_whole, given.values())) else np.float64
+    if kind is np.int64 and not all(-(2**63) <= end < 2**63 for end in (start, stop, step)):
+        raise ValueError(f"expected integers of 64 bits, got {reprlib.repr(given)}")
     return start + step * np.arange(count, dtype=kind)
 
 
 def _count(field: str, given: Any) -> int:
     if not _whole(given) or not 0 < given <= _MOST_VALUES:
-        raise ValueError(f"{field}: expected a number from 1 to {_MOST_VALUES}, got {given!r}")
+        raise ValueError(
+            f"{field}: expected a number from 1 to {_MOST_VALUES}, got {reprlib.repr(given)}"
+        )
     return given
 
 
@@ -201,4 +209,4 @@ def _whole(given: Any) -> bool:
 
 
 def _number(given: Any) -> bool:
-    return _whole(given) or (isinstance(given, float) and math.isfinite(given))
+    return (_whole(given) or isinstance(given, float)) and abs(given) <= _LARGEST

@@ -78,6 +78,8 @@ class Spec:
         try:
             document = tomllib.loads(text.decode("utf-8"))
             return cls._read(path, text, document)
+        except RecursionError:
+            raise ValueError(f"{path}: its brackets are nested too deeply") from None
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 

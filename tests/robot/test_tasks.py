@@ -45,7 +45,7 @@ def test_a_plan_is_read(tmp_path):
         ({"actions_deg": [0, "x"]}, "actions_deg: expected a list of angles"),
         ({"step_m": None}, "step_m: expected a finite number"),
         ({"cell_m": math.inf}, "cell_m: expected a finite number"),
-        ({"directions": True}, "directions: expected a finite number"),
+        ({"directions": True}, "directions: expected a whole number"),
         ({"start": "3"}, "start: expected a finite number"),
     ],
 )

@@ -1,0 +1,129 @@
+"""Filters in files, damaged and forged."""
+
+import hashlib
+import json
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import example, given, strategies as st
+from mutations import cases, changed_json, damaged, reads_or_refuses
+
+from jaxcell.automata import Filter, minimize, to_c_header, to_dot, to_jflap, to_json
+from jaxcell.automata.storage import read_arrays
+
+
+ARRAYS = {
+    "transition": [1, 2, 1, 3, 2, 3, 3, 3],
+    "uncertainty": [2, 1, 1, 0],
+    "sizes": [2, 1, 1, 0],
+    "members": [0, 1, 0, 1],
+}
+HEADER = {
+    "arrays": {name: len(values) for name, values in ARRAYS.items()},
+    "header": {
+        "kind": "filter",
+        "open_world": True,
+        "metadata": {"map": "m.json", "cell_m": 1.0, "directions": 8, "bounce_deg": 45.0},
+    },
+}
+
+
+def forged(header, arrays, payload=None):
+    """A file whose checksum is right, whatever is in it."""
+    text = header if isinstance(header, bytes) else json.dumps(header).encode()
+    if payload is None:
+        planes = []
+        for _, values in sorted(arrays.items()):
+            differences = np.diff(np.array(values, "<i4"), prepend=np.zeros(1, "<i4"))
+            planes.append(differences.view(np.uint8).reshape(-1, 4).T.tobytes())
+        payload = zlib.compress(b"".join(planes), 1)
+    content = struct.pack("<8sII", b"jaxcell\0", 1, len(text)) + text
+    content += struct.pack("<Q", len(payload)) + payload
+    return content + hashlib.sha256(content).digest()
+
+
+def use(path):
+    """Reads a filter, and does with it all that needs nothing else."""
+    filter = Filter.load(path)
+    assert len(filter.color) == len(filter.transition)
+    filter.run([0])
+    for write in (to_dot, to_jflap, to_json, to_c_header):
+        write(minimize(filter))
+
+
+def place(folder, content):
+    path = folder / "f.jxf"
+    path.write_bytes(content)
+    return path
+
+
+@cases()
+@given(damaged({"f.jxf": forged(HEADER, ARRAYS)}))
+def test_damaged_filters(tmp_path, file):
+    reads_or_refuses(Filter.load, place(tmp_path, file[1]))
+
+
+@cases()
+@given(changed_json({"f.jxf": HEADER}))
+@example(("f.jxf", b'{"arrays": {"members": 1e999}, "header": {"kind": "filter"}}'))
+@example(("f.jxf", b'{"arrays": {}, "header": [[0, 0]]}'))
+@example(
+    ("f.jxf", json.dumps(HEADER).encode().replace(b'"metadata": {', b'"metadata": [], "x": {'))
+)
+def test_forged_headers(tmp_path, file):
+    reads_or_refuses(Filter.load, place(tmp_path, forged(file[1], ARRAYS)))
+
+
+numbers = st.sampled_from([-(2**31), -2, -1, 0, 0, 1, 1, 2, 2, 3, 3, 4, 5, 2**31 - 1])
+
+
+@cases()
+@given(
+    st.fixed_dictionaries(
+        {
+            name: st.just(values)
+            | st.lists(numbers, max_size=10)
+            | st.tuples(st.integers(0, len(values) - 1), numbers).map(
+                lambda at, values=values: [*values[: at[0]], at[1], *values[at[0] + 1 :]]
+            )
+            for name, values in ARRAYS.items()
+        }
+    ),
+    st.booleans(),
+)
+def test_forged_tables(tmp_path, arrays, open_world):
+    header = {
+        "arrays": {name: len(values) for name, values in arrays.items()},
+        "header": {**HEADER["header"], "open_world": open_world},
+    }
+    path = place(tmp_path, forged(header, arrays))
+    if reads_or_refuses(Filter.load, path):
+        filter = Filter.load(path)
+        assert len(filter.color) == len(filter.transition)
+        try:
+            least = minimize(filter)
+        except ValueError as error:
+            assert str(error).startswith("filter: ")
+            return
+        for write in (to_dot, to_jflap, to_json, to_c_header):
+            write(least)
+
+
+@cases()
+@given(damaged({"payload": zlib.compress(b"\1\0\0\0" * 40)}))
+def test_forged_payloads(tmp_path, file):
+    reads_or_refuses(Filter.load, place(tmp_path, forged(HEADER, ARRAYS, file[1])))
+
+
+def test_the_undamaged_one_is_read(tmp_path):
+    assert reads_or_refuses(use, place(tmp_path, forged(HEADER, ARRAYS)))
+
+
+@pytest.mark.parametrize("length", [10**6, 10**9, 10**18, 10**400])
+def test_lengths_that_are_not_there(tmp_path, length):
+    header = {**HEADER, "arrays": {**HEADER["arrays"], "members": length}}
+    path = place(tmp_path, forged(header, ARRAYS))
+    with pytest.raises(ValueError, match=r"f\.jxf: arrays of \d+ bytes cannot come from"):
+        read_arrays(path)
