@@ -5,8 +5,50 @@ free space: the boundary minus the obstacles, less a margin of the robot's radiu
 `X` into cells and follows one representative, the centre, of each (Alam 2018, section 2.3; Hsu
 1980).
 
-`Workspace` is the map, in metres. `CellSpace` is its cells, which of them a step leads to, and
-which are in sight of which. No part of this package imports JAX.
+**The map.** With `W` the polygon of the boundary and `O` the union of the obstacles, the
+*environment* `F` is the closure of `W` minus `O`, where a point may be. The centre of a disc robot
+of radius `r` may be in
+
+    E = { p in F : no wall is nearer to p than r },
+
+which is what Eq. 2.1 and 3.1 leave, with its edge: a robot may touch a wall. Coordinates are metres
+and angles radians, counter-clockwise from the x axis (East).
+
+**The cells.** Squares of side `cell` cover the bounding box of `W`, from its lower left corner. A
+square is free if its centre lies in `E`; the `N_E` free ones are the *positions*, counted row by
+row from the bottom left, x fastest. With `N_S` *directions*, `theta_k = 2 pi k / N_S`, the cells
+are
+
+    z = k N_E + position,     0 <= z < N = N_E N_S     (the source counts from 1).
+
+A configuration belongs to the square that holds its point, a point on an edge to the upper or right
+one, and to the nearest direction. All comparisons are made in units of a cell to 1e-9, so that a
+cell is the same on every platform.
+
+**A step** of length `s` from a centre `p` ends at `p + s (cos theta_k, sin theta_k)`. It is
+possible if its end lies in a free square and in `E`, and, where collisions are *swept*, if all of
+the way lies in `E`. On a grid, where walls run along squares, what a direction does is a *stencil*
+of relative squares, the same for every start, and directions with the same stencil share a *way*.
+Else each wall within reach of a centre is tested. The moves of all cells so cost `O(N_E)` a way, or
+`O(N_S)` for each pair of a centre and a wall near it.
+
+**Sight.** From a point `p` with reach `l` one sees (Eq. 4.1)
+
+    V(p) = { q in F : the segment from p to q stays in F, |p - q| <= l },
+
+and a cell is *wholly visible* if all that is free of its square is in `V(p)` (Alg. 4.3).
+
+What gives which:
+
+- `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made here.
+- `CellSpace`: the cells, `z` from a configuration and back.
+- `free_steps`: where a step leads, among walls of any shape.
+- `stencil`, `Stencil`, `line_orders`: what a step does on a grid, and the order along its lines.
+- `visibility_polygon`: `V(p)`.
+- `visible_cells`: which cells are wholly visible from which, also by a camera that points one way.
+- `visible_centres`: which centres see each other.
+
+No part of this package imports JAX.
 """
 
 from .cells import CellSpace as CellSpace
