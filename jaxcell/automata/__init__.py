@@ -13,6 +13,35 @@ is in one of the configurations of the state, whose number is the *uncertainty*.
 A *closed-world* filter trusts the map, so that an observation which cannot occur is an error. An
 *open-world* filter has one more state for it, the *trap*, with the last colour: there the map is
 *refuted*.
+
+**In symbols** (Alam 2018, section 2.4). Let `C` be a simple map of cells `0, ..., N-1`, and `y(z)`
+in `{0, 1}` the observation from `z` to `C(z)` (Definition 2.4.1). The states are sets of cells,
+
+    Q_0 = {0, ..., N-1},     delta(Q, a) = { C(z) : z in Q, y(z) = a },
+
+where an empty set is no state: that observation is missing there (Definitions 2.4.2 and 2.4.3). The
+states reachable from `Q_0`, itself included, are numbered in breadth-first order, 0 before 1.
+
+**Size.** `|delta(Q, 0)| + |delta(Q, 1)| <= |Q|`, so that sets never grow along a string. Around a
+cycle of the automaton they keep their size; hence all configurations of each give the same
+observation, nothing leaves the cycle, and every cycle is a knowledge cycle. Its configurations can
+never be told apart. There are `O(N^2)` states (Proposition 2.4.4), and time and memory are linear
+in the total size of the sets.
+
+**Running.** One observation is one look-up, whatever the map, which is why a microcontroller can do
+it. For `k` maps as many open-world filters run side by side, and the robot is in one of the maps
+not refuted (section 2.4.4).
+
+What gives which:
+
+- `subset_construction`: the deterministic automaton, an `Automaton`.
+- `Filter`: its colours, knowledge cycles (`KnowledgeCycle`), uncertainties and configurations;
+    `Filter.run` gives a `FilterRun`, `Filter.start` a `FilterState` to observe with.
+- `Environments`, `EnvironmentsState`: the filters of several maps.
+- `fastest_localization`: the shortest string that localizes a robot.
+- `minimize`: the smallest filter with the same colours.
+- `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other forms;
+    `nondeterministic_to_jflap` is the automaton before it is made deterministic.
 """
 
 from .c_header import to_c_header as to_c_header
