@@ -6,12 +6,46 @@ of the map brings it back; the orbit of a periodic cell is a *periodic group*, a
 group are its *basin*, and the number of mappings that a cell needs is its *step* (Hsu 1980; Alam
 2018, Definitions 2.3.1 to 2.3.4).
 
-`periodic_groups` finds all of it for any map. Where orbits are known to pass through a smaller set
-of cells, a *section*, `section_groups` finds the same from the first-return map to that set.
+**Simple maps.** The state moves by `e(i+1) = C(e(i))` (Eq. 2.2, 3.4). With `C^m` the `m`-th power,
 
-A generalized map, or Markov *chain*, sends each cell to several images with probabilities. Its
-*persistent groups* are its closed communicating classes; the other cells are *transient*, in groups
-by their *domiciles*, the persistent groups that they can reach. Nothing here knows of robots.
+    z is periodic      if C^m(z) = z for some m >= 1,
+    its group          is { z, C(z), ..., C^(K-1)(z) }, K the least such m: the period (Eq. 2.3),
+    the step of z      is the least s >= 0 for which C^s(z) is periodic.
+
+Groups are numbered from 0 in the order of their smallest cells. The source visits cell after cell
+(Alg. 2.1, time `O(N)`, one after the other). Here the map is doubled, `C, C^2, C^4, ...`, which is
+`O(N log N)` work in `O(log N)` rounds of gathers over all cells at once, under `jit` and `vmap`.
+
+**Sections.** Where orbits are known to pass through a smaller set of cells, a *section*, such as
+the bumps of a robot, the first-return map to that set has the same groups. Each slot of it carries
+the number of mappings until the return, and the group, step and period of every cell follow.
+
+**Generalized maps.** A generalized map, or Markov *chain*, sends each cell to several images with
+probabilities, and a distribution over the cells, as a row, to (Eq. 3.5, 5.5)
+
+    p(n+1) = p(n) P,     p_ij >= 0,     sum_j p_ij <= 1;
+
+what a row lacks of 1 leaves the space for a *sink*. Cell `i` *leads to* `j` if some power of `P`
+has a positive entry there. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
+
+    a persistent group  is a set of cells that all lead to each other, and to nothing else;
+    a transient cell    is one in no such group;
+    its domiciles       are the persistent groups that it leads to, and the sink if it can leave.
+
+These are properties of the graph of `P` alone: persistent groups are its strongly connected
+components without a way out, found in time proportional to its edges. Nothing here knows of robots.
+
+What gives which:
+
+- `SimpleMap`: `C`, with what a bump sensor says on the way.
+- `periodic_groups`: groups, steps and periods, a `PeriodicGroups`; `GroupSummary` is its totals.
+- `section_groups`: the same from a `Section`, a `SectionGroups`.
+- `Chain`: `P`, with products from both sides, `p P` and `P v`.
+- `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
+- `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` among them is
+    the sink.
+
+A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 
 from .classes import (
