@@ -2,15 +2,48 @@
 
 A robot with a bump sensor and a clock goes straight, one step at a time, until a step is not
 possible; then it turns in place, counter-clockwise by its *bouncing angle*, and goes on. From the
-centre of a cell `z` in direction `theta` (Alam 2018, Eq. 2.4), with `E` the free space,
+centre of a cell `z` in direction `theta` (Alam 2018, Eq. 2.4), with `E` the free space and `phi`
+the bouncing angle,
 
     C(z) = the cell that holds the end of the step, direction theta         if the step stays in E,
-    C(z) = the same position, direction theta + bounce                      otherwise.
+    C(z) = the same position, direction theta + phi                         otherwise.
 
-What depends on the walls alone is in `Moves`; what a bouncing angle adds is a turn. `bounce_map` is
-the image of every cell, `bounce_groups` its periodic groups, and `localization_filter` the
-automaton that tells a robot where it is from its bumps (section 2.4). The other functions are parts
-of these, for use under `jit` and `vmap`.
+It senses 0 on a step and 1 on a bump. Angles are radians, whole numbers of directions; what depends
+on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `shift` directions.
+`moves`, `grid_moves`, `bounce_shift`, `bounce_image`, `bounce_map`.
+
+**Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
+bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
+groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; their parts
+`runs`, `bump_section`, `expand_groups`, `summarize`; for many grids and angles `grid_groups`, and
+from known `walls` `wall_groups`.
+
+**Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
+fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;
+`heading_filter_sizes` counts the states where the heading is known.
+
+**Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
+and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
+cheapest path on pairs of a cell and an angle in use. Only walls and the cells entered at bumps
+matter, since everything between them is a straight run. `plan`, `replay`, `all_plans`, `Roadmap`.
+
+**Coverage** (Eq. 3.5 to 3.8, Alg. 3.3). A robot that turns imprecisely is a Markov chain: at a wall
+
+    phi with probability r,     each other direction within epsilon of phi with (1 - r) / (2 k),
+
+where `epsilon` is `k` directions. Each angle has a limiting distribution over the positions, and
+the mixture `alpha` of angles whose coverage is nearest to a target minimises `|A alpha - b|^2`.
+`noisy_turns`, `noisy_bounce_map`, `coverage_target`, `coverage_policy`.
+
+**Teams** (Eq. 3.9 to 3.11, Alg. 3.4). Robots step together, and each that would meet a wall or
+another robot bumps. The joint state of `m` robots is a tuple of cells; all `N^m` are never listed.
+A joint trajectory follows the joint map until it repeats itself, and then goes on from the best of
+the `2 m` states in which one robot is turned by one direction. `squares_of`, `joint_image`,
+`joint_orbits`, `team_trajectory`, `team_trajectories`.
+
+Of these, `bounce_image`, `grid_moves`, `runs`, `bump_section`, `expand_groups`, `summarize`,
+`joint_image` and `joint_orbits` work under `jit` and `vmap`. The coverage needs 64-bit numbers:
+`jax.config.update("jax_enable_x64", True)`.
 """
 
 from .all_plans import AllPlans as AllPlans, all_plans as all_plans

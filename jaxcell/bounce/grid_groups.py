@@ -87,6 +87,11 @@ def grid_groups(
 def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GridGroups:
     """The periodic groups of grids whose walls are known, for each number of directions turned.
 
+    **Arguments:**
+
+    - `walls`: the walls of grids.
+    - `shift`: directions that the robot turns by at a bump.
+
     **Returns:** [`GridGroups`][] of integers `[grids, angles]`.
 
     An open room of two rows of three squares, with turns to the left and right about:

@@ -40,6 +40,12 @@ class Runs:
 def runs(moves: Moves) -> Runs:
     """The straight run from every position in every way.
 
+    **Arguments:**
+
+    - `moves`: where a step leads.
+
+    **Returns:** `Runs`, with arrays over ways and positions.
+
     A corridor of three squares, with the directions East and West; at the end of a run is a bump:
 
         >>> import numpy as np
@@ -142,6 +148,13 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
 def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGroups:
     """The groups of all cells from those of the section.
 
+    **Arguments:**
+
+    - `moves`, `runs`: where a step leads, and the run that starts there.
+    - `groups`: those of the section of [`bump_section`][].
+
+    **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
+
     A corridor of three squares, in which a robot goes there and back:
 
         >>> import numpy as np
@@ -170,6 +183,10 @@ def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGr
 @jax.jit
 def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
     """What sweeps ask of the groups, without an array over all cells.
+
+    **Arguments:** as for [`expand_groups`][].
+
+    **Returns:** [`jaxcell.mapping.GroupSummary`][].
 
     A corridor of three squares, in which a robot goes there and back; its basin is all six cells:
 

@@ -33,6 +33,12 @@ class JointImage:
 def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
     """Column and row of each position, which tell where robots meet.
 
+    **Arguments:**
+
+    - `cells`: the cell space.
+
+    **Returns:** the columns, and the rows.
+
     A room of two by two squares:
 
         >>> import numpy as np
@@ -76,6 +82,8 @@ def joint_image(
     - `squares`: column and row of each position, of [`squares_of`][].
     - `shift`: directions that each robot turns by at a bump.
     - `state`: the cell of each robot, no two in one position.
+
+    **Returns:** [`JointImage`][].
 
     Robots at both ends of a corridor, that look at each other, meet in the middle square:
 

@@ -47,6 +47,8 @@ def walls(
 
     **Arguments:** as for [`jaxcell.bounce.grid_moves`][], but for a batch of grids.
 
+    **Returns:** [`Walls`][].
+
     An open room of two rows of three squares; two of them lie at the East wall and three at the
     North wall:
 
