@@ -1,0 +1,79 @@
+"""Every public name says what it is, takes and gives, and every function shows it."""
+
+import ast
+import functools
+import importlib
+import inspect
+from pathlib import Path
+
+import pytest
+
+
+PACKAGES = ["automata", "bounce", "mapping", "markov", "optimize", "space"]
+# Lines of a package's own docstring: less is no definition of its mathematics.
+A_PAGE = 25
+
+
+@functools.cache
+def public(package: str) -> dict[str, object]:
+    """What the `__init__` of a package exports that has a docstring of its own."""
+    module = importlib.import_module(f"jaxcell.{package}")
+    source = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    names = [
+        alias.asname or alias.name
+        for node in ast.walk(source)
+        if isinstance(node, ast.ImportFrom) and node.level
+        for alias in node.names
+    ]
+    values = {name: getattr(module, name) for name in names if not name.startswith("_")}
+    return {name: value for name, value in values.items() if is_documented(value)}
+
+
+def is_documented(value: object) -> bool:
+    """Whether a value can have a docstring: constants and aliases of types cannot."""
+    return inspect.isclass(value) or inspect.ismodule(value) or is_function(value)
+
+
+def is_function(value: object) -> bool:
+    """Whether a value is a function, transformed by JAX or not."""
+    return inspect.isfunction(inspect.unwrap(value))
+
+
+def docstring(value: object) -> str:
+    """The docstring of a value, without the signature that a dataclass gets for want of one."""
+    text = inspect.getdoc(value) or ""
+    if inspect.isclass(value) and text.startswith(f"{value.__name__}("):
+        return ""
+    return text
+
+
+def lacks(value: object) -> list[str]:
+    """What a docstring does not say that it should."""
+    text = docstring(value)
+    if not text:
+        return ["a docstring"]
+    if not is_function(value):
+        return []
+    signature = inspect.signature(inspect.unwrap(value))
+    wanted = []
+    if signature.parameters:
+        wanted.append("**Arguments:**")
+    if signature.return_annotation is not None:
+        wanted.append("**Returns:**")
+    return [part for part in [*wanted, ">>> "] if part not in text]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_names_are_documented(package):
+    missing = {name: found for name, value in public(package).items() if (found := lacks(value))}
+    assert not missing
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_begins_with_its_mathematics(package):
+    module = importlib.import_module(f"jaxcell.{package}")
+    text = inspect.getdoc(module) or ""
+    assert len(text.splitlines()) >= A_PAGE
+    functions = [name for name, value in public(package).items() if is_function(value)]
+    unnamed = [name for name in functions if f"`{name}`" not in text]
+    assert not unnamed, "the docstring of a package says what each of its functions gives"
