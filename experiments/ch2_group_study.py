@@ -2,30 +2,21 @@
 
     python experiments/ch2_group_study.py --runs 100
 
-A room of 200 x 125 unit cells with 360 directions, bouncing angle 90 deg, `endpoint` collisions.
-Section 2.5.1 changes the obstacles of "the environment E of Figure 2.6", which has a static
-obstacle at its boundary, so that obstacle stands in all of
-
-- E1: a square at a random place inside,
-- E2: a square and a rectangle,
-- E3: a square, a rectangle and a rectilinear obstacle (an L),
-- E4: a square of random size.
-
-The source gives no sizes of obstacles; ours are those of `data/maps/room_200x125.json`, and sides
-of 10 to 50 in E4. Random obstacles keep a cell from the boundary and do not overlap.
+A room of 200 x 125 unit cells with 360 directions, bouncing angle 90 deg, `endpoint` collisions;
+`jaxcell.sweep.tasks.rooms` says what stands in the environments E1 to E4.
 
 Writes `group_study.nc` and `group_study.png`.
 """
 
 import argparse
 import math
+import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -34,79 +25,21 @@ from rich.table import Table
 
 import jaxcell
 from jaxcell import bounce
-from jaxcell.mapping import section_groups
-from jaxcell.mapping.section import bucket
-from jaxcell.runtime import configure_jax
+from jaxcell.sweep.tasks.rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
 if TYPE_CHECKING:
     import xarray as xr
 
-DIRECTIONS = 360
 BOUNCE_DEG = 90
-ROOM = np.ones((125, 200), bool)
-ROOM[:20, 70:100] = False
-SQUARE = np.ones((25, 25), bool)
-RECTANGLE = np.ones((18, 40), bool)
-RECTILINEAR = np.ones((30, 36), bool)
-RECTILINEAR[12:, 12:] = False
-SIDES = (10, 50)
-
-
-def scaled_square(rng: np.random.Generator) -> np.ndarray:
-    side = rng.integers(*SIDES, endpoint=True)
-    return np.ones((side, side), bool)
-
-
-ENVIRONMENTS: dict[str, Callable[[np.random.Generator], list[np.ndarray]]] = {
-    "E1": lambda rng: [SQUARE],
-    "E2": lambda rng: [SQUARE, RECTANGLE],
-    "E3": lambda rng: [SQUARE, RECTANGLE, RECTILINEAR],
-    "E4": lambda rng: [scaled_square(rng)],
-}
-
-
-class Placement(NamedTuple):
-    free: np.ndarray
-    corners: list[tuple[int, int]]
-    "Lower left corner (x, y) of each obstacle."
-    side: int
-    "Side of the square."
-
-
-def place(seed: int, environment: str, run: int) -> Placement:
-    """Puts obstacles into the room, uniformly over all ways in which they do not overlap."""
-    # Each placement has a stream of its own, so a longer study begins with the shorter one.
-    rng = np.random.default_rng([seed, int(environment[1:]), run])
-    obstacles = ENVIRONMENTS[environment](rng)
-    while True:
-        free, corners = ROOM.copy(), []
-        for obstacle in obstacles:
-            x, y = (
-                int(rng.integers(1, outer - inner))
-                for outer, inner in zip(ROOM.shape[::-1], obstacle.shape[::-1], strict=True)
-            )
-            window = free[y : y + obstacle.shape[0], x : x + obstacle.shape[1]]
-            if not window[obstacle].all():
-                break
-            window[obstacle] = False
-            corners.append((x, y))
-        else:
-            return Placement(free, corners, len(obstacles[0]))
+# Rooms that are mapped together.
+BATCH = 10
 
 
 def groups_and_transients(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of periodic groups, and length of the longest transient trajectory, of each room.
-
-    All squares of a grid are positions, so rooms of one shape make one batch.
-    """
-    turn = int(bounce.bounce_shift(math.radians(BOUNCE_DEG), DIRECTIONS))
-    moves = jax.vmap(lambda one: bounce.grid_moves(one, DIRECTIONS, collision="endpoint"))(free)
-    runs = jax.vmap(bounce.runs)(moves)
-    slots = bucket(int(runs.slots.max()))
-    section = jax.vmap(lambda *one: bounce.bump_section(*one, turn, slots=slots))(moves, runs)
-    summary = jax.vmap(bounce.summarize)(moves, runs, section_groups(section))
-    return np.asarray(summary.count), np.asarray(summary.transient).max(axis=1)
+    """Number of periodic groups, and length of the longest transient trajectory, of each room."""
+    found = bounce.grid_groups(free, math.radians(BOUNCE_DEG), DIRECTIONS, collision="endpoint")
+    return found.count, found.longest_transient
 
 
 Item = TypeVar("Item")
@@ -127,16 +60,20 @@ def study(runs: int, seed: int) -> "xr.Dataset":
     import xarray as xr
 
     names = list(ENVIRONMENTS)
-    shape = (len(names), runs)
-    groups, transient, side = np.zeros((3, *shape), np.int32)
-    corner = np.full((*shape, 3, 2), -1, np.int32)
-    for run in with_progress(range(runs), runs, "placements"):
-        placements = [place(seed, name, run) for name in names]
-        free = jnp.asarray([placement.free for placement in placements])
-        groups[:, run], transient[:, run] = groups_and_transients(free)
-        for i, placement in enumerate(placements):
-            side[i, run] = placement.side
-            corner[i, run, : len(placement.corners)] = placement.corners
+    pairs = [(i, run) for run in range(runs) for i in range(len(names))]
+    placements = [place(seed, names[i], run) for i, run in pairs]
+    free = [placement.free for placement in placements]
+    batches = [np.array(free[i : i + BATCH]) for i in range(0, len(free), BATCH)]
+    with ThreadPool(os.cpu_count()) as pool:
+        found = pool.imap(groups_and_transients, batches)
+        parts = list(with_progress(found, len(batches), "batches of rooms"))
+    both = np.concatenate(parts, axis=1)
+    groups, transient, side = np.zeros((3, len(names), runs), np.int32)
+    corner = np.full((len(names), runs, 3, 2), -1, np.int32)
+    for n, (i, run) in enumerate(pairs):
+        groups[i, run], transient[i, run] = both[:, n]
+        side[i, run] = placements[n].side
+        corner[i, run, : len(placements[n].corners)] = placements[n].corners
     dims = ("environment", "run")
     return xr.Dataset(
         {
@@ -264,7 +201,6 @@ def main() -> None:
         parser.error(f"--seed: expected a number from 0, got {options.seed}")
     options.out.mkdir(parents=True, exist_ok=True)
 
-    configure_jax()
     began = time.perf_counter()
     found = study(options.runs, options.seed)
     seconds = time.perf_counter() - began

@@ -1,0 +1,53 @@
+"""The periodic groups of a bouncing robot, as `jaxcell groups`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .maps import MAP, MOTION, cells_of, motion_of
+from .parameters import Parameter, angle, members
+from .results import dataset
+
+
+_PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
+_RESULTS = {
+    "count": ("number of periodic groups", "1"),
+    "longest_transient": ("longest transient", "mappings"),
+    "shortest_period": ("shortest period", "mappings"),
+    "longest_period": ("longest period", "mappings"),
+    "periodic_cells": ("cells of periodic groups", "1"),
+    "largest_basin": ("cells that reach the same group, at most", "1"),
+}
+
+
+def groups(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
+    """Number, periods, basins and transients of the periodic groups on maps.
+
+    Parameters: the options of `jaxcell groups`, with one angle `bounce` in degrees. Nothing is
+    random. Members that differ in their angle alone are one batched call.
+    """
+    found = members("groups", _PARAMETERS, batch, fixed)
+    alike: dict[tuple, list[int]] = {}
+    for i, member in enumerate(found):
+        alike.setdefault(tuple(member[n] for n in _PARAMETERS if n != "bounce"), []).append(i)
+    rows: list[tuple[int, ...]] = [()] * len(found)
+    for some in alike.values():
+        bounce = np.radians([found[i]["bounce"] for i in some])
+        for i, row in zip(some, _rows(found[some[0]], bounce), strict=True):
+            rows[i] = row
+    return dataset(_RESULTS, rows)
+
+
+def _rows(member: dict[str, Any], bounce: np.ndarray) -> list[tuple[int, ...]]:
+    from ...bounce import group_summary
+
+    summary = group_summary(cells_of(member), bounce, **motion_of(member))
+    tables = (summary.count, summary.period, summary.basin, summary.transient)
+    rows = []
+    for count, *some in zip(*map(np.asarray, tables), strict=True):
+        period, basin, transient = (x[:count] for x in some)
+        numbers = (transient.max(), period.min(), period.max(), period.sum(), basin.max())
+        rows.append((int(count), *map(int, numbers)))
+    return rows

@@ -1,0 +1,59 @@
+"""What the tasks on maps share: the options of the commands that read one."""
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .parameters import Parameter, number, one_of, text, whole
+
+
+if TYPE_CHECKING:
+    from ...space import CellSpace
+
+
+_length = number("more than 0 m", lambda x: x > 0)
+
+MAP = {
+    "map": Parameter(text),
+    "directions": Parameter(whole(1), None),
+    "cell": Parameter(_length, None),
+    "robot_radius": Parameter(number("0 m or more", lambda x: x >= 0), None),
+}
+MOTION = {
+    "step": Parameter(_length, None),
+    "collision": Parameter(one_of("swept", "endpoint"), "swept"),
+}
+
+
+def cells_of(member: dict[str, Any], directions: int = 8) -> "CellSpace":
+    """The cells of a map, by the options `map`, `directions`, `cell` and `robot_radius`.
+
+    **Arguments:**
+
+    - `member`: the parameters.
+    - `directions`: how many, where neither the parameters nor the map say.
+    """
+    return _cells(*(member.get(name) for name in MAP), directions)
+
+
+# The cells of a map keep what has been found out about them.
+@functools.lru_cache(maxsize=8)
+def _cells(
+    path: str, directions: int | None, cell: float | None, radius: float | None, otherwise: int
+) -> "CellSpace":
+    import dataclasses
+
+    from ...space import CellSpace, Workspace
+
+    workspace = Workspace.load(Path(path))
+    if radius is not None:
+        workspace = dataclasses.replace(workspace, robot_radius=radius)
+    side = workspace.cell if cell is None else cell
+    if side is None:
+        raise ValueError(f"cell: {path} suggests no side of a cell; expected one in metres")
+    return CellSpace.of(workspace, side, directions or workspace.directions or otherwise)
+
+
+def motion_of(member: dict[str, Any]) -> dict[str, Any]:
+    """How the robot moves, for the functions of `jaxcell.bounce`."""
+    return {name: member[name] for name in MOTION}

@@ -1,0 +1,195 @@
+"""Rooms with obstacles at random places, told by a seed and the number of the room."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool
+
+from .parameters import Parameter, angle, members, one_of, whole
+
+
+DIRECTIONS = 360
+"Directions in the environments of Figure 2.7."
+ROOM = np.ones((125, 200), bool)
+"The free cells of their room: 200 x 125, with the static obstacle [70, 100] x [0, 20]."
+ROOM[:20, 70:100] = False
+_SQUARE = np.ones((25, 25), bool)
+_RECTANGLE = np.ones((18, 40), bool)
+_RECTILINEAR = np.ones((30, 36), bool)
+_RECTILINEAR[12:, 12:] = False
+_SIDES = (10, 50)
+_MOST_ATTEMPTS = 1000
+
+
+def _scaled_square(rng: np.random.Generator) -> Bool[np.ndarray, "side side"]:
+    side = rng.integers(*_SIDES, endpoint=True)
+    return np.ones((side, side), bool)
+
+
+ENVIRONMENTS: dict[str, Callable[[np.random.Generator], list[np.ndarray]]] = {
+    "E1": lambda rng: [_SQUARE],
+    "E2": lambda rng: [_SQUARE, _RECTANGLE],
+    "E3": lambda rng: [_SQUARE, _RECTANGLE, _RECTILINEAR],
+    "E4": lambda rng: [_scaled_square(rng)],
+}
+"The obstacles of the environments of Figure 2.7 of Alam 2018, section 2.5.1."
+
+
+class Placement(NamedTuple):
+    """A room of Figure 2.7."""
+
+    free: Bool[np.ndarray, "rows columns"]
+    "Its free cells."
+    corners: list[tuple[int, int]]
+    "Lower left corner (x, y) of each obstacle."
+    side: int
+    "Side of the square."
+
+
+def place(seed: int, environment: str, run: int) -> Placement:
+    """Puts obstacles into the room of Figure 2.7, uniformly over all ways in which they do not
+    overlap.
+
+    Section 2.5.1 changes the obstacles of "the environment E of Figure 2.6", which has a static
+    obstacle at its boundary, so that obstacle stands in all of
+
+    - E1: a square at a random place inside,
+    - E2: a square and a rectangle,
+    - E3: a square, a rectangle and a rectilinear obstacle (an L),
+    - E4: a square of random size.
+
+    The source gives no sizes of obstacles; ours are those of `data/maps/room_200x125.json`, and
+    sides of 10 to 50 in E4. Random obstacles keep a cell from the boundary and do not overlap.
+
+    **Arguments:**
+
+    - `seed`: of the study.
+    - `environment`: E1, E2, E3 or E4.
+    - `run`: number of the placement, from 0.
+    """
+    # Each placement has a stream of its own, so a longer study begins with the shorter one.
+    rng = np.random.default_rng([seed, int(environment[1:]), run])
+    obstacles = ENVIRONMENTS[environment](rng)
+    while True:
+        free, corners = ROOM.copy(), []
+        for obstacle in obstacles:
+            x, y = (
+                int(rng.integers(1, outer - inner))
+                for outer, inner in zip(ROOM.shape[::-1], obstacle.shape[::-1], strict=True)
+            )
+            window = free[y : y + obstacle.shape[0], x : x + obstacle.shape[1]]
+            if not window[obstacle].all():
+                break
+            window[obstacle] = False
+            corners.append((x, y))
+        else:
+            return Placement(free, corners, len(obstacles[0]))
+
+
+def random_room(
+    seed: int, number: int, columns: int, rows: int, obstacles: int
+) -> Bool[np.ndarray, "rows columns"]:
+    """The free cells of a room with rectangles at random places, all of it in one piece.
+
+    Sides of rectangles are a fifth to a twentieth of the room's, at least a cell; they may overlap
+    and stand at walls. Rooms whose free cells are not connected by their edges are drawn anew.
+
+    **Arguments:**
+
+    - `seed`: of the study.
+    - `number`: of the room, from 0.
+    - `columns`, `rows`: size of the room in cells.
+    - `obstacles`: number of rectangles.
+
+    **Raises:** `ValueError` where such a room is too rarely in one piece.
+    """
+    import scipy.ndimage
+
+    rng = np.random.default_rng([seed, number, columns, rows, obstacles])
+    for _ in range(_MOST_ATTEMPTS):
+        free = np.ones((rows, columns), bool)
+        for _ in range(obstacles):
+            width, height = (_side(rng, size) for size in (columns, rows))
+            x, y = int(rng.integers(columns - width + 1)), int(rng.integers(rows - height + 1))
+            free[y : y + height, x : x + width] = False
+        if scipy.ndimage.label(free)[1] == 1:
+            return free
+    raise ValueError(
+        f"obstacles: expected so few that a room of {columns} x {rows} cells stays in one piece, "
+        f"got {obstacles}"
+    )
+
+
+def _side(rng: np.random.Generator, size: int) -> int:
+    return int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
+
+
+_PARAMETERS = {
+    "room": Parameter(whole(0)),
+    "bounce": Parameter(angle),
+    "environment": Parameter(one_of("random", *ENVIRONMENTS), "random"),
+    "columns": Parameter(whole(1, 10_000), 50),
+    "rows": Parameter(whole(1, 10_000), 45),
+    "obstacles": Parameter(whole(0, 1000), 6),
+    "directions": Parameter(whole(1, 3600), DIRECTIONS),
+    "collision": Parameter(one_of("swept", "endpoint"), "swept"),
+}
+
+
+def rooms(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
+    """Periodic groups, and the filter of a robot that knows its heading, in random rooms.
+
+    Parameters: `room`, a number from 0; `bounce`, in degrees; `environment`, `random` or one of E1
+    to E4 of Figure 2.7; `columns`, `rows` and `obstacles` of a random room; `directions`;
+    `collision`. Chunks with many angles of one room are the fastest.
+    """
+    from ...bounce import bounce_shift, heading_filter_sizes, wall_groups, walls
+
+    # Members that differ in their angle alone are one call.
+    alike: dict[tuple, list[tuple[int, float]]] = {}
+    for place_of, member in enumerate(members("rooms", _PARAMETERS, batch, fixed)):
+        bounce = member.pop("bounce")
+        alike.setdefault(tuple(member.values()), []).append((place_of, bounce))
+    found = {name: np.zeros(len(next(iter(batch.values()))), np.int64) for name in _RESULTS}
+    for (
+        number,
+        environment,
+        columns,
+        rows,
+        obstacles,
+        directions,
+        collision,
+    ), some in alike.items():
+        if environment == "random":
+            free = random_room(seed, number, columns, rows, obstacles)
+        else:
+            free = place(seed, environment, number).free
+        at = [place_of for place_of, _ in some]
+        bounces = np.radians([bounce for _, bounce in some])
+        shift, which = np.unique(bounce_shift(bounces, directions), return_inverse=True)
+        known = walls(free[None], directions, collision=collision)
+        groups = wall_groups(known, shift)
+        found["positions"][at] = free.sum()
+        found["groups"][at] = groups.count[0, which]
+        found["longest_transient"][at] = groups.longest_transient[0, which]
+        found["longest_period"][at] = groups.longest_period[0, which]
+        found["periodic_cells"][at] = groups.periodic_cells[0, which]
+        found["largest_basin"][at] = groups.largest_basin[0, which]
+        found["filter_states"][at] = heading_filter_sizes(known, shift)[0, which]
+    return xr.Dataset({name: ("member", found[name], told) for name, told in _RESULTS.items()})
+
+
+_RESULTS = {
+    "positions": {"long_name": "free cells of the room", "units": "1"},
+    "groups": {"long_name": "number of periodic groups", "units": "1"},
+    "longest_transient": {"long_name": "longest transient", "units": "mappings"},
+    "longest_period": {"long_name": "longest period", "units": "mappings"},
+    "periodic_cells": {"long_name": "cells of periodic groups", "units": "1"},
+    "largest_basin": {"long_name": "cells that reach the same group, at most", "units": "1"},
+    "filter_states": {
+        "long_name": "states of the filter of a robot that starts in direction 0",
+        "units": "1",
+    },
+}
