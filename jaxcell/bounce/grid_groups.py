@@ -1,5 +1,6 @@
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -118,7 +119,7 @@ def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GridGroups:
     return GridGroups(*totals)
 
 
-_COLLECT = (np.sum, np.max, np.min, np.max, np.sum, np.max)
+_COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.max, np.sum, np.max)
 
 
 def _measured(
@@ -280,7 +281,7 @@ def _periodic(image: Int[np.ndarray, "places"]) -> Bool[np.ndarray, "places"]:
     while True:
         seen = np.zeros(image.size, bool)
         seen[power] = True
-        fewer = np.count_nonzero(seen)
+        fewer = int(np.count_nonzero(seen))
         if fewer == count:
             return seen
         power, count = power[power], fewer
