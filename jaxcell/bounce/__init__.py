@@ -15,8 +15,8 @@ on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `s
 **Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
 bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; their parts
-`runs`, `bump_section`, `expand_groups`, `summarize`; for many grids and angles `grid_groups`, and
-from known `walls` `wall_groups`.
+`runs`, `bump_section`, `expand_groups`, `summarize`; for many grids and angles `grid_groups`, or in
+two parts `walls` and `wall_groups`.
 
 **Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
 fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;

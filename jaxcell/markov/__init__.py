@@ -25,8 +25,8 @@ are the least solutions, not negative, of
 
     h = 1 on T, h = P h elsewhere;     k = 0 on T, k = 1 + P k elsewhere;
 
-`k` is `inf` where `h < 1`. There one asks for the mean over the ways that arrive, which is the `k`
-of Doob's transform `p_ij h_j / h_i`. The law of the *first passage* is what arrives at time `n`
+but `k` is `inf` where `h < 1`. There one asks for the mean over the ways that arrive, which is the
+`k` of Doob's transform `p_ij h_j / h_i`. The law of the *first passage* is what arrives at time `n`
 when what has arrived before is taken away. Of several robots that move independently, none has
 arrived with the product of the probabilities that each has not (section 4.4.6).
 `arrival_probabilities`, `hitting_times`, `conditional_hitting_times`; `first_passage`, `survival`;
@@ -39,7 +39,7 @@ hitting time `H_ij` for every pair of cells, and there and back a *commute time*
 `-sum_ij pi_i p_ij log p_ij`; the second largest eigenvalue modulus; and the *mixing time*, after
 which no start is farther than a given distance from `pi` in total variation.
 `hitting_matrix`, `commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense`
-has them as differentiable functions of the matrix.
+has `pi`, `H`, Kemeny's constant and the entropy rate as differentiable functions of the matrix.
 
 **Choosing.** In a *decision process* one chooses an action `u` in every cell, each a chain `P_u`
 with a reward `r_u`. With a discount `g` its *value* solves (Alg. 5.5)
