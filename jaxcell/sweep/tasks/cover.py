@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 
 from .maps import MAP, MOTION, cells_of, motion_of
-from .parameters import Parameter, angle, members, number, numbers, one_of
+from .parameters import Parameter, angle, members, number, numbers, one_of, whole
 from .results import dataset
 
 
 _PARAMETERS = {
     **MAP,
+    "directions": Parameter(whole(1), 360),
     **MOTION,
     "bounces": Parameter(numbers),
     "error": Parameter(angle),
@@ -45,7 +46,7 @@ def _row(member: dict[str, Any]) -> tuple[float | int, ...]:
     from ...bounce import coverage_policy
 
     policy = coverage_policy(
-        cells_of(member, directions=360),
+        cells_of(member),
         np.radians(member["bounces"]),
         math.radians(member["error"]),
         member["reliability"],

@@ -25,21 +25,15 @@ MOTION = {
 }
 
 
-def cells_of(member: dict[str, Any], directions: int = 8) -> "CellSpace":
-    """The cells of a map, by the options `map`, `directions`, `cell` and `robot_radius`.
-
-    **Arguments:**
-
-    - `member`: the parameters.
-    - `directions`: how many, where neither the parameters nor the map say.
-    """
-    return _cells(*(member.get(name) for name in MAP), directions)
+def cells_of(member: dict[str, Any]) -> "CellSpace":
+    """The cells of a map, by the options `map`, `directions`, `cell` and `robot_radius`."""
+    return _cells(*(member.get(name) for name in MAP))
 
 
 # The cells of a map keep what has been found out about them.
 @functools.lru_cache(maxsize=8)
 def _cells(
-    path: str, directions: int | None, cell: float | None, radius: float | None, otherwise: int
+    path: str, directions: int | None, cell: float | None, radius: float | None
 ) -> "CellSpace":
     import dataclasses
 
@@ -51,7 +45,7 @@ def _cells(
     side = workspace.cell if cell is None else cell
     if side is None:
         raise ValueError(f"cell: {path} suggests no side of a cell; expected one in metres")
-    return CellSpace.of(workspace, side, directions or workspace.directions or otherwise)
+    return CellSpace.of(workspace, side, directions or workspace.directions or 8)
 
 
 def motion_of(member: dict[str, Any]) -> dict[str, Any]:

@@ -138,6 +138,24 @@ _PARAMETERS = {
 }
 
 
+def room_of(
+    parameters: Mapping[str, Any], seed: int
+) -> tuple[Bool[np.ndarray, "rows columns"], dict[str, Any]]:
+    """The free cells of the room of one member, and all its parameters, those by default too."""
+    batch = {name: np.array([value]) for name, value in parameters.items()}
+    (member,) = members("rooms", _PARAMETERS, batch, {})
+    names = ("room", "environment", "columns", "rows", "obstacles")
+    return _free(seed, *(member[name] for name in names)), member
+
+
+def _free(
+    seed: int, number: int, environment: str, columns: int, rows: int, obstacles: int
+) -> Bool[np.ndarray, "rows columns"]:
+    if environment == "random":
+        return random_room(seed, number, columns, rows, obstacles)
+    return place(seed, environment, number).free
+
+
 def rooms(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
     """Periodic groups, and the filter of a robot that knows its heading, in random rooms.
 
@@ -162,10 +180,7 @@ def rooms(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) 
         directions,
         collision,
     ), some in alike.items():
-        if environment == "random":
-            free = random_room(seed, number, columns, rows, obstacles)
-        else:
-            free = place(seed, environment, number).free
+        free = _free(seed, number, environment, columns, rows, obstacles)
         at = [place_of for place_of, _ in some]
         bounces = np.radians([bounce for _, bounce in some])
         shift, which = np.unique(bounce_shift(bounces, directions), return_inverse=True)

@@ -1,0 +1,180 @@
+import dataclasses
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tyro
+
+from .terminal import note, own_command, status, table
+from .view import View, has_display
+
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from ..sweep import Spec
+
+
+_MOST_LISTED = 6
+# What people type of a number that they have read, with fewer digits than it has.
+_TYPED = 1e-5
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SweepView:
+    """Show a sweep in the Rerun viewer: its parameters as timelines, or one member in detail.
+
+    Exit status: 0 the recording is made, 1 there is no result of the member, 2 bad input."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of the sweep."""
+    select: tuple[str, ...] = ()
+    """The member to show in detail: NAME=VALUE for each dimension of the sweep. It is computed
+    again."""
+    out: Path | None = None
+    """The recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd there."""
+
+    def run(self) -> int:
+        from ..sweep import Spec, sweep_status
+
+        if self.out is not None and self.out.suffix != ".rrd":
+            raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
+        found = sweep_status(self.folder)
+        spec = Spec.load(self.folder / "spec.toml")
+        failures = [f"chunk {one.chunk}: {one.message}" for one in found.failures]
+        if self.select:
+            return self._member(spec, failures)
+        from .. import record
+        from ..sweep import open_sweep
+
+        out = self.folder / "overview.rrd" if self.out is None else self.out
+        with open_sweep(self.folder) as dataset, status(f"writing {out}"):
+            record.log_sweep(out, dataset, failures=failures)
+        return _open(out)
+
+    def _member(self, spec: "Spec", failures: Sequence[str]) -> int:
+        from ..sweep import open_sweep
+        from .sweep_member import check_detail, member_detail
+
+        # A task may stand in a file beside the user.
+        sys.path.append(str(Path.cwd()))
+        check_detail(spec.task)
+        places = selected(spec, self.select)
+        name = ",".join(re.sub(r"[^\w.=+-]+", "_", f"{k}={v}") for k, v in named(spec, places))
+        with open_sweep(self.folder) as dataset:
+            member = dataset.isel(places).load()
+        state = int(member["status"])
+        if state != 1:
+            number = _chunk(spec, places)
+            told = [one for one in failures if one.startswith(f"chunk {number}:")]
+            why = "; ".join(told) if state == 2 else "it is not computed yet"
+            note(f"There is no result of the member {name}: {why}")
+            return 1
+        out = self.folder / "members" / f"{name}.rrd" if self.out is None else self.out
+        out.parent.mkdir(parents=True, exist_ok=True)
+        _show(name, member)
+        member_detail(spec.task, parameters(spec, places), spec.seed, out)
+        return _open(out)
+
+
+def selected(spec: "Spec", given: Sequence[str]) -> dict[str, int]:
+    """The place of a member along each dimension of a sweep.
+
+    **Arguments:**
+
+    - `spec`: the specification of the sweep.
+    - `given`: `NAME=VALUE` for each dimension; those of one value may be left out. The value of a
+        parameter of a grid, or the number of a sample or of a member of a list.
+
+    **Raises:** `ValueError` that says what there is.
+    """
+    values = dict(_values(spec))
+    listed = ", ".join(values)
+    places: dict[str, int] = {}
+    for one in given:
+        name, equals, value = one.partition("=")
+        if not equals or name not in values:
+            raise ValueError(f"--select {one}: expected NAME=VALUE with a name among {listed}")
+        if name in places:
+            raise ValueError(f"--select {one}: {name} comes twice")
+        places[name] = _place(one, value, values[name])
+    for name, some in values.items():
+        if name not in places and len(some) > 1:
+            raise ValueError(
+                f"--select: expected a value for each of {listed}; {name} is missing, one of "
+                f"{_listed(some)}"
+            )
+    return {name: places.get(name, 0) for name in values}
+
+
+def parameters(spec: "Spec", places: Mapping[str, int]) -> dict[str, Any]:
+    """The parameters of a member: its own, and those that all share."""
+    own = {one.name: one.values[places[one.dimension]].item() for one in spec.parameters}
+    return {**spec.fixed, **own}
+
+
+def named(spec: "Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
+    """The name and the value of each dimension for a member."""
+    return [(name, some[places[name]]) for name, some in _values(spec)]
+
+
+def _values(spec: "Spec") -> list[tuple[str, list[Any]]]:
+    """The values that tell members along each dimension."""
+    own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
+    return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
+
+
+def _place(option: str, text: str, values: Sequence[Any]) -> int:
+    """The place of the value that a text names."""
+    error = ValueError(f"--select {option}: there is no such value; there are {_listed(values)}")
+    if isinstance(values[0], str | bool):
+        texts = [str(value) for value in values]
+        wanted = text if isinstance(values[0], str) else text.capitalize()
+        if wanted not in texts:
+            raise error
+        return texts.index(wanted)
+    try:
+        number = float(text)
+    except ValueError:
+        raise error from None
+    apart = np.abs(np.array(values, float) - number)
+    nearest = int(apart.argmin())
+    if not apart[nearest] <= _TYPED * abs(number):
+        raise ValueError(f"{error}; the nearest is {values[nearest]}")
+    return nearest
+
+
+def _listed(values: Sequence[Any]) -> str:
+    if len(values) <= _MOST_LISTED:
+        return ", ".join(map(str, values))
+    return f"{', '.join(map(str, values[: _MOST_LISTED - 2]))}, ..., {values[-1]}"
+
+
+def _chunk(spec: "Spec", places: Mapping[str, int]) -> int:
+    """The number of the chunk of a member."""
+    index = [places[name] // length for name, length in spec.lengths.items()]
+    return int(np.ravel_multi_index(index, spec.chunk_grid))
+
+
+def _show(name: str, member: "xr.Dataset") -> None:
+    """Prints what the sweep found for a member."""
+    rows = [
+        (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
+        for key, one in member.data_vars.items()
+        if key != "status" and not one.dims and one.dtype.kind in "biuf"
+    ]
+    table(f"In the sweep: {name}", ("variable", "value", "unit"), rows)
+
+
+def _open(recording: Path) -> int:
+    """Opens a recording, or says how to."""
+    if has_display():
+        return View(results=recording).run()
+    note(
+        f"The recording is {recording}; to look at it in a browser on this machine: "
+        f"{own_command('jaxcell')} view --web {recording}"
+    )
+    return 0

@@ -1,0 +1,210 @@
+import json
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+
+import jaxcell.cli.sweep_view
+from jaxcell.cli import main
+from jaxcell.cli.sweep_member import member_detail
+from jaxcell.cli.sweep_view import parameters, selected
+from jaxcell.sweep import Spec, open_sweep, run_sweep
+
+
+DATA = Path(__file__).parents[2] / "data"
+LAB = DATA / "maps" / "lab_a.json"
+EIGHT = DATA / "graphs" / "eight.json"
+GYRES = DATA / "ocean" / "gyres.nc"
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    monkeypatch.setattr(jaxcell.cli.sweep_view, "has_display", lambda: False)
+
+
+@pytest.fixture
+def ran(tmp_path):
+    """Runs a sweep, and gives its folder."""
+
+    def run(text, head=""):
+        path = tmp_path / "spec.toml"
+        path.write_text(f"{head}\nseed = 3\n{text}\n")
+        run_sweep(Spec.load(path), tmp_path / "out")
+        return tmp_path / "out"
+
+    return run
+
+
+def entities(path):
+    return {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
+
+
+def detail(folder, *select):
+    """The detail of a member, its numbers in the sweep, and the entities of its recording."""
+    spec = Spec.load(folder / "spec.toml")
+    places = selected(spec, select)
+    out = folder / "member.rrd"
+    found = member_detail(spec.task, parameters(spec, places), spec.seed, out)
+    assert not [*folder.glob(".member-*")]
+    with open_sweep(folder) as dataset:
+        member = {name: one.item() for name, one in dataset.isel(places).load().data_vars.items()}
+    assert member.pop("status") == 1
+    return found, member, entities(out)
+
+
+def test_the_overview_and_a_member(ran, capsys):
+    fixed = "[fixed]\ncolumns = 9\nrows = 7\nobstacles = 2\ndirections = 8"
+    folder = ran(f'task = "rooms"\n{fixed}\n[grid]\nroom = {{count = 3}}\nbounce = [45, 90]')
+    assert main(["sweep", "view", str(folder)]) == 0
+    told = capsys.readouterr()
+    assert f"view --web {folder / 'overview.rrd'}" in told.err
+    assert "/series/groups/median" in entities(folder / "overview.rrd")
+
+    assert main(["sweep", "view", str(folder), "--select", "bounce=90", "room=2"]) == 0
+    told = capsys.readouterr()
+    out = folder / "members" / "room=2,bounce=90.rrd"
+    assert f"view --web {out}" in told.err
+    assert "In the sweep: room=2,bounce=90" in told.out
+    assert "/map/grid/bounce_90/groups" in entities(out)
+
+    found, member, logged = detail(folder, "room=2", "bounce=45")
+    assert member.pop("filter_states") > 0
+    assert found == member
+    other = folder / "other.rrd"
+    command = ["sweep", "view", str(folder), "--select", "bounce=45", "room=2"]
+    assert main([*command, "--out", str(other)]) == 0
+    assert entities(other) == logged
+
+
+def test_a_viewer_opens_where_there_is_a_display(ran, monkeypatch):
+    opened = []
+    monkeypatch.setattr(jaxcell.cli.sweep_view, "has_display", lambda: True)
+    monkeypatch.setattr("jaxcell.cli.view.has_display", lambda: True)
+    monkeypatch.setattr("subprocess.call", lambda command: opened.append(command[-1]) or 0)
+    folder = ran('task = "sweep_stub:stub"\n[grid]\nx = {count = 4}')
+    assert main(["sweep", "view", str(folder)]) == 0
+    assert opened == [str(folder / "overview.rrd")]
+
+
+def test_groups_of_a_member(ran):
+    folder = ran(f'task = "groups"\n[fixed]\nmap = "{LAB}"\n[grid]\nbounce = [45, 135]')
+    found, member, logged = detail(folder, "bounce=135")
+    (groups,) = found["groups"]
+    assert groups.pop("bounce_deg") == 135
+    assert groups == member
+    assert "/map/grid/bounce_135/groups" in logged
+
+
+def test_the_filter_of_a_member(ran):
+    text = f'task = "localize"\n[fixed]\nmap = "{LAB}"\ncollision = "endpoint"'
+    folder = ran(f"{text}\n[grid]\nbounce = [45, 135]")
+    found, member, _ = detail(folder, "bounce=45")
+    uncertainty = [one["uncertainty"] for one in found["knowledge_cycles"]]
+    assert member == {
+        "nfa_states": found["nfa_states"],
+        "dfa_states": found["dfa_states"],
+        "minimal_states": found["minimal_states"],
+        "knowledge_cycles": len(uncertainty),
+        "least_uncertainty": min(uncertainty),
+        "largest_uncertainty": max(uncertainty),
+    }
+
+
+@pytest.mark.parametrize("directions", ["directions = 8", ""])
+def test_the_coverage_of_a_member(ran, directions):
+    fixed = f'map = "{LAB}"\nbounces = [45, 135]\nerror = 45\n{directions}'
+    folder = ran(
+        f'task = "cover"\n[fixed]\n{fixed}\n[random]\nsamples = 2\nreliability.uniform = [0.5, 0.9]'
+    )
+    found, member, _ = detail(folder, "sample=1")
+    assert found["directions"] == (8 if directions else 360)
+    assert member["persistent_groups"] == sum(x["persistent_groups"] for x in found["policies"])
+    for name in ("distance", "total_variation", "positions_visited"):
+        assert member[name] == pytest.approx(found[name], rel=1e-9)
+
+
+def test_the_costliest_plan_of_a_member(ran):
+    fixed = f'map = "{LAB}"\nbounces = [45, 135]'
+    folder = ran(f'task = "plans"\n[fixed]\n{fixed}\n[grid]\nchange = [1, 100]')
+    for change in 1, 100:
+        found, member, _ = detail(folder, f"change={change}")
+        assert found["cost"] == member["largest_cost"]
+        assert found["change"] == change
+
+
+def test_the_walk_of_a_member(ran):
+    names = [one["id"] for one in json.loads(EIGHT.read_text())["nodes"]]
+    fixed = f'file = "{EIGHT}"\nemphasis = {json.dumps([str(names[0]), str(names[-1])])}'
+    folder = ran(f'task = "patrol"\n[fixed]\n{fixed}\n[list]\nshare = [0.3, 0.8]')
+    found, member, _ = detail(folder, "member=1")
+    assert found["share"] == 0.8
+    assert found["mean_commute_time"] == pytest.approx(member["commute_time"], rel=1e-4)
+
+
+def test_the_drift_of_a_member(ran):
+    folder = ran(
+        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepth = 0\n[grid]\nrho = [0.7, 0.9]\n'
+    )
+    found, member, _ = detail(folder, "rho=0.9")
+    layer = found["layers"][0]
+    assert found["duration_s"] == pytest.approx(member["step"])
+    assert len(layer["persistent_groups"]) == member["persistent_groups"]
+    cells = sum(group["cells"] for group in layer["persistent_groups"])
+    assert cells == member["persistent_cells"]
+
+
+def test_members_are_told_by_their_values(tmp_path):
+    path = tmp_path / "spec.toml"
+    path.write_text(
+        'task = "groups"\n[fixed]\ndirections = 8\n[grid]\nmap = ["a/b.json", "c.json"]\n'
+        "cell = {start = 0, stop = 1, num = 8}\none = [5]\n[random]\nsamples = 4\n"
+        "bounce.uniform = [0, 360]\n"
+    )
+    spec = Spec.load(path)
+    places = selected(spec, ["sample=2", "map=c.json", "cell=0.285714"])
+    assert places == {"map": 1, "cell": 2, "one": 0, "sample": 2}
+    bounce = next(one.values[2] for one in spec.parameters if one.name == "bounce")
+    expected = {"directions": 8, "map": "c.json", "cell": 2 / 7, "one": 5, "bounce": bounce}
+    assert parameters(spec, places) == pytest.approx(expected)
+    for select, message in {
+        "map=d.json": "--select map=d.json: there is no such value; there are a/b.json, c.json",
+        "cell=0.3": r"there are 0.0, .*, \.\.\., 1.0; the nearest is 0.2857",
+        "cell=x": "cell=x: there is no such value",
+        "cell=nan": "cell=nan: there is no such value",
+        "sample=4": r"there are 0, 1, 2, 3; the nearest is 3",
+        "bounce=3": "--select bounce=3: expected NAME=VALUE with a name among map, cell, one, sam",
+        "map": "--select map: expected NAME=VALUE",
+        "one=5": "--select: expected a value for each of map, cell, one, sample; map is missing",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            selected(spec, [select])
+    with pytest.raises(ValueError, match=r"map=c\.json: map comes twice"):
+        selected(spec, ["map=c.json", "map=c.json"])
+
+
+def test_what_has_no_result_or_no_detail_says_so(ran, tmp_path, capsys, monkeypatch):
+    folder = ran(
+        'task = "sweep_stub:stub"\n[fixed]\nfail = 2\n[grid]\nx = {count = 6}', head="chunk = 2"
+    )
+    view = ["sweep", "view", str(folder)]
+    assert main([*view, "--select", "x=0"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "the task 'sweep_stub:stub' has no detail to show; those that have are cover, " in told
+    monkeypatch.setattr("jaxcell.cli.sweep_member.check_detail", lambda task: None)
+    assert main([*view, "--select", "x=3"]) == 1
+    assert "no result of the member x=3: chunk 1: RuntimeError: x is 2" in capsys.readouterr().err
+    assert main([*view, "--out", "some.txt"]) == 2
+    assert "--out some.txt: expected the name of a recording" in capsys.readouterr().err
+    assert main(["sweep", "view", str(tmp_path / "none")]) == 2
+    assert "expected the folder of a sweep" in capsys.readouterr().err
+
+
+def test_a_member_that_is_not_computed_yet(ran, capsys):
+    folder = ran(
+        'task = "rooms"\nchunk = 1\n[fixed]\ndirections = 4\nbounce = 90\ncolumns = 5\n'
+        "rows = 5\nobstacles = 0\n[grid]\nroom = {count = 2}"
+    )
+    (folder / "sweep.zarr" / "status" / "c" / "1").unlink()
+    assert main(["sweep", "view", str(folder), "--select", "room=1"]) == 1
+    assert "no result of the member room=1: it is not computed yet" in capsys.readouterr().err
