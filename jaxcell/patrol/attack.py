@@ -76,6 +76,21 @@ def vulnerability(
 
     **Raises:** as [`capture_probabilities`][]; `ValueError` for a target that does not exist, and
     for fewer than two runs.
+
+    One robot in a corridor of five cells, against attacks on cell 0 of one and of six steps. Five
+    runs are too few for a fit:
+
+        >>> import jax, numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> attack = jax.random.key(0), graph, visible, policies, 0, [1, 6]
+        >>> found = patrol.vulnerability(*attack, runs=5)
+        >>> found.exact.round(3).tolist(), found.fit
+        ([0.167, 0.748], None)
+        >>> found.failure
+        'samples: expected at least 8, with 5 different values, got 5 with 4'
     """
     times = check_attack_times(attack_times)
     _check(graph, visible, policies)
@@ -125,6 +140,16 @@ def boundary(
     - `view`: the cells from which the target is seen, one row a target or for a single one.
 
     **Returns:** those of them that are next to one from which it is not.
+
+    In a corridor of five cells, cell 0 is seen from itself and from cell 1, and a robot from
+    outside comes by cell 1:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> patrol.boundary(graph, visible[:, 0]).nonzero()[0].tolist()
+        [1]
     """
     beside = (~view).astype(np.float64) @ graph.matrix(np.ones(len(graph.edges)))
     return view & (beside > 0)
@@ -133,7 +158,25 @@ def boundary(
 def outside(
     policies: Sequence[Policy], view: Bool[np.ndarray, "*targets cells"]
 ) -> Bool[np.ndarray, "robots *targets cells"]:
-    """Where each robot may be when an attack begins: the cells that it walks on, out of view."""
+    """Where each robot may be when an attack begins: the cells that it walks on, out of view.
+
+    **Arguments:**
+
+    - `policies`: the policy of each robot.
+    - `view`: the cells from which the target is seen, one row a target or for a single one.
+
+    **Returns:** a mask over the cells for each robot, and for each target if `view` has a row each.
+
+    In a corridor of five cells, cell 0 is out of view of a robot in cells 2 to 4:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> patrol.outside(policies, visible[:, 0]).tolist()
+        [[False, False, True, True, True]]
+    """
     cells = np.arange(view.shape[-1])
     walked = np.stack([np.isin(cells, policy.cells) for policy in policies])
     return ~view & walked.reshape(len(policies), *(1,) * (view.ndim - 1), -1)
@@ -165,6 +208,16 @@ def capture_probabilities(
 
     **Raises:** `ValueError` for no robots, for attack times that are not whole numbers from 1, for
     an array that does not match the graph; `RuntimeError` where JAX is set to 32 bits.
+
+    One robot in a corridor of five cells, against attacks of one and of six steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> patrol.capture_probabilities(graph, visible, policies, [1, 6]).round(3).tolist()
+        [[0.167, 0.4, 1.0, 0.4, 0.167], [0.748, 0.992, 1.0, 0.992, 0.748]]
     """
     require_x64("capture_probabilities")
     times = check_attack_times(attack_times)

@@ -90,6 +90,14 @@ def maximin_capture(
     for a stationary distribution that no chain on the graph has, naming the vertices at which too
     much time would be spent; for fewer than 1 robot or start; `RuntimeError` if the residual stays
     above the tolerance, or where JAX is set to 32 bits.
+
+    From one end of a line of three a robot needs two steps to the other:
+
+        >>> from jaxcell import patrol
+        >>> patrol.maximin_capture(patrol.Graph([[0, 1], [1, 2]]), attack_time=1)
+        Traceback (most recent call last):
+            ...
+        ValueError: attack_time: a robot at vertex 0 needs 2 to come to vertex 2, where an ...
     """
     require_x64("maximin_capture")
     for name, count in (("robots", robots), ("starts", starts)):
@@ -137,6 +145,14 @@ def walk_capture_probabilities(
 
     **Raises:** `ValueError` for times that are not whole numbers of at least 1, and for a matrix
     whose rows are not probabilities, or that has a move that is no edge.
+
+    A random walk on a line of three vertices, against attacks of two steps:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> matrix = [[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]
+        >>> patrol.walk_capture_probabilities(graph, matrix, 2).tolist()
+        [[0.5, 1.0, 0.5], [0.5, 1.0, 0.5], [0.5, 1.0, 0.5]]
     """
     attack = _attack_times(graph, attack_time)
     delays = _delays(graph, travel_times)

@@ -22,6 +22,14 @@ def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
 
     **Raises:** `ValueError` for another number of neighbours, for a space that was made from a
     grid, and if no two cells are joined.
+
+    A room of 2 x 2 cells; robots may also go diagonally:
+
+        >>> from jaxcell import patrol, space
+        >>> room = space.Workspace([(0, 0), (2, 0), (2, 2), (0, 2)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> len(patrol.cell_graph(cells).edges), len(patrol.cell_graph(cells, 4).edges)
+        (6, 4)
     """
     if neighbours not in (4, 8):
         raise ValueError(f"neighbours: expected 4 or 8, got {neighbours}")

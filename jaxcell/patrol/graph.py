@@ -22,6 +22,13 @@ def random_walk(graph: Graph, weights: Any) -> Chain:
 
     **Raises:** `ValueError` that names the edge for a weight that is negative or not finite, and
     the vertex whose weights are all 0; `RuntimeError` where JAX is set to 32 bits.
+
+    From the middle of a line of three, whose second edge weighs three times the first:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> patrol.random_walk(graph, [1, 3]).to_scipy().toarray().tolist()
+        [[0.0, 1.0, 0.0], [0.25, 0.0, 0.75], [0.0, 1.0, 0.0]]
     """
     weights = _checked(graph, weights)
     matrix = graph.matrix(weights)
@@ -46,6 +53,13 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     its sum with its transpose.
 
     **Raises:** as [`random_walk`][]; `ValueError` if edges with weight 0 separate two vertices.
+
+    A random walk on a line of three vertices:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> patrol.walk_hitting_times(graph, [1, 1]).round(6).tolist()
+        [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
     weights = _checked(graph, weights)
     matrix = graph.matrix(weights)

@@ -43,6 +43,13 @@ class Gld:
     Its other functions invert `Q` by Newton's method in a bracket, in the log-odds
     `log(u / (1 - u))`, so that neither tail loses digits to the other. All have exact derivatives
     in the parameters and in `x`, by the implicit function theorem.
+
+    The logistic distribution:
+
+        >>> from jaxcell import patrol
+        >>> law = patrol.Gld(0.0, 1.0, 0.0, 0.0)
+        >>> float(law.quantile(0.5)), round(float(law.cdf(1.0)), 6)
+        (0.0, 0.731059)
     """
 
     l1: _Parameter

@@ -77,6 +77,14 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     **Raises:** `ValueError` that names the sample for one that is not finite, or not whole although
     censored; for less than 8 samples or 5 different values. `RuntimeError` if the search does not
     settle, or where JAX is set to 32 bits.
+
+    Four parameters take more than a few samples:
+
+        >>> from jaxcell import patrol
+        >>> patrol.fit_gld([3, 4, 4, 7])
+        Traceback (most recent call last):
+            ...
+        ValueError: samples: expected at least 8, with 5 different values, got 4 with 3
     """
     require_x64("fit_gld")
     given = _checked(samples)

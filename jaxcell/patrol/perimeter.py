@@ -22,7 +22,14 @@ _NARROWEST = 2.0**-44
 
 
 class Movement(enum.Enum):
-    """How the robots of a perimeter decide where to go, by the same coin for all in every cycle."""
+    """How the robots of a perimeter decide where to go, by the same coin for all in every cycle.
+
+    The source tells them by their initials:
+
+        >>> from jaxcell import patrol
+        >>> [movement.name for movement in patrol.Movement]
+        ['BMP', 'DNCP', 'DCP']
+    """
 
     BMP = "bidirectional: one segment clockwise with probability p, else one counter-clockwise"
     DNCP = "directional: one segment ahead with probability p, else one back, which is now ahead"
@@ -38,6 +45,13 @@ class Perimeter:
     ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot: the adversary
     enters as the robot leaves, and is detected when a robot is next there. A robot that turns in
     place is in its segment.
+
+    Two robots on a cycle of eight segments:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> perimeter.distance, perimeter.images.tolist()
+        (4, [[3, 0, 1, 2], [1, 2, 3, 0]])
     """
 
     segments: int
@@ -126,6 +140,13 @@ def detection_polynomials(
     **Returns:** the coefficients for the segments 0 to `distance - 1`.
 
     **Raises:** `ValueError` for a time of less than one cycle.
+
+    Of robots four segments apart; segments 1 and 3 mirror each other:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> patrol.detection_polynomials(perimeter, 3)[[1, 3]].round(3).tolist()
+        [[1.0, 0.333, 1.0, 1.0], [1.0, 1.0, 0.333, 1.0]]
     """
     _check_count("time", time)
     heads, tails = perimeter.images
@@ -168,6 +189,14 @@ def maximin(polynomials: Float[np.ndarray, "segments coefficients"]) -> Maximin:
     iterations are the intervals that were halved.
 
     **Raises:** `ValueError` if there are no polynomials, or they have numbers that are not finite.
+
+    Two robots on eight segments, against penetrations of three cycles:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> best = patrol.maximin(patrol.detection_polynomials(perimeter, 3))
+        >>> round(best.p, 3), round(best.value, 6)
+        (0.5, 0.5)
     """
     if polynomials.size == 0 or not np.isfinite(polynomials).all():
         raise ValueError(f"polynomials: expected finite numbers, got {polynomials.tolist()}")
@@ -205,6 +234,13 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
     cycles 1 to `steps`.
 
     **Raises:** `ValueError` for a `p` outside of [0, 1], or no steps.
+
+    Robots that toss a fair coin, two segments apart:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.Perimeter(4, 2, patrol.Movement.BMP)
+        >>> patrol.hitting_law(perimeter, 0.5, 3).tolist()
+        [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
     """
     require_x64("hitting_law")
     _check_probability(p)
@@ -237,6 +273,13 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     **Returns:** the times for the segments 0 to `distance - 1`; `inf` where no robot may ever come.
 
     **Raises:** `ValueError` for a `p` outside of [0, 1]; `RuntimeError` if the solve stalls.
+
+    Robots that toss a fair coin, four segments apart; it takes `i (4 - i)` cycles:
+
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> patrol.mean_hitting_times(perimeter, 0.5).round(6).tolist()
+        [4.0, 3.0, 4.0, 3.0]
     """
     chain = perimeter.chain(p)
     there = np.arange(chain.cells) % perimeter.distance == 0
@@ -268,6 +311,15 @@ def simulate(
 
     **Raises:** `ValueError` for a `p` outside of [0, 1], a segment that does not exist, or no
     steps.
+
+    Without chance, a robot that heads clockwise is in segment `i` after `i` cycles:
+
+        >>> import jax, numpy as np
+        >>> from jaxcell import patrol
+        >>> perimeter = patrol.Perimeter(8, 2, patrol.Movement.BMP)
+        >>> segments = np.array([1, 2, 3], np.int32)
+        >>> patrol.simulate(perimeter, 1.0, segments, 9, jax.random.key(0)).tolist()
+        [1.0, 2.0, 3.0]
     """
     _check_probability(p)
     _check_count("steps", steps)

@@ -56,6 +56,16 @@ def distributed_policies(
     **Raises:** `ValueError` for fewer than 1 robot or more than there are cells, for an array that
     does not match the graph, and what `minimum_commute` refuses; `RuntimeError` where JAX is set
     to 32 bits.
+
+    A corridor of five cells, each of which sees its neighbours; all are seen from cells 1 and 3:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> (policy,) = patrol.distributed_policies(graph, visible, 1)
+        >>> policy.cover.tolist(), policy.tour.tolist(), policy.weights.round(3).tolist()
+        ([1, 3], [1, 2, 3, 2], [0.1, 0.4, 0.4, 0.1])
     """
     check_visible(graph, visible)
     if not 1 <= robots <= graph.vertices:
@@ -86,6 +96,18 @@ def centralized_policies(
 
     **Raises:** as [`distributed_policies`][]; `ValueError` if the regions are those of another
     graph.
+
+    A corridor of five cells with the base station in the middle. Each robot has two cells, sees
+    both from one of them, and reports at 3 or at 1:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> [(policy.contact, policy.cells.tolist(), policy.cover.tolist()) for policy in policies]
+        [(3, [3, 4], [3]), (1, [0, 1], [0])]
     """
     check_visible(graph, visible)
     if regions.region.size != graph.vertices:

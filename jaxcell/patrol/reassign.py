@@ -42,8 +42,21 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     - `policy`: that of a robot with a contact cell.
     - `alpha`: the probability of a false alarm, more than 0 and less than 1.
 
+    **Returns:** the number of steps.
+
     **Raises:** `ValueError` for a policy without a contact cell, and a probability out of range;
     `RuntimeError` if a million steps are not enough.
+
+    A robot that goes to and fro between two cells reports every other step:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> patrol.silence_limit(policies[0])
+        2
     """
     if policy.contact is None:
         raise ValueError("policy: expected one with a contact cell, where the robot reports")
@@ -96,6 +109,19 @@ def reassign(
     **Raises:** `ValueError` for a robot that does not exist, if it is the only one, if the policies
     are not one for each region, and as [`angular_regions`][], [`centralized_policies`][] and
     [`silence_limit`][].
+
+    Two robots around a base station at cell 2 of a room of 5 x 2 cells; robot 1 falls silent, and
+    robot 0 gets the only region that is left:
+
+        >>> from jaxcell import patrol, space
+        >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (0, 2)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 2.2)
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> new = patrol.reassign(graph, visible, regions, policies, lost=1)
+        >>> regions.count, new.regions.count, new.robot.tolist()
+        (2, 1, [0])
     """
     if len(policies) != regions.count:
         raise ValueError(f"policies: expected {regions.count}, one a region, got {len(policies)}")

@@ -42,8 +42,19 @@ def base_station(
     - `visible`: which cells are seen from each, within the range of the base station.
     - `central`: the share of the cells that count as central, more than 0 and at most 1.
 
+    **Returns:** the number of the cell.
+
     **Raises:** `ValueError` for a share out of range, for an array that does not match the graph,
     for a graph that is not connected, and if no central cell sees another.
+
+    A corridor of five cells, each of which sees its neighbours:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> patrol.base_station(graph, visible)
+        2
     """
     check_visible(graph, visible)
     if not 0 < central <= 1:
@@ -96,6 +107,17 @@ def angular_regions(
     for fewer than 1 robot or more than there are cells out of view, for unknown sectors, for a
     graph without positions, and if no regions can be made: the message names the region, or the
     cells, and the reason.
+
+    A corridor of five cells, each of which sees its neighbours. Robots report at 1 and 3, which the
+    base station in the middle sees:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> regions.region.tolist(), regions.cells(0).tolist()
+        ([1, 1, -1, 0, 0], [3, 4])
     """
     _check_base(graph, base, view)
     near = graph.matrix(graph.lengths)

@@ -70,6 +70,19 @@ def share_game(
     **Raises:** `ValueError` for no shares, for no targets or one that does not exist, and as
     `policies` and [`jaxcell.patrol.capture_probabilities`][]; `RuntimeError` as
     [`jaxcell.optimize.stackelberg`][].
+
+    One robot in a corridor of five cells, that draws one of two shares, against attacks of six
+    steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> def policies(share):
+        ...     return patrol.distributed_policies(graph, visible, 1, share)
+        >>> game = patrol.share_game(graph, visible, policies, [0.0, 0.9], 6)
+        >>> game.least.round(3).tolist(), game.commitment.weights.round(3).tolist(), game.attacked
+        ([0.61, 0.793], [0.0, 1.0], 4)
     """
     if not shares:
         raise ValueError("shares: expected at least one, got none")
@@ -113,6 +126,26 @@ def contested(
 
     These are not the cells that a base station has in view, which it always watches, nor those that
     are out of sight wherever the robots walk, where an attack always succeeds.
+
+    **Arguments:**
+
+    - `visible`: which cells are seen from each, by a robot.
+    - `policies`: the policy of each robot.
+    - `regions`: those around a base station, if there is one.
+
+    **Returns:** the cells, in order.
+
+    The base station in the middle of a corridor of five cells sees 1 to 3, and only the ends are
+    contested:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> patrol.contested(visible, policies, regions).tolist()
+        [0, 4]
     """
     walked = np.unique(np.concatenate([policy.cells for policy in policies]))
     open_ = visible[:, walked].any(axis=1)

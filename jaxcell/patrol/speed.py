@@ -51,6 +51,14 @@ def minimum_kemeny(
     **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
     no chain on the graph has, naming the vertices at which too much time would be spent;
     `RuntimeError` if the residual stays above the tolerance, or where JAX is set to 32 bits.
+
+    Round a square the fastest way is always the same way, `(n - 1) / 2`:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 3], [3, 0]])
+        >>> best = patrol.minimum_kemeny(graph, starts=1)
+        >>> round(best.value, 3), best.matrix.round(3).max(axis=1).tolist()
+        (1.5, [1.0, 1.0, 1.0, 1.0])
     """
     among = Strategies.on(graph, stationary, stay=stay, reversible=reversible)
     return minimised(

@@ -69,6 +69,16 @@ def strategy_game(
 
     **Raises:** as [`jaxcell.optimize.minimum_commute`][], [`jaxcell.patrol.toward`][] and
     [`jaxcell.optimize.stackelberg`][].
+
+    On a line of three, the walk toward `a` has `a` closest to the patroller, then `b`, then `c`:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
+        >>> game = patrol.strategy_game(graph)
+        >>> game.labels(["a", "b", "c"]), game.order[0].tolist()
+        (['toward a', 'toward b', 'toward c', 'all vertices'], [0, 1, 2])
+        >>> round(game.commitment.value, 3)
+        2.083
     """
     every = range(graph.vertices)
     preferred = [*((v,) for v in every), tuple(every)]

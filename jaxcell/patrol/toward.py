@@ -33,6 +33,15 @@ def toward(graph: Graph, vertex: int, paths: int = 3) -> Float[np.ndarray, "edge
 
     **Raises:** `ValueError` for a vertex that does not exist, no paths, or a vertex from which no
     path leads there.
+
+    A square with a diagonal from 1 to 3, and one path to 0 from each other vertex: that from 2 is
+    by 1, and the two edges at 0 count once more.
+
+        >>> from jaxcell import patrol
+        >>> edges = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]]
+        >>> graph = patrol.Graph(edges, xy=[[0, 0], [1, 0], [1, 1], [0, 1]])
+        >>> (6 * patrol.toward(graph, 0, paths=1)).round(6).tolist()
+        [3.0, 1.0, 0.0, 2.0, 0.0]
     """
     import networkx
 

@@ -46,6 +46,14 @@ def maximum_entropy_rate(
     **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
     no chain on the graph has, naming the vertices at which too much time would be spent;
     `RuntimeError` if rounding spoils the answer.
+
+    On a star with three tips, whose adjacency matrix has the root `sqrt(3)`:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [0, 2], [0, 3]])
+        >>> best = patrol.maximum_entropy_rate(graph)
+        >>> round(best.value, 6), best.matrix[0].round(6).tolist()
+        (0.549306, [0.0, 0.333333, 0.333333, 0.333333])
     """
     among = Strategies.on(graph, stationary, stay=stay)
     ways = among.matrix(np.ones(among.tails.size))
@@ -106,6 +114,15 @@ def maximum_return_time_entropy(
 
     **Raises:** as [`maximum_entropy_rate`][jaxcell.patrol.maximum_entropy_rate]; `ValueError` for a
     horizon of less than 1 step.
+
+    A patroller that must move cannot be at one vertex for more than half of the time:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
+        >>> patrol.maximum_return_time_entropy(graph, [0.6, 0.2, 0.2])
+        Traceback (most recent call last):
+            ...
+        ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
     """
     among = Strategies.on(graph, stationary, stay=stay)
     if horizon is None:
@@ -138,6 +155,13 @@ def return_time_law(
     **Returns:** a row for each number of steps, a column for each vertex.
 
     **Raises:** `ValueError` for a horizon of less than 1 step.
+
+    Two vertices, between which the chain goes half the time:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import patrol
+        >>> patrol.return_time_law(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 3).tolist()
+        [[0.5, 0.5], [0.25, 0.25], [0.125, 0.125]]
     """
     _check_horizon(horizon)
 
@@ -160,7 +184,16 @@ def return_time_entropy(P: Float[Array, "vertices vertices"], horizon: int) -> F
     - `P`: the transition matrix of an irreducible chain.
     - `horizon`: the last number of steps that counts.
 
+    **Returns:** the entropy in nats, a scalar that can be differentiated in `P`.
+
     **Raises:** `ValueError` for a horizon of less than 1 step.
+
+    Two vertices, between which the chain goes half the time; nearly all of `2 log 2`:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import patrol
+        >>> round(float(patrol.return_time_entropy(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 20)), 3)
+        1.386
     """
     law = return_time_law(P, horizon)
     surprise = -jnp.log(jnp.where(law > 0, law, 1.0))
