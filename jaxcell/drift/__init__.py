@@ -1,25 +1,60 @@
 """Drifters: where the water of an ocean current carries what floats in it (Alam 2018, chapter 5).
 
 The sea is cut into cells, in one or more layers. A *drifter* in a layer moves with the current; it
-chooses at most its depth.
+chooses at most its depth. `open_currents` reads the currents: velocities towards the East (`u`) and
+North (`v`) in metres per second, the mask of the water, and the sides of the cells in metres.
+`Water` numbers the cells of a layer from 0, row by row, and `Flow` has its velocities in cells per
+second.
 
-- The *flow map* sends a point to where the current has carried it after a time `dt`. The *image* of
-    a cell is the water cell that is nearest to the end of the flow line from its centre.
-- The current is not known exactly. With probability `rho` the image is right; what is left goes to
-    the other cells of a bounded *disturbance set* `A(z)`. So the sea becomes a finite Markov chain
-    over cells, a generalized cell map; what leaves the domain goes to an explicit sink.
-- A *persistent group* is a closed communicating class of that chain: drifters that enter it stay.
-    Every other cell is *transient*. The *domicile* of a transient cell is the set of the persistent
-    groups that it can reach: one (single-domicile) or several (multiple-domicile).
-- The *absorption time* of a transient cell is the expected number of steps until its drifter is in
-    a persistent group, and its *absorption probabilities* say in which.
-- A *deployment* is a set of cells to release drifters in, so that in the long term they reach every
-    cell that any drifter can: one in each persistent group, and more that cover the transient ones.
-- A *voyage* is a drifter's way to a goal by going up, going down, or drifting, chosen in each cell
-    by the *policy* of a Markov decision process.
+**The map.** The *flow map* sends a point to where the current has carried it after a time `dt`; by
+one step of Euler's method (Eq. 5.3), with `F` the flow,
 
-`open_currents` reads the currents: velocities towards the East (`u`) and North (`v`) in metres per
-second, the mask of the water, and the sides of the cells in metres.
+    z(dt) = z(0) + dt F(z(0))                         `advect`, and `flow_map` for all centres
+
+or by Runge-Kutta's. The *image* of a cell is the water cell nearest to where its centre comes; by
+default `dt` is the `crossing_time`. The current is not known exactly: with probability `rho` the
+image is right, and the rest goes to the other cells of a bounded *disturbance set* `A(z)`,
+
+    p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
+
+so that the sea is a finite Markov chain over cells, a generalized cell map `p(n + 1) = P p(n)` (Eq.
+5.5). What leaves the domain goes to an explicit sink. `periodic_drift_map` is the map over a day,
+or another period, of a current that repeats itself.
+
+**Long-term behaviour** (Alg. 5.1), `long_term_behaviour`, in time proportional to the number of
+edges but for the solves:
+
+- A *persistent group* is a closed communicating class of the chain: drifters that enter it stay.
+    Every other cell is *transient* (Eq. 5.6). The *domicile* of a transient cell is the set of the
+    persistent groups that it can reach: one (single-domicile) or several (multiple-domicile,
+    Definition 5.4.2).
+- The *absorption time* of a transient cell is the expected number of steps until its drifter is
+    in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
+    Its *absorption probabilities* say in which.
+
+How far groups can be trusted say `diagnose` and `group_counts`; `replay` simulates drifters without
+cells and `compare` sets the chain against them; and `ftle` (the finite-time Lyapunov exponent),
+`ridges` and `agreement` compare the borders of groups with coherent structures.
+
+**Deployment.** A *deployment* is a set of cells to release drifters in, so that in the long term
+they reach every cell that any drifter can: one in each persistent group, and more that cover the
+transient ones, `deployment_cells` (Alg. 5.2). `minimum_deployment` has the fewest cells from which
+all may be visited, and `coverage_curve` what fewer visit. `visible_deployment` is for cameras that
+see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
+
+**Depth.** `Sea` puts layers together. `reachable_by_layer` has the cells that drifters come to that
+go down once (Alg. 5.4), `reachable_at_depth` those of drifters that go up and down at will, and
+`reachable` those of any chain. A *voyage* is a drifter's way to a goal by going up (-1), going down
+(1), or drifting (0), chosen in each cell by the *policy* of a Markov decision process,
+`voyage_model`, with
+
+    r = 100 for a step that leads to the goal, else -1                               (Eq. 5.10)
+    V(z) = max over u of the mean of r + g V(z'), with g the discount        (value iteration)
+
+`discounted_voyage` solves it (Alg. 5.5) to a tolerance. `surest_voyage` has no discount: it most
+likely arrives, and of such policies is the quickest. `simulate_voyages` follows drifters.
+
+Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
 from .behaviour import (

@@ -92,6 +92,18 @@ def long_term_behaviour(
 
     **Raises:** `ValueError` for a duration that is not positive; `RuntimeError` if the solve
     stalls and `throw` is set.
+
+    From cell 0 drifters go on half of the time, to cell 1, and from there to 2 or 3:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> behaviour = drift.long_term_behaviour(chain, duration=3600)
+        >>> behaviour.groups.group.tolist(), behaviour.basin.tolist()
+        ([-1, -1, 0, 1], [-1, -1, 0, 1])
+        >>> behaviour.hours.round(6).tolist()
+        [3.0, 1.0, 0.0, 0.0]
     """
     if not (np.isfinite(duration) and duration > 0):
         raise ValueError(f"duration: expected a positive number of seconds, got {duration}")

@@ -38,6 +38,19 @@ def ftle(
     **Returns:** the exponents, per second.
 
     **Raises:** `ValueError` as [`jaxcell.drift.flow_map`][].
+
+    A flow along x that gets a hundredth of a cell a second faster with every column stretches what
+    it carries by a tenth in ten seconds, in one step of Euler's method:
+
+        >>> import jax.numpy as jnp, numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> along = jnp.tile(jnp.arange(-2.0, 3.0) / 100, (3, 1))
+        >>> flow = drift.Flow(jnp.stack([along, jnp.zeros((3, 5))])[None], jnp.zeros(1))
+        >>> exponent = drift.ftle(water, flow, 10.0, method="euler", steps=1)
+        >>> exponent[1:4].round(6).tolist(), round(np.log(1.1).item() / 10, 6)
+        ([0.009531, 0.009531, 0.009531], 0.009531)
     """
     duration = checked_duration(flow, water, duration, method, steps)
     sides = jnp.asarray(np.stack([water.dx, water.dy]))
@@ -88,7 +101,18 @@ def ridges(
     - `values`: of every cell.
     - `share`: the share of the cells, those with the highest values, that may be on a ridge.
 
+    **Returns:** a mask over the cells.
+
     **Raises:** `ValueError` for a share that is not above 0 and at most 1.
+
+    The middle of five columns is the highest; at the edges there is no ridge:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> drift.ridges(water, np.tile([0.0, 1.0, 2.0, 1.0, 0.0], 3)).nonzero()[0].tolist()
+        [7]
     """
     if not 0 < share <= 1:
         raise ValueError(f"share: expected more than 0 and at most 1, got {share}")
@@ -139,7 +163,21 @@ def agreement(
     - `ridge`: the cells on ridges.
     - `within`: cells in a row or column, or both, that still count as near.
 
+    **Returns:** [`Agreement`][], two shares from 0 to 1.
+
     **Raises:** `ValueError` if there are no borders.
+
+    The border between columns 2 and 3, beside a ridge in column 2:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> number, side = np.arange(15).reshape(3, 5).astype(np.int32), np.full((3, 5), 100.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> label, ridge = np.tile(np.int32([0, 0, 0, 1, 1]), 3), np.tile(np.arange(5) == 2, 3)
+        >>> drift.agreement(water, label, ridge, within=0).near
+        1.0
+        >>> round(drift.agreement(water, label, ridge).ratio, 3)
+        1.667
     """
     beside = water.neighbor[[1, 3, 4, 6]]
     border = ((beside >= 0) & (label[beside] != label)).any(axis=0)

@@ -67,6 +67,16 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     - `behaviour`: from [`jaxcell.drift.long_term_behaviour`][].
 
     **Returns:** [`Deployment`][jaxcell.drift.Deployment].
+
+    Two cells for the persistent groups, and one that leads to all of the others:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> found = drift.deployment_cells(drift.long_term_behaviour(chain, duration=3600))
+        >>> found.cells.tolist(), found.group.tolist(), found.transient_group.tolist()
+        ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
     """
     groups = behaviour.groups
     group, part = np.asarray(groups.group), np.asarray(behaviour.transient.group)
@@ -123,7 +133,20 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     a drifter comes to one of several groups, however; to be sure of each, use
     [`deployment_cells`][jaxcell.drift.deployment_cells].
 
+    **Arguments:**
+
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
+
     **Returns:** the smallest cell of each of those components, in order.
+
+    From cell 0 a drifter may come anywhere:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> drift.minimum_deployment(chain).tolist()
+        [0]
     """
     label, matrix = _components(chain)
     return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
@@ -138,7 +161,20 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
     Wolsey and Fisher 1978). Each cell of the minimum is searched from once or more, which takes
     seconds for 10,000 cells.
 
+    **Arguments:**
+
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
+
     **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
+
+    Two separate cells, the second of which leads to a third:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> chain = mapping.Chain.from_scipy(np.array([[1.0, 0, 0], [0, 0, 1], [0, 0, 1]]))
+        >>> curve = drift.coverage_curve(chain)
+        >>> curve.cells.tolist(), curve.covered.tolist()
+        ([1, 0], [2, 3])
     """
     label, matrix = _components(chain)
     size, smallest = np.bincount(label), _smallest(label)
@@ -189,6 +225,17 @@ def visible_deployment(
 
     **Raises:** `ValueError` if a camera does not see the whole cell that it is in, for groups of
     other cells, and for more than 65,536 cells, whose table of views would take more than 4 GiB.
+
+    The surface of the bundled sea, with cameras that see 3 km:
+
+        >>> from jaxcell import drift, mapping
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))
+        >>> found = drift.visible_deployment(water, 3000, groups)
+        >>> len(found.cover), len(found.cells)
+        (47, 37)
     """
     group = np.asarray(groups.group)
     if group.shape != (water.cells,):

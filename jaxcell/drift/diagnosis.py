@@ -78,7 +78,20 @@ def diagnose(
     - `water`, `flow`, `duration`, `start`, `method`, `steps`: those of the map.
     - `groups`: its persistent groups.
 
+    **Returns:** [`Diagnosis`][], whose `warning` is what to tell people.
+
     **Raises:** `ValueError` if the groups are of another map, or as [`jaxcell.drift.flow_map`][].
+
+    The surface of the bundled sea, where the flow makes the groups:
+
+        >>> from jaxcell import drift, mapping
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))
+        >>> found = drift.diagnose(water, flow, groups)
+        >>> found.groups, found.locked, round(found.mean_shift, 2), found.warning
+        (3, 0, 1.0, None)
     """
     if groups.group.shape[0] != water.cells:
         raise ValueError(
@@ -128,6 +141,19 @@ def group_counts(
     - `durations`: of a step, in seconds.
     - `rhos`: probabilities of the image.
     - `options`: further ones of [`jaxcell.drift.drift_map`][].
+
+    **Returns:** a row for each duration, a column for each probability.
+
+    **Raises:** `ValueError` as [`jaxcell.drift.drift_map`][].
+
+    The surface of the bundled sea, with steps of half an hour and an hour:
+
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> drift.group_counts(water, flow, [1800, 3600], [1.0, 0.8]).tolist()
+        [[3, 3], [3, 1]]
     """
     return np.array(
         [

@@ -61,6 +61,17 @@ def drift_map(
 
     **Raises:** `ValueError` for a probability or a number out of range, an unknown choice, or as
     [`jaxcell.drift.flow_map`][]; `RuntimeError` where JAX is set to 32 bits.
+
+    The surface of the bundled sea; most cells have an image and two disturbances:
+
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain = drift.drift_map(water, flow)
+        >>> matrix = chain.to_scipy()
+        >>> matrix.shape, round(float(matrix.max()), 2), round(float(matrix.sum(axis=1).min()), 6)
+        ((538, 538), 0.8, 1.0)
     """
     require_x64("drift_map")
     _check(rho, spread, samples, edge)
@@ -125,6 +136,16 @@ def periodic_drift_map(
 
     **Raises:** `ValueError` for a flow with one record, a period that ends before the last, or as
     [`drift_map`][].
+
+    The first two hours of the bundled sea, again and again:
+
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=(0, 1), depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain = drift.periodic_drift_map(water, flow)
+        >>> chain.cells == water.cells, round(float(chain.to_scipy().sum(axis=1).min()), 6)
+        (True, 1.0)
     """
     time = np.asarray(flow.time)
     if time.size < 2:

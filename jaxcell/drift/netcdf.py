@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -17,6 +18,8 @@ from .classic import promised_length
 
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
 LARGEST_BYTES = 4 * 2**30
+
+_LONGEST_COORDINATE = 10_000_000
 
 # Numbers that stand for "no value" in files that do not say so: the oldest convention, and the
 # default fill of NetCDF, ROMS and HYCOM, all of them above the last.
@@ -103,17 +106,36 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
         # Two different fill values in one variable: both are missing.
         warnings.simplefilter("ignore", xr.SerializationWarning)
         try:
+            sizes = _coordinate_sizes(path)
+        except Exception as error:  # as above
+            raise _unreadable(name, error) from error
+        for field, size in sizes.items():
+            if size > _LONGEST_COORDINATE:
+                raise ValueError(
+                    f"{name}: {field}: expected a coordinate of at most {_LONGEST_COORDINATE:,} "
+                    f"values, got {size:,}"
+                )
+        try:
             dataset = xr.open_dataset(
                 path, engine="netcdf4", decode_times=False, decode_coords=False, cache=False
             )
         except Exception as error:  # as above
-            raise ValueError(
-                f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
-                f"{_line(error)}"
-            ) from error
+            raise _unreadable(name, error) from error
         with dataset:
             yield OceanFile(name, dataset)
 
 
+def _coordinate_sizes(path: str | os.PathLike[str]) -> dict[str, int]:
+    """The lengths of the coordinates, all of whose values xarray reads to open a file."""
+    with netCDF4.Dataset(path) as file:
+        return {name: len(size) for name, size in file.dimensions.items() if name in file.variables}
+
+
+def _unreadable(name: str, error: Exception) -> ValueError:
+    return ValueError(
+        f"{name}: cannot be read as NetCDF (truncated, damaged or another format): {_line(error)}"
+    )
+
+
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return " ".join(str(error).split())[:500] or type(error).__name__

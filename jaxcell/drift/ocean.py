@@ -71,6 +71,14 @@ def open_currents(
     a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
     or not; coordinates out of order; missing parameters of the levels; times, depths or bounds
     that the file does not have; no water; a current above 10 m/s; and more data than 4 GiB.
+
+    The surface of the bundled sea at its first record:
+
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> dict(currents.sizes), int(currents.water.sum()), round(float(currents.u.max()), 2)
+        ({'time': 1, 'layer': 1, 'y': 21, 'x': 29}, 538, 0.54)
     """
     with open_netcdf(path) as file:
         velocity = choose_velocity(file, variables)

@@ -18,7 +18,18 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
     - `chain`: the chain.
     - `start`: a cell, several, or a mask over the cells.
 
+    **Returns:** a mask over the cells.
+
     **Raises:** `ValueError` for a start that is empty or not on the map.
+
+    From cell 1 drifters come to 2 or 3, and not back:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> drift.reachable(chain, 1).tolist()
+        [False, True, True, True]
     """
     return reaching(chain.to_scipy().T.tocsr(), cell_mask(chain.cells, start, "start"))
 
@@ -34,7 +45,22 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     - `sea`: the layers.
     - `start`: the cell of the surface where the drifters are dropped.
 
+    **Returns:** a mask over the cells of all layers.
+
     **Raises:** `ValueError` if there is no such cell at the surface.
+
+    Two layers of three cells; at the surface everything drifts East, below it West:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> drift.reachable_by_layer(sea, 1).tolist()
+        [False, True, True, True, True, False]
     """
     begin = [_at_surface(sea, start)]
     while (below := int(sea.below[begin[-1]])) >= 0:
@@ -53,7 +79,23 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     - `sea`: the layers.
     - `start`: the cell of the surface where the drifter is dropped.
 
+    **Returns:** a mask over the cells of all layers.
+
     **Raises:** `ValueError` if there is no such cell at the surface.
+
+    Two layers of three cells: at the surface everything drifts East, below it West.
+    Drifters that go up and down come anywhere:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> bool(drift.reachable_at_depth(sea, 1).all())
+        True
     """
     moves = sea.drift.to_scipy() + sea.ascent + sea.descent
     return reaching(moves.T.tocsr(), cell_mask(sea.cells, _at_surface(sea, start), "start"))

@@ -64,6 +64,18 @@ def replay(
     **Returns:** [`Replay`][], beginning with the places of release.
 
     **Raises:** `ValueError` for numbers out of range, or cells that do not exist.
+
+    A thousand drifters from one cell of the bundled sea, none of which leaves it in two hours:
+
+        >>> import jax
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> key = jax.random.key(0)
+        >>> drifted = drift.replay(key, water, flow, 100, 3600, 2, drifters=1000, substeps=1)
+        >>> drifted.cell.shape, set(drifted.cell[0].tolist()), drifted.cell.min().item() >= 0
+        ((3, 1000), {100}, True)
     """
     duration = checked_duration(flow, water, duration, "rk4", substeps)
     if not 0 <= rho <= 1:
@@ -152,7 +164,22 @@ def compare(
     - `drifted`: the drifters.
     - `hours`: when to compare; the nearest whole step is taken.
 
+    **Returns:** [`Comparison`][], a number for each of the times.
+
     **Raises:** `ValueError` for a time that is past the last step, or a chain of other cells.
+
+    A map of the bundled sea, and a thousand drifters in its flow that begin at cell 100 as well:
+
+        >>> import jax
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> key, chain = jax.random.key(0), drift.drift_map(water, flow, 3600)
+        >>> drifted = drift.replay(key, water, flow, 100, 3600, 2, drifters=1000, substeps=1)
+        >>> found = drift.compare(water, chain, drifted, [0, 2])
+        >>> found.total_variation[0].item(), (found.transport[1] < 2).item()
+        (0.0, True)
     """
     if chain.cells != water.cells:
         raise ValueError(f"chain: expected one of {water.cells} cells, got one of {chain.cells}")

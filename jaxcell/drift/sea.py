@@ -15,6 +15,19 @@ class Sea:
 
     A drifter is carried within its layer, and can move to the cell right above or below (Alam 2018,
     section 5.3.2).
+
+    Two layers of three cells; at the surface everything drifts East, below it West:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> sea.cells, sea.layer.tolist(), sea.below.tolist(), sea.drift.image.tolist()
+        (6, [0, 0, 0, 1, 1, 1], [3, 4, 5, -1, -1, -1], [[1, 2, 2, 3, 3, 4]])
     """
 
     drift: Chain

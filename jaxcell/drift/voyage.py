@@ -80,8 +80,25 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: that with which the model is solved, for the cost of being lost.
 
+    **Returns:** [`jaxcell.markov.DecisionModel`][], for [`jaxcell.markov.value_iteration`][].
+
     **Raises:** `ValueError` for a goal that is empty or not on the map, and for a discount that is
     not between 0 and 1.
+
+    Two layers of three cells: at the surface everything drifts East, below it West.
+    The goal is cell 0; from cell 3, below it, going up gains 100:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> model = drift.voyage_model(sea, 0, discount=0.9)
+        >>> round(float(model.reward[:, 3].max()), 6)
+        100.0
     """
     if not 0 < discount < 1:
         raise ValueError(f"discount: expected more than 0 and less than 1, got {discount}")
@@ -119,8 +136,27 @@ def discounted_voyage(
         [`jaxcell.drift.long_term_behaviour`][]: where an eddy holds drifters almost for ever, times
         are beyond 64-bit numbers. `arrival` of the result tells.
 
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values.
+
     **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model] and
     [`jaxcell.markov.value_iteration`][]; `RuntimeError` if value iteration stalls.
+
+    Two layers of three cells: at the surface everything drifts East, below it West.
+    To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> voyage = drift.discounted_voyage(sea, 0)
+        >>> voyage.action.tolist(), voyage.time.round(6).tolist()
+        ([0, 1, 1, -1, 0, 0], [0.0, 3.0, 4.0, 1.0, 2.0, 3.0])
+        >>> voyage.value.round(3).tolist()
+        [0.0, 95.06, 93.119, 99.0, 97.02, 95.06]
     """
     model = voyage_model(sea, goal, discount)
     best = value_iteration(model, discount, tolerance)
@@ -137,8 +173,27 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -
     - `throw`: whether to raise when the policy or the arrival is not good enough; see
         [`discounted_voyage`][jaxcell.drift.discounted_voyage].
 
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], without values.
+
     **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if policies
     improve without end.
+
+    Two layers of three cells: at the surface everything drifts East, below it West.
+    To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> voyage = drift.surest_voyage(sea, 0)
+        >>> voyage.action.tolist(), voyage.time.round(6).tolist()
+        ([0, 1, 1, -1, 0, 0], [0.0, 3.0, 4.0, 1.0, 2.0, 3.0])
+        >>> voyage.probability.tolist()
+        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
     there = cell_mask(sea.cells, goal, "goal")
     chains, allowed = _actions(sea)
@@ -165,6 +220,23 @@ def simulate_voyages(
 
     **Raises:** `ValueError` for a start that is not understood, no drifters, or a negative number
     of steps.
+
+    Two layers of three cells: at the surface everything drifts East, below it West.
+    A drifter from cell 2 to cell 0 goes down, West twice, and up:
+
+        >>> import jax
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+        >>> sides = side, side, *[0 * side] * 3
+        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
+        >>> east, west = ([1, 2, 2], [0, 0, 1])
+        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
+        >>> sea = drift.Sea.of(layers, chains)
+        >>> voyage = drift.surest_voyage(sea, 0)
+        >>> tracks = drift.simulate_voyages(jax.random.key(0), voyage, 2, drifters=1, steps=5)
+        >>> tracks.cell[:, 0].tolist(), tracks.time.tolist()
+        ([2, 5, 4, 3, 0, 0], [4.0])
     """
     require_x64("simulate_voyages")
     check_steps(steps)

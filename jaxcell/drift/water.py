@@ -22,7 +22,17 @@ _CANDIDATES = 8
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Water:
-    """The water cells of one layer of the sea, numbered row by row, the columns fastest."""
+    """The water cells of one layer of the sea, numbered row by row, the columns fastest.
+
+    The surface of the bundled sea:
+
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water = drift.Water.of(currents)
+        >>> water.cells, int(water.boundary.sum()), water.on_grid(water.row, -1).shape
+        (538, 144, (21, 29))
+    """
 
     number: Int[np.ndarray, "rows columns"]
     "The cell in each square of the grid; -1 where there is no water."
