@@ -83,7 +83,7 @@ def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path
     return kept
 
 
-def _command(kind: type[OutputOptions], task: str, parameters: Mapping[str, Any]) -> OutputOptions:
+def _command(kind: type[OutputOptions], task: str, parameters: Mapping[str, Any]) -> Any:
     """A command with parameters as its options, read as those that people type."""
     fields = {field.name: str(field.type) for field in dataclasses.fields(kind)}
     arguments = []
@@ -120,7 +120,7 @@ def _costliest(parameters: Mapping[str, Any]) -> dict[str, int]:
     from ..runtime import configure_jax
 
     configure_jax()
-    command: Any = _command(Navigate, "plans", {**parameters, "start": 0, "goal": 0})
+    command = _command(Navigate, "plans", {**parameters, "start": 0, "goal": 0})
     cells = command.cells()
     with status(f"planning among all pairs of {cells.size:,} cells"):
         found = all_plans(

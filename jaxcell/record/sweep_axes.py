@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 QUANTILES = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three quarters": 0.75, "most": 1.0}
 _NUMBERS = ("member", "sample")
-_MOST_DIGITS = 12
+_EXACT_DIGITS, _MOST_DIGITS = 6, 12
 _MOST_LETTERS = 16
 
 
@@ -160,18 +160,22 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Whole numbers in proportion to different values, and how many decimal digits they took.
 
-    They are exact where six digits do, and else the least that differ in four digits at least.
+    They are exact where six digits do, and else rounded to the fewest digits that tell the values
+    apart, at least four.
     """
     largest = float(np.abs(values).max())
-    for digits in range(_MOST_DIGITS + 1):
-        scaled = values * 10.0**digits
-        whole = np.rint(scaled)
-        if largest * 10.0**digits >= 2**53:
-            break
-        exact = np.allclose(scaled, whole, rtol=0, atol=1e-6)
-        fine = largest * 10.0**digits >= 1e4 and digits > 6
-        if (exact or fine) and np.unique(whole).size == values.size:
-            return whole, digits
+    for exact, most in (True, _EXACT_DIGITS), (False, _MOST_DIGITS):
+        for digits in range(most + 1):
+            scaled = values * 10.0**digits
+            whole = np.rint(scaled)
+            if largest * 10.0**digits >= 2**53:
+                break
+            if exact:
+                fits = np.allclose(scaled, whole, rtol=0, atol=1e-6)
+            else:
+                fits = largest * 10.0**digits >= 1e4
+            if fits and np.unique(whole).size == values.size:
+                return whole, digits
     return values, None
 
 

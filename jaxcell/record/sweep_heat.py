@@ -38,7 +38,7 @@ def log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> N
         at = f"{path}/slider_{axis.name}"
         stream.log(at, line, static=True)
         index = [rr.TimeColumn(axis.timeline, sequence=axis.times)]
-        columns = rr.LineStrips2D.columns(strips=strips).partition([1] * axis.steps)
+        columns = rr.LineStrips2D.columns(strips=list(strips)).partition([1] * axis.steps)
         stream.send_columns(at, index, columns)
 
 
