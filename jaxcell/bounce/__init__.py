@@ -16,7 +16,7 @@ on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `s
 bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; their parts
 `runs`, `bump_section`, `expand_groups`, `summarize`; for many grids and angles `grid_groups`, or in
-two parts `walls` and `wall_groups`.
+two parts `walls` and `wall_groups`, the first of which is `cell_walls` for a map of any shape.
 
 **Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
 fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;
@@ -96,4 +96,4 @@ from .team import (
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,
 )
-from .walls import Walls as Walls, walls as walls
+from .walls import Walls as Walls, cell_walls as cell_walls, walls as walls

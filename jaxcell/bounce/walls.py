@@ -5,8 +5,8 @@ import numpy as np
 from jaxtyping import Bool, Int, Int32
 
 from ..mapping.section import bucket
-from ..space import line_orders, stencil
-from .dynamics import Collision
+from ..space import CellSpace, line_orders, stencil
+from .dynamics import Collision, moves
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,8 +61,42 @@ def walls(
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision)
-    rooms = [_walls_of_room(one, directions, float(step), collision) for one in free]
-    ways = len(shape.offset)
+    lines = _lines(*free.shape[1:], shape.lines)
+    rooms = [
+        _walls_of(one.ravel(), _still(one, directions, float(step), collision), shape.line, *lines)
+        for one in free
+    ]
+    return _stacked(shape.way, rooms)
+
+
+def cell_walls(
+    cells: CellSpace, *, step: float | None = None, collision: Collision = "swept"
+) -> Walls:
+    """Which wall follows which on a map, as a batch of one.
+
+    **Arguments:** as for [`jaxcell.bounce.moves`][].
+
+    **Returns:** [`Walls`][], whose squares are positions. Where directions have few steps in common
+    it is large: the square of the number of ways, times slots.
+
+    A corridor of three squares, with the directions East and West:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> bounce.cell_walls(cells).behind[0, :, 0].tolist()
+        [2, 2]
+    """
+    possible = moves(cells, step=step, collision=collision)
+    still = np.asarray(possible.target) == np.arange(cells.positions)
+    order = np.asarray(possible.order, np.int64)
+    lines = order, _places(order)
+    room = _walls_of(np.asarray(possible.free), still, np.asarray(possible.line), *lines)
+    return _stacked(np.asarray(possible.way), [room])
+
+
+def _stacked(way: Int[np.ndarray, "directions"], rooms: "list[_RoomWalls]") -> Walls:
+    ways = int(way.max()) + 1
     count = np.array([np.diff(room.start) for room in rooms], np.int32).reshape(-1, ways)
     slots = bucket(int(count.max(initial=0)) + 1)
     live = np.arange(slots) < count[..., None]
@@ -74,7 +108,7 @@ def walls(
         for w in range(ways):
             after[i, :, w][live[i]] = room.next[w]
             length[i, :, w][live[i]] = room.length[w]
-    return Walls(shape.way, count, behind, after, length)
+    return Walls(way, count, behind, after, length)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,16 +121,16 @@ class _RoomWalls:
     length: Int[np.ndarray, "ways walls"]
 
 
-def _walls_of_room(
-    free: Bool[np.ndarray, "rows columns"], directions: int, step: float, collision: Collision
+def _walls_of(
+    is_free: Bool[np.ndarray, "squares"],
+    still: Bool[np.ndarray, "ways *squares"],
+    lines: Int[np.ndarray, "ways"],
+    order: Int[np.ndarray, "lines squares"],
+    place: Int[np.ndarray, "lines squares"],
 ) -> _RoomWalls:
-    shape = stencil(directions, step, collision)
-    order, place = _lines(*free.shape, shape.lines)
-    still = _still(free, directions, step, collision)
-    is_free = free.ravel()
     found = []
     squares, behind = [], []
-    for line, ends in zip(shape.line, still, strict=True):
+    for line, ends in zip(lines.tolist(), still, strict=True):
         # Along its lines, the squares of a way are runs that end in a stop: a wall, or an obstacle.
         stopped = ends.ravel()[order[line]]
         stops = np.flatnonzero(stopped)
@@ -123,9 +157,13 @@ def _lines(
     """The squares line by line, and the place of each square among them."""
     # NumPy takes by 64-bit numbers, and turns others into them each time.
     order = line_orders(rows, columns, lines).astype(np.int64)
+    return order, _places(order)
+
+
+def _places(order: Int[np.ndarray, "lines squares"]) -> Int[np.ndarray, "lines squares"]:
     place = np.empty_like(order)
-    np.put_along_axis(place, order, np.arange(rows * columns)[None], axis=1)
-    return order, place
+    np.put_along_axis(place, order, np.arange(order.shape[1])[None], axis=1)
+    return place
 
 
 def _still(

@@ -5,9 +5,17 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from jaxcell.bounce import bounce_map, grid_groups, heading_filter_sizes, walls
+from jaxcell.bounce import (
+    bounce_map,
+    cell_walls,
+    grid_groups,
+    heading_filter_sizes,
+    wall_groups,
+    walls,
+)
+from jaxcell.bundled import bundled
 from jaxcell.mapping import periodic_groups
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, Workspace
 
 
 # One shape, so that little is compiled.
@@ -141,3 +149,14 @@ def test_refusals():
     free[1] = False
     with pytest.raises(ValueError, match=r"free: expected a free square .*, got none in number 1"):
         grid_groups(free, math.radians(90), 8)
+
+
+@pytest.mark.parametrize(("name", "cell", "directions"), [("lab_a", 1.0, 8), ("cafe", 0.5, 12)])
+@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+def test_walls_of_a_map_tell_its_groups(name, cell, directions, collision):
+    cells = CellSpace.of(Workspace.load(bundled(f"maps/{name}.json")), cell, directions)
+    shift = np.arange(directions)
+    found = wall_groups(cell_walls(cells, collision=collision), shift)
+    for turn in shift.tolist():
+        image = bounce_map(cells, 2 * math.pi * turn / directions, collision=collision).image
+        assert told(found, 0, turn) == measured(np.asarray(image))

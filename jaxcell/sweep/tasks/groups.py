@@ -12,6 +12,8 @@ from .results import dataset
 
 
 _PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
+# Tables of walls grow with the square of it.
+_MOST_WAYS = 100
 _RESULTS = {
     "count": ("number of periodic groups", "1"),
     "longest_transient": ("longest transient", "mappings"),
@@ -41,9 +43,16 @@ def groups(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int)
 
 
 def _rows(member: dict[str, Any], bounce: np.ndarray) -> list[tuple[int, ...]]:
-    from ...bounce import group_summary
+    from ...bounce import bounce_shift, cell_walls, group_summary, moves, wall_groups
 
-    summary = group_summary(cells_of(member), bounce, **motion_of(member))
+    cells, motion = cells_of(member), motion_of(member)
+    if len(moves(cells, **motion).target) <= _MOST_WAYS:
+        shift = bounce_shift(bounce, cells.directions)
+        found = wall_groups(cell_walls(cells, **motion), shift)
+        return [
+            tuple(row) for row in np.stack([getattr(found, n)[0] for n in _RESULTS], 1).tolist()
+        ]
+    summary = group_summary(cells, bounce, **motion)
     tables = (summary.count, summary.period, summary.basin, summary.transient)
     rows = []
     for count, *some in zip(*map(np.asarray, tables), strict=True):
