@@ -5,6 +5,7 @@ netCDF4 takes a tenth of a second to import, so that is done when it is needed.
 
 import json
 import os
+import reprlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from .ways import Ways, block_size
 
 _FORMAT = "jaxcell-plans"
 _VERSION = 1
+# No zlib stream grows more than this many times when it is read.
+_ZLIB_RATIO = 1032
 
 
 def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, ways: Iterable[Ways]) -> None:
@@ -96,27 +99,47 @@ def read_roadmap(path: Path) -> Roadmap:
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
         file = netCDF4.Dataset(path)
-    except OSError as error:
-        raise ValueError(f"{path}: expected a NetCDF file of plans: {error}") from None
+    except Exception as error:  # what a damaged file makes the library raise is not written
+        raise ValueError(f"{path}: expected a NetCDF file of plans: {_line(error)}") from None
     with file:
-        attributes = file.__dict__
-        found = attributes.get("format"), attributes.get("format_version")
-        if found != (_FORMAT, _VERSION):
-            raise ValueError(
-                f"{path}: expected a file of plans, format {_FORMAT!r} version {_VERSION}, "
-                f"got {found[0]!r} version {found[1]}"
-            )
-        file.set_auto_mask(False)
-        return Roadmap(
-            wall=file["wall"][:],
-            length=file["length"][:],
-            turned=file["turned"][:],
-            bounces=file["bounces"][:],
-            keep=attributes["keep"].item(),
-            change=attributes["change"].item(),
-            method=attributes["method"],
-            space=json.loads(attributes["space"]),
+        try:
+            return _read_roadmap(path, file)
+        except Exception as error:  # as above
+            if str(error).startswith(f"{path}: "):
+                raise
+            raise ValueError(f"{path}: a damaged file of plans: {_line(error)}") from error
+
+
+def _read_roadmap(path: Path, file: Any) -> Roadmap:
+    attributes = file.__dict__
+    found = attributes.get("format"), attributes.get("format_version")
+    if found != (_FORMAT, _VERSION):
+        raise ValueError(
+            f"{path}: expected a file of plans, format {_FORMAT!r} version {_VERSION}, "
+            f"got {reprlib.repr(found[0])} version {reprlib.repr(found[1])}"
         )
+    file.set_auto_mask(False)
+    length = path.stat().st_size
+    for name, over, _ in _ROADMAP:
+        if file[name].dimensions != over:
+            raise ValueError(f"{path}: {name}: expected the dimensions {', '.join(over)}")
+        size = file[name].size * file[name].dtype.itemsize
+        if size > _ZLIB_RATIO * length:
+            raise ValueError(f"{path}: {name}: {size:,} bytes cannot come from {length:,}")
+    return Roadmap(
+        wall=file["wall"][:],
+        length=file["length"][:],
+        turned=file["turned"][:],
+        bounces=file["bounces"][:],
+        keep=attributes["keep"].item(),
+        change=attributes["change"].item(),
+        method=attributes["method"],
+        space=json.loads(attributes["space"]),
+    )
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:500] or type(error).__name__
 
 
 def read_ways(path: Path, entries: Int[np.ndarray, "some"]) -> Ways:

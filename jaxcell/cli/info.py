@@ -80,30 +80,45 @@ def _filter(path: Path) -> dict[str, Any]:
 
 
 def _netcdf(path: Path) -> dict[str, Any]:
-    import xarray as xr
+    import netCDF4
 
     try:
-        dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False)
-    except OSError as error:
-        raise ValueError(f"{path}: not a NetCDF file that can be read: {error}") from None
-    with dataset:
-        ours = "jaxcell_version" in dataset.attrs
-        attributes = {
-            name: str(value) for name, value in dataset.attrs.items() if ours or name == "title"
-        }
-        title = attributes.pop("title", "without a title")
-        return {
-            "what": f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}",
-            "dimensions": {str(name): size for name, size in dataset.sizes.items()},
-            "variables": {str(name): _variable(dataset[name]) for name in dataset.data_vars},
-            **attributes,
-        }
+        with netCDF4.Dataset(path) as file:
+            return _contents(file)
+    except Exception as error:  # what a damaged file makes the library raise is not written
+        message = " ".join(str(error).split())[:500] or type(error).__name__
+        raise ValueError(f"{path}: not a NetCDF file that can be read: {message}") from None
+
+
+def _contents(file: Any) -> dict[str, Any]:
+    """What is in an open NetCDF file, whose values are not read: there may be very many."""
+    everything = dict(file.__dict__)
+    ours = "jaxcell_version" in everything
+    attributes = {name: str(value) for name, value in everything.items() if ours or name == "title"}
+    title = attributes.pop("title", "without a title")
+    coordinates = {
+        *file.dimensions,
+        *(
+            name
+            for one in [file, *file.variables.values()]
+            for name in str(one.__dict__.get("coordinates", "")).split()
+        ),
+    }
+    return {
+        "what": f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}",
+        "dimensions": {name: len(one) for name, one in file.dimensions.items()},
+        "variables": {
+            name: _variable(one) for name, one in file.variables.items() if name not in coordinates
+        },
+        **{name: value for name, value in attributes.items() if name != "coordinates"},
+    }
 
 
 def _variable(array: Any) -> str:
-    units = f", {array.attrs['units']}" if "units" in array.attrs else ""
-    meaning = f": {array.attrs['long_name']}" if "long_name" in array.attrs else ""
-    return f"({', '.join(map(str, array.dims))}){units}{meaning}"
+    attributes = array.__dict__
+    units = f", {attributes['units']}" if "units" in attributes else ""
+    meaning = f": {attributes['long_name']}" if "long_name" in attributes else ""
+    return f"({', '.join(array.dimensions)}){units}{meaning}"
 
 
 def _recording(path: Path) -> dict[str, Any]:
@@ -131,7 +146,7 @@ def _recording(path: Path) -> dict[str, Any]:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        fields = json.loads(path.read_text(encoding="utf-8"))
+        fields = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not valid JSON, or cut short: {error}") from None
     if not isinstance(fields, dict):

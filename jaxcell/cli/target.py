@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
+_MOST_VALUES = 100_000_000
+_LARGEST_COORDINATE = 1e9
+
+
 def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]:
     """The share of each position that `--target` names.
 
@@ -57,15 +61,18 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
 
 
 def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray, "positions"]:
-    import xarray as xr
+    from ..drift.netcdf import open_netcdf
 
     if not path.is_file():
         raise ValueError(f"there is no file {path}")
-    with xr.open_dataset(path, engine="netcdf4") as dataset:
-        if variable not in dataset:
-            names = ", ".join(map(str, dataset.data_vars)) or "no variables"
+    with open_netcdf(path) as file:
+        if variable not in file.dataset:
+            names = ", ".join(map(str, file.dataset.data_vars)) or "no variables"
             raise ValueError(f"expected a variable of the file, which holds {names}")
-        array = dataset[variable].load()
+        array = file.dataset[variable]
+        if array.size > _MOST_VALUES:
+            raise ValueError(f"it has {array.size:,} values; expected at most {_MOST_VALUES:,}")
+        array = array.copy(data=file.read(array))
     if array.dims == ("position",):
         return np.asarray(array, float)
     if set(array.dims) != {"x", "y"} or not {"x", "y"} <= set(array.coords):
@@ -84,9 +91,14 @@ def _nearest(
     import xarray as xr
 
     values = np.asarray(array[name], float)
-    if values.size < 2 or not np.isfinite(values).all():
+    # So that differences are finite too.
+    if values.size < 2 or not (np.abs(values) <= _LARGEST_COORDINATE).all():
         raise ValueError(f"expected at least two finite coordinates {name}")
-    index = np.abs(values[:, None] - centres).argmin(axis=0)
+    order = np.argsort(values, kind="stable")
+    place = np.searchsorted(values[order], centres).clip(1, values.size - 1)
+    low, high = order[place - 1], order[place]
+    to_low, to_high = np.abs(values[low] - centres), np.abs(values[high] - centres)
+    index = np.where((to_low < to_high) | ((to_low == to_high) & (low < high)), low, high)
     beyond = np.abs(values[index] - centres).max()
     if beyond > np.abs(np.diff(np.sort(values))).max():
         raise ValueError(

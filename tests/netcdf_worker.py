@@ -1,0 +1,96 @@
+"""Reads NetCDF files in a process of its own, which the C library may take down with it.
+
+A line in is a JSON list, the reader and the file; a line out is what came of it.
+"""
+
+import contextlib
+import json
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+
+class Worker:
+    """The process, which is started again where it died."""
+
+    def __init__(self):
+        self.deaths = []
+        self._process = None
+
+    def __call__(self, reader, path):
+        """Reads a file: "read", "refused", or what went wrong."""
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, __file__],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+        self._process.stdin.write(json.dumps([reader, str(path)]) + "\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        if line:
+            return json.loads(line)
+        status = self.close()
+        self.deaths.append(status)
+        return f"died with status {status}"
+
+    def close(self):
+        """Ends the process, and gives its exit status."""
+        if self._process is None:
+            return None
+        process, self._process = self._process, None
+        # Nobody may be there to read what is left in a pipe.
+        with contextlib.suppress(BrokenPipeError):
+            process.stdin.close()
+        process.stdout.close()
+        return process.wait()
+
+
+def _answer(read, path):
+    from mutations import TooSlowError, reads_or_refuses
+
+    try:
+        return "read" if reads_or_refuses(read, Path(path)) else "refused"
+    except (Exception, TooSlowError) as error:
+        places = []
+        trace = error.__traceback__
+        while trace is not None:
+            places.append(f"{Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}")
+            trace = trace.tb_next
+        return f"{type(error).__name__}: {str(error)[:2000]} at {' '.join(places[-8:])}"
+
+
+def _main():
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import netCDF4  # noqa: F401
+    import numpy as np
+
+    from jaxcell.bounce.plan_files import read_roadmap
+    from jaxcell.cli.info import describe
+    from jaxcell.cli.target import read_target
+    from jaxcell.drift import open_currents
+    from jaxcell.space import CellSpace
+
+    cells = CellSpace.of_grid(np.ones((2, 3), bool), 4)
+    readers = {
+        "currents": open_currents,
+        "info": describe,
+        "plans": read_roadmap,
+        "target": lambda path: read_target(cells, f"{path}:worth"),
+    }
+    # Of what the libraries import.
+    readers["info"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
+    readers["currents"](Path(__file__).parents[1] / "data" / "ocean" / "gyres.nc")
+    warnings.simplefilter("error")
+    for line in sys.stdin:
+        reader, path = json.loads(line)
+        print(json.dumps(_answer(readers[reader], path)), flush=True)
+
+
+if __name__ == "__main__":
+    _main()
