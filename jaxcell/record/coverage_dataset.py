@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from ..bounce import CoveragePolicy
 from ..space import CellSpace
+from .checks import coverage_checks, with_checks
 from .provenance import angle_attributes, cell_coordinates, provenance
 
 
@@ -37,7 +38,22 @@ def coverage_dataset(
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
     **Raises:** `ValueError` if the policy is not of these cells or angles, or if `spec` is not
-    JSON.
+    JSON; `RuntimeError` if it contradicts itself.
+
+    A corridor of three cells, and robots that turn by a quarter or half a turn:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> bounces = [math.pi / 2, math.pi]
+        >>> policy = bounce.coverage_policy(cells, bounces, error=0.0, reliability=1.0)
+        >>> dataset = record.coverage_dataset(cells, policy, bounces=np.array(bounces))
+        >>> dataset.coverage.sizes["bounce"], dataset.alpha.values.round(3).tolist()
+        (2, [0.0, 1.0])
+        >>> dataset.mixture.values.round(3).tolist()
+        [0.333, 0.333, 0.333]
     """
     check_policy(cells, policy, bounces)
     share = {"units": "1", "long_name": "share of time in the long run"}
@@ -53,7 +69,7 @@ def coverage_dataset(
     limiting = np.stack([one.value for one in policy.limiting]).reshape(shape)
     group = np.stack([one.group for one in policy.groups]).reshape(shape)
     attributes = provenance("Coverage by a mixture of bouncing policies", cells, spec)
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             "alpha": ("bounce", np.asarray(policy.alpha), {"long_name": "share of time", **share}),
             "groups": ("bounce", np.array([one.count for one in policy.groups], np.int32)),
@@ -98,6 +114,7 @@ def coverage_dataset(
             "duality_gap": policy.certificate.residual,
         },
     )
+    return with_checks(dataset, coverage_checks(dataset))
 
 
 def check_policy(

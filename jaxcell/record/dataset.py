@@ -4,13 +4,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..automata import Filter
 from ..bounce import Localization
 from ..files import replacing
 from ..mapping import PeriodicGroups
 from ..space import CellSpace
+from .checks import filter_checks, groups_checks, localization_checks, with_checks
 from .provenance import angle_attributes, cell_coordinates, provenance
 from .tables import check_filter, group_table, host_groups
 
@@ -20,6 +21,7 @@ def groups_dataset(
     groups: PeriodicGroups,
     *,
     bounce: Float[np.ndarray, "*batch"] | Array | float,
+    image: Int[Array, "*batch cells"] | None = None,
     spec: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """The periodic groups of bounce maps as a labelled dataset.
@@ -37,12 +39,25 @@ def groups_dataset(
     - `cells`: the cell space.
     - `groups`: the groups of one bounce map, or of a batch.
     - `bounce`: the bouncing angle of each, in radians.
+    - `image`: the image of every cell, against which the groups are checked then.
     - `spec`: what was asked for, kept as JSON in the attribute `spec`.
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
     **Raises:** `ValueError` if the groups are not of these cells, or not one for each angle, or if
-    `spec` is not JSON.
+    `spec` is not JSON; `RuntimeError` if they contradict themselves or the images.
+
+    A corridor of three cells, and a robot that turns left at every bump:
+
+        >>> import math
+        >>> from jaxcell import bounce, mapping, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> image = bounce.bounce_map(cells, math.pi / 2).image
+        >>> groups = mapping.periodic_groups(image)
+        >>> dataset = record.groups_dataset(cells, groups, bounce=math.pi / 2)
+        >>> dict(dataset.sizes), dataset.group_period.values.tolist()
+        ({'direction': 4, 'position': 3, 'group_index': 1}, [8])
     """
     angles, host = host_groups(cells, groups, bounce)
     tables = [group_table(cells, one) for one in host]
@@ -62,7 +77,7 @@ def groups_dataset(
         attributes = {"long_name": meaning, "units": units, "padding": "-1: no such group"}
         return (*batch, "group_index"), values.reshape(*shape, most), attributes
 
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             "group": over_cells("group", "periodic group that the cell reaches"),
             "step": over_cells("step", "mappings until the cell is on its group", units="mappings"),
@@ -80,6 +95,8 @@ def groups_dataset(
         },
         attrs=provenance("Periodic groups of a bouncing robot", cells, spec),
     )
+    known = None if image is None else np.asarray(image)
+    return with_checks(dataset, groups_checks(dataset, known))
 
 
 def filter_dataset(filter: Filter, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -96,12 +113,24 @@ def filter_dataset(filter: Filter, *, spec: Mapping[str, Any] | None = None) -> 
     - `spec`: what was asked for, by default the metadata of the filter.
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
+
+    A corridor of three cells, and a robot that turns left at every bump:
+
+        >>> import math
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> filter = bounce.localization_filter(bounce.bounce_map(cells, math.pi / 2))
+        >>> dataset = record.filter_dataset(filter)
+        >>> dataset.transition.sizes["state"], dataset.uncertainty[:3].values.tolist()
+        (8, [12, 4, 8])
     """
-    return xr.Dataset(
+    dataset = xr.Dataset(
         _filter_variables(filter),
         coords={"observation": ("observation", np.arange(2, dtype=np.int32), _OBSERVATION)},
         attrs=provenance("Localization filter of a bouncing robot", None, spec or filter.metadata),
     )
+    return with_checks(dataset, filter_checks(dataset))
 
 
 def localization_dataset(
@@ -126,14 +155,28 @@ def localization_dataset(
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if the filter or the run are not of these cells.
+    **Raises:** `ValueError` if the filter or the run are not of these cells; `RuntimeError` if they
+    contradict each other.
+
+    A corridor of three cells, and a robot that turns left at every bump:
+
+        >>> import math
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> found = bounce.bounce_map(cells, math.pi / 2)
+        >>> filter = bounce.localization_filter(found)
+        >>> run = bounce.localize(found, filter, start=0)
+        >>> dataset = record.localization_dataset(cells, filter, run)
+        >>> dataset.sensed.values.tolist(), dataset.belief_size.values.tolist()
+        ([0, 0], [12, 4, 2])
     """
     check_filter(cells, filter, localization)
     x, y, theta = cells.centre(localization.path)
     candidate_x, candidate_y, candidate_theta = cells.centre(localization.candidates)
     states = localization.states
     metres = {"units": "m"}
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             **_filter_variables(filter),
             "cell": ("time", localization.path, {"long_name": "cell that the robot is in"}),
@@ -161,6 +204,7 @@ def localization_dataset(
             "Localization of a bouncing robot by its bumps", cells, spec or filter.metadata
         ),
     )
+    return with_checks(dataset, localization_checks(dataset))
 
 
 def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
@@ -172,6 +216,17 @@ def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
     - `path`: the file to write or replace.
 
     **Raises:** `FileNotFoundError` if the folder does not exist.
+
+    Any dataset, written and read again:
+
+        >>> import pathlib, tempfile
+        >>> import xarray as xr
+        >>> from jaxcell import record
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "result.nc")
+        ...     record.save_dataset(xr.Dataset({"steps": ("cell", [1, 2])}), path)
+        ...     xr.load_dataset(path).steps.values.tolist()
+        [1, 2]
     """
     encoding = {
         name: {"zlib": True, "complevel": 1, "_FillValue": None}

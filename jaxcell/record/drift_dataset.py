@@ -5,6 +5,8 @@ import numpy as np
 import xarray as xr
 
 from ..drift import Voyage
+from .chain_checks import drift_checks
+from .checks import with_checks
 from .provenance import provenance
 from .sea_drift import SeaDrift
 
@@ -43,11 +45,26 @@ def drift_dataset(drift: SeaDrift, *, spec: Mapping[str, Any] | None = None) -> 
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if `spec` is not JSON.
+    **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the result contradicts itself.
+
+    The surface of the bundled sea at its first record:
+
+        >>> from jaxcell import drift, record
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
+        >>> behaviour = drift.long_term_behaviour(chain, duration)
+        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
+        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
+        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> dataset = record.drift_dataset(found)
+        >>> dict(dataset.group.sizes), dataset.minimum_cell.size == len(found.minimum)
+        ({'layer': 1, 'y': 21, 'x': 29}, True)
     """
     currents = drift.currents
     coords = {name: currents[name].drop_encoding() for name in ("lon", "lat", "depth")}
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             **_behaviour(drift),
             **_domiciles(drift),
@@ -65,6 +82,7 @@ def drift_dataset(drift: SeaDrift, *, spec: Mapping[str, Any] | None = None) -> 
             "step_seconds": drift.duration,
         },
     )
+    return with_checks(dataset, drift_checks(dataset))
 
 
 def _behaviour(drift: SeaDrift) -> dict[str, tuple[Any, ...]]:

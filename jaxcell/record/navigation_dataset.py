@@ -6,6 +6,7 @@ import xarray as xr
 
 from ..bounce import Plan
 from ..space import CellSpace
+from .checks import navigation_checks, with_checks
 from .provenance import angle_attributes, cell_coordinates, provenance
 
 
@@ -27,14 +28,26 @@ def navigation_dataset(
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if the plan is not of these cells, or if `spec` is not JSON.
+    **Raises:** `ValueError` if the plan is not of these cells, or if `spec` is not JSON;
+    `RuntimeError` if its actions do not lead where it says.
+
+    A corridor of three cells, and a robot that turns left at a bump:
+
+        >>> import math
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> plan = bounce.plan(cells, [math.pi / 2], start=0, goal=5)
+        >>> dataset = record.navigation_dataset(cells, plan)
+        >>> dataset.cell.values.tolist(), dataset.action_deg.values.round().tolist()
+        ([0, 1, 2, 5], [0.0, 0.0, 90.0])
     """
     check_plan(cells, plan)
     x, y, theta = cells.centre(plan.cells)
     metres = {"units": "m"}
     action = {"long_name": "0 for a step forward, the angle to turn by at a bump"}
     reaches = plan.reaching.reshape(cells.directions, cells.positions)
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             "start": ((), np.int32(plan.start), {"long_name": "cell of the start"}),
             "goal": ((), np.int32(plan.goal), {"long_name": "cell of the goal"}),
@@ -60,6 +73,7 @@ def navigation_dataset(
             "source": "jaxcell; after Alam 2018, section 3.4.1",
         },
     )
+    return with_checks(dataset, navigation_checks(dataset))
 
 
 def check_plan(cells: CellSpace, plan: Plan) -> None:

@@ -8,6 +8,8 @@ from jaxtyping import Float
 from ..optimize import Graph
 from ..patrol.measures import Measures
 from ..patrol.strategy_game import StrategyGame
+from .chain_checks import patrol_graph_checks
+from .checks import with_checks
 from .provenance import provenance
 
 
@@ -43,6 +45,15 @@ def patrol_graph_dataset(
 
     **Raises:** `ValueError` if the measures or the game are not of the vertices of the graph, the
     chain takes other ways than its edges, or `spec` is not JSON.
+
+    A random walk on a line of three vertices:
+
+        >>> from jaxcell import patrol, record
+        >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
+        >>> measures = patrol.measure(patrol.random_walk(graph, [1, 1]))
+        >>> dataset = record.patrol_graph_dataset(graph, measures, names=["a", "b", "c"])
+        >>> round(dataset.hitting_time.sel(start="a", target="c").item(), 6)
+        4.0
     """
     check_measures(graph, measures, game)
     names = vertex_names(graph, names)
@@ -78,7 +89,9 @@ def patrol_graph_dataset(
         metres = {"units": "m"}
         x, y = graph.xy.T
         dataset = dataset.assign_coords(x=("vertex", x, metres), y=("vertex", y, metres))
-    return dataset if game is None else dataset.merge(_game(game, names))
+    if game is not None:
+        dataset = dataset.merge(_game(game, names))
+    return with_checks(dataset, patrol_graph_checks(dataset))
 
 
 def _game(game: StrategyGame, names: Sequence[str]) -> xr.Dataset:

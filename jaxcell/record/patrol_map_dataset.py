@@ -5,6 +5,8 @@ import numpy as np
 import xarray as xr
 
 from ..patrol import Policy
+from .chain_checks import patrol_map_checks
+from .checks import with_checks
 from .map_patrol import MapPatrol
 from .provenance import provenance
 
@@ -39,7 +41,23 @@ def patrol_map_dataset(patrol: MapPatrol, *, spec: Mapping[str, Any] | None = No
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if `spec` is not JSON.
+    **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the result contradicts itself.
+
+    One robot in a corridor of four cells, each of which sees its neighbours:
+
+        >>> import jax
+        >>> from jaxcell import patrol, record, space
+        >>> room = space.Workspace([(0, 0), (4, 0), (4, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> problem = graph, visible, policies
+        >>> attack = patrol.vulnerability(jax.random.key(0), *problem, 0, [2], runs=5)
+        >>> capture = patrol.capture_probabilities(*problem, [2])
+        >>> found = record.MapPatrol(cells, 1.6, *problem, attack, capture)
+        >>> dataset = record.patrol_map_dataset(found)
+        >>> dict(dataset.capture.sizes), dataset.exact.values.round(3).tolist()
+        ({'attack_time': 1, 'position': 4}, [0.889])
     """
     x, y = patrol.xy.T
     metres = {"units": "m", "long_name": "centre of the cell"}
@@ -60,7 +78,7 @@ def patrol_map_dataset(patrol: MapPatrol, *, spec: Mapping[str, Any] | None = No
     )
     if patrol.game is not None:
         dataset = dataset.assign_coords(share=("share", patrol.game.shares))
-    return dataset
+    return with_checks(dataset, patrol_map_checks(dataset))
 
 
 def _policies(patrol: MapPatrol) -> dict[str, tuple[Any, ...]]:

@@ -7,6 +7,7 @@ from jaxtyping import Int
 
 from ..bounce import TeamTrajectory
 from ..space import CellSpace
+from .checks import team_checks, with_checks
 from .provenance import angle_attributes, provenance
 
 
@@ -28,7 +29,19 @@ def team_dataset(
 
     **Returns:** an `xarray.Dataset` for [`jaxcell.record.save_dataset`][].
 
-    **Raises:** `ValueError` if the trajectory is not of these cells, or if `spec` is not JSON.
+    **Raises:** `ValueError` if the trajectory is not of these cells, or if `spec` is not JSON;
+    `RuntimeError` if it contradicts itself.
+
+    Two robots in a corridor of three cells:
+
+        >>> import math
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> team = bounce.team_trajectory(cells, starts=[0, 5], bounces=math.pi / 2)
+        >>> dataset = record.team_dataset(cells, team)
+        >>> dataset.cell.dims, dataset.covered.values.tolist()
+        (('time', 'robot'), [2, 3])
     """
     check_team(cells, team)
     x, y, theta = cells.centre(team.path)
@@ -36,7 +49,7 @@ def team_dataset(
     time, robot = first_visits(cells, team)
     metres = {"units": "m"}
     by_robot, by_move = ("time", "robot"), ("move", "robot")
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             "cell": (by_robot, team.path, {"long_name": "cell that the robot is in"}),
             "x": (by_robot, x, metres),
@@ -74,6 +87,7 @@ def team_dataset(
             "outcome_meaning": team.outcome.value,
         },
     )
+    return with_checks(dataset, team_checks(dataset, cells.directions, cells.positions))
 
 
 def first_visits(

@@ -1,0 +1,232 @@
+"""Checks that a dataset makes of its own numbers, kept with them as attributes `check_...`.
+
+They are computed from the arrays that are about to be saved, and not from what made them, so that
+they can be computed again from any file. Most are a number of violations, or the largest error of
+something that ought to be 0. A dataset that contradicts itself is not made at all: whoever opens
+the file later would have no reason to doubt it. The limits are far beyond rounding, so that only
+a defect, or arrays that were altered, exceeds one.
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+
+# Sums of some 10^6 probabilities are good to 1e-10, and so are the solves behind them.
+PROBABILITY = 1e-8
+
+Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
+"""By name: the value, and the largest that is right; infinite if it is told only."""
+
+
+def with_checks(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
+    """The dataset with the value of each check as an attribute `check_<name>`.
+
+    **Raises:** `RuntimeError` that names the check, if a value is beyond its limit.
+    """
+    for name, (value, limit) in checks.items():
+        if not (value <= limit or limit == np.inf):
+            raise RuntimeError(
+                f"{dataset.attrs['title']}: the result contradicts itself: {name} is {value:g}, "
+                f"expected at most {limit:g}"
+            )
+    return dataset.assign_attrs({f"check_{name}": value for name, (value, _) in checks.items()})
+
+
+def groups_checks(dataset: xr.Dataset, image: Int[np.ndarray, "*batch cells"] | None) -> Checks:
+    """Those of [`jaxcell.record.groups_dataset`][].
+
+    Basins hold all cells; a group has as many periodic cells as its period; in each basin some cell
+    is at every step up to the farthest; and, if the images are known, each leads to the same group,
+    one step nearer to it.
+    """
+    maps = 1 if dataset["bounce"].ndim == 0 else dataset.sizes["bounce"]
+    group, step = (dataset[name].values.reshape(maps, -1) for name in ("group", "step"))
+    tables = ("group_period", "group_basin", "group_transient")
+    period, basin, transient = (dataset[name].values.reshape(maps, -1) for name in tables)
+    basins = periods = missing = 0
+    for i, count in enumerate(dataset["groups"].values.reshape(-1)):
+        basins = max(basins, abs(int(basin[i, :count].sum()) - group[i].size))
+        periodic = np.bincount(group[i][step[i] == 0], minlength=count)
+        periods = max(periods, int(np.abs(periodic - period[i, :count]).max()))
+        first = np.cumsum([0, *(transient[i, :count] + 1)])
+        occurs = np.zeros(first[-1], bool)
+        occurs[first[group[i]] + step[i]] = True
+        missing += int(np.count_nonzero(~occurs))
+    found: dict[str, tuple[float | int, float | int]] = {
+        "basins_minus_cells": (basins, 0),
+        "periodic_cells_minus_period": (periods, 0),
+        "steps_that_no_cell_takes": (missing, 0),
+    }
+    if image is not None:
+        to = np.asarray(image).reshape(maps, -1)
+        leads = np.take_along_axis(group, to, 1) == group
+        nearer = np.take_along_axis(step, to, 1) == np.maximum(step - 1, 0)
+        found["image_violations"] = (int(np.count_nonzero(~(leads & nearer))), 0)
+    return found
+
+
+def filter_checks(dataset: xr.Dataset) -> Checks:
+    """Those of [`jaxcell.record.filter_dataset`][].
+
+    The uncertainty is the number of configurations; and what is left after either observation was
+    there before, so that both together are no more.
+    """
+    uncertainty, transition = dataset["uncertainty"].values, dataset["transition"].values
+    after = np.where(transition >= 0, uncertainty[np.maximum(transition, 0)], 0).sum(axis=1)
+    return {
+        "uncertainty_minus_members": (
+            int(np.abs(uncertainty - np.diff(dataset["offset"].values)).max()),
+            0,
+        ),
+        "states_that_gain_cells": (int(np.count_nonzero(after > uncertainty)), 0),
+    }
+
+
+def localization_checks(dataset: xr.Dataset) -> Checks:
+    """Those of [`jaxcell.record.localization_dataset`][], and those of its filter.
+
+    The run follows the transitions, and ends with the configurations of its last state. In how many
+    states the robot is in none of the configurations is told: some, if the filter is of another
+    map.
+    """
+    visited, sensed = dataset["visited"].values, dataset["sensed"].values
+    offset, member = dataset["offset"].values, dataset["member"].values
+    path, transition = dataset["cell"].values, dataset["transition"].values
+    follows = transition[visited[:-1], sensed] == visited[1:]
+    beliefs = [member[offset[s] : offset[s + 1]] for s in visited]
+    lost = sum(not np.isin(z, cells) for z, cells in zip(path, beliefs, strict=True))
+    ends = np.setxor1d(dataset["candidate"].values, beliefs[-1])
+    return {
+        **filter_checks(dataset),
+        "run_off_the_transitions": (int(np.count_nonzero(~follows)), 0),
+        "candidates_not_of_the_last_state": (ends.size, 0),
+        "states_without_the_robot": (lost, np.inf),
+    }
+
+
+def navigation_checks(dataset: xr.Dataset) -> Checks:
+    """Those of [`jaxcell.record.navigation_dataset`][].
+
+    Each action leads from its cell to the next: forward to another position in the same direction,
+    and an angle to the direction that it turns to; from the start to the goal, through cells that
+    reach it, at the cost that is told, as far as `spec` says what a step costs.
+    """
+    path, action = dataset["cell"].values, dataset["action"].values
+    directions, positions = dataset.sizes["direction"], dataset.sizes["position"]
+    turned = np.rint(action * directions / (2 * np.pi)).astype(int)
+    wrong = motion_violations(path[:, None], action[:, None] != 0, turned, directions, positions)
+    cost, reaches = float(dataset["cost"]), dataset["reaches"].values.ravel()
+    found: dict[str, tuple[float | int, float | int]] = {"actions_that_lead_elsewhere": (wrong, 0)}
+    if cost < 0:
+        return found
+    ends = int(path[0] != dataset["start"]) + int(path[-1] != dataset["goal"])
+    found["ends_missed"] = (ends, 0)
+    found["cells_that_do_not_reach"] = (int(np.count_nonzero(~reaches[path])), 0)
+    spec = json.loads(dataset.attrs["spec"])
+    if {"keep", "change"} <= spec.keys():
+        bumps = turned[action != 0]
+        changes = np.count_nonzero(np.diff(bumps))
+        sums = spec["keep"] * (action.size - changes) + spec["change"] * changes
+        found["cost_minus_that_of_actions"] = (abs(cost - float(sums)), 1e-9 * max(1.0, cost))
+    return found
+
+
+def motion_violations(
+    path: Int[np.ndarray, "times robots"],
+    bumped: Bool[np.ndarray, "times-1 robots"],
+    turn: Int[np.ndarray, "times-1"] | None,
+    directions: int,
+    positions: int,
+) -> int:
+    """In how many moves a robot does not keep its direction, or its position where it bumps.
+
+    **Arguments:**
+
+    - `path`: the cells.
+    - `bumped`: whether the robot turned in place.
+    - `turn`: by how many directions; `None` if that is not known.
+    - `directions`, `positions`: of the cell space.
+    """
+    direction, position = np.divmod(path, positions)
+    stays = position[1:] == position[:-1]
+    by = (direction[1:] - direction[:-1]) % directions
+    right = stays if turn is None else stays & (by == turn[:, None] % directions)
+    return int(np.count_nonzero(~np.where(bumped, right, ~stays & (by == 0))))
+
+
+def coverage_checks(dataset: xr.Dataset) -> Checks:
+    """Those of [`jaxcell.record.coverage_dataset`][].
+
+    The shares of time of the angles, and those of the cells for each angle, are not negative and
+    sum to 1; all time is spent in persistent groups; coverage is the sum over directions, and the
+    mixture that of the angles.
+    """
+    alpha, limiting = dataset["alpha"].values, dataset["limiting"].values
+    coverage, group = dataset["coverage"].values, dataset["group"].values
+    transient = np.where(group < 0, limiting, 0).sum(axis=(1, 2))
+    sizes = [
+        np.bincount(one[one >= 0], minlength=dataset.sizes["group_index"])
+        for one in group.reshape(len(group), -1)
+    ]
+    return {
+        "alpha_sums_to_1": (error_of_sums(alpha), PROBABILITY),
+        "limiting_sums_to_1": (error_of_sums(limiting.reshape(len(alpha), -1)), PROBABILITY),
+        "group_weights_sum_to_1": (error_of_sums(dataset["group_weight"].values), PROBABILITY),
+        "most_negative_share": (_largest(-np.append(limiting.ravel(), alpha)), PROBABILITY),
+        "share_of_transient_cells": (_largest(transient), PROBABILITY),
+        "group_sizes": (_largest(np.abs(sizes - dataset["group_size"].values)), 0),
+        "coverage_is_of_limiting": (
+            _largest(np.abs(limiting.sum(axis=1) - coverage)),
+            PROBABILITY,
+        ),
+        "mixture_is_of_coverage": (
+            _largest(np.abs(alpha @ coverage - dataset["mixture"].values)),
+            PROBABILITY,
+        ),
+        "stationarity_residual": (_largest(dataset["residual"].values), PROBABILITY),
+        "duality_gap": (float(dataset.attrs["duality_gap"]), np.inf),
+    }
+
+
+def team_checks(dataset: xr.Dataset, directions: int, positions: int) -> Checks:
+    """Those of [`jaxcell.record.team_dataset`][].
+
+    No two robots share a position; robots that bump stay where they are and the others go on in
+    their directions, but for the turn of one robot with which a part begins; and what is covered is
+    what was visited.
+    """
+    path, bumped = dataset["cell"].values, dataset["bumped"].values
+    position = np.sort(path % positions, axis=1)
+    begins = dataset["part_begin"].values[1:]
+    inside = np.setdiff1d(np.arange(len(bumped)), begins - 1)
+    wrong = sum(
+        motion_violations(path[[t, t + 1]], bumped[[t]], None, directions, positions)
+        for t in inside
+    )
+    turned = (path[begins] - path[begins - 1]) // positions % directions
+    one = np.isin(turned, (1, directions - 1)).sum(axis=1) == 1
+    alone = one & ((path[begins] != path[begins - 1]).sum(axis=1) == 1)
+    _, first = np.unique(path % positions, return_index=True)
+    visited = np.cumsum(np.bincount(first // path.shape[1], minlength=len(path)))
+    return {
+        "shared_positions": (int(np.count_nonzero(np.diff(position, axis=1) == 0)), 0),
+        "moves_against_the_rule": (wrong, 0),
+        "parts_that_begin_otherwise": (int(np.count_nonzero(~alone)), 0),
+        "covered_minus_visited": (_largest(np.abs(visited - dataset["covered"].values)), 0),
+    }
+
+
+def error_of_sums(values: Float[np.ndarray, "*rows terms"]) -> float:
+    """The largest difference of the sum of a row from 1."""
+    return _largest(np.abs(values.sum(axis=-1) - 1))
+
+
+def _largest(values: Any) -> float:
+    """The largest value, 0 if there is none above; not a number if one is not."""
+    array = np.asarray(values, float)
+    return float(array.max(initial=0.0))
