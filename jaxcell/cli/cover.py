@@ -79,8 +79,19 @@ class Cover(MapOptions, OutputOptions):
                 record.save_dataset(dataset, self.out / "coverage.nc")
                 recording = self.out / "coverage.rrd"
                 record.log_coverage(recording, cells, policy, bounces=bounces, spec=spec)
-        self.finish(summary, lambda: show(cells, summary))
-        return 0
+        return self.finish(
+            summary,
+            lambda: show(cells, summary),
+            lambda verify: verify.compare_coverage(
+                cells,
+                policy,
+                np.radians(self.bounces),
+                float(np.radians(self.error)),
+                self.reliability,
+                weights=self.weights,
+                **self.motion,
+            ),
+        )
 
 
 def describe(bounces: tuple[float, ...], policy: "CoveragePolicy") -> dict[str, Any]:

@@ -85,9 +85,22 @@ class Drift(OutputOptions):
         summary = {**spec, **described, "seconds": round(seconds, 3)}
         if self.out is not None:
             self._write(self.out, drift, spec)
-        self.finish(summary, lambda: show(summary))
+        differs = self.finish(
+            summary,
+            lambda: show(summary),
+            lambda verify: verify.compare_drift(
+                currents,
+                drift.waters,
+                drift.behaviours,
+                drift.ends,
+                drift.deployment,
+                rho=self.rho,
+                spread=self.spread,
+                edge=self.edge,
+            ),
+        )
         if drift.surest is None or drift.start is None or drift.surest.probability[drift.start] > 0:
-            return 0
+            return differs
         note("No policy brings a drifter from the start to the goal.")
         return 1
 

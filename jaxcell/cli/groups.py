@@ -6,7 +6,9 @@ from .terminal import count_cells, status, table
 
 
 if TYPE_CHECKING:
+    from ..mapping import GroupSummary
     from ..space import CellSpace
+    from ..verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -19,7 +21,7 @@ class Groups(MapOptions, OutputOptions):
     def run(self) -> int:
         import numpy as np
 
-        from ..bounce import bounce_groups, group_summary
+        from ..bounce import bounce_groups, bounce_map, group_summary
         from ..runtime import configure_jax
 
         configure_jax()
@@ -52,12 +54,36 @@ class Groups(MapOptions, OutputOptions):
 
             with status(f"writing {self.out}"):
                 groups = bounce_groups(cells, angles, **self.motion)
+                image = bounce_map(cells, angles, **self.motion).image
                 self.out.mkdir(parents=True, exist_ok=True)
-                dataset = record.groups_dataset(cells, groups, bounce=angles, spec=spec)
+                dataset = record.groups_dataset(
+                    cells, groups, bounce=angles, image=image, spec=spec
+                )
                 record.save_dataset(dataset, self.out / "groups.nc")
                 record.log_groups(self.out / "groups.rrd", cells, groups, bounce=angles, spec=spec)
-        self.finish(summary, lambda: show(cells, summary))
-        return 0
+        return self.finish(
+            summary,
+            lambda: show(cells, summary),
+            lambda verify: self._compare(verify, cells, found),
+        )
+
+    def _compare(
+        self, verify: Any, cells: "CellSpace", found: "GroupSummary"
+    ) -> "list[Comparison]":
+        """The images and groups of cells for each angle, and what was told of the groups."""
+        import jax
+        import numpy as np
+
+        from ..bounce import bounce_groups, bounce_map
+
+        compared = []
+        for i, angle in enumerate(np.radians(self.bounce).tolist()):
+            mapped = bounce_map(cells, angle, **self.motion)
+            groups = bounce_groups(cells, angle, **self.motion)
+            told = jax.tree.map(lambda values, i=i: values[i], found)
+            compared.append(verify.compare_images(cells, mapped, angle, **self.motion))
+            compared += verify.compare_groups(np.asarray(mapped.image), groups, told)
+        return compared
 
 
 def show(cells: "CellSpace", summary: dict[str, Any]) -> None:

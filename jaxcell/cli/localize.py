@@ -58,9 +58,16 @@ class Localize(MapOptions, OutputOptions):
         summary = {**spec, **found, "filter_seconds": round(seconds, 3)}
         if self.out is not None:
             with status(f"writing {self.out}"):
-                write(self.out, cells, groups, filter, run, spec)
-        self.finish(summary, lambda: show(cells, summary))
-        return 0
+                write(self.out, cells, groups, simple_map.image, filter, run, spec)
+        return self.finish(
+            summary,
+            lambda: show(cells, summary),
+            lambda verify: [
+                verify.compare_images(cells, simple_map, bounce, **self.motion),
+                *verify.compare_groups(np.asarray(simple_map.image), groups),
+                verify.compare_filter(simple_map, filter),
+            ],
+        )
 
 
 def describe(
@@ -147,6 +154,7 @@ def write(
     out: Path,
     cells: "CellSpace",
     groups: "PeriodicGroups",
+    image: Any,
     filter: "Filter",
     run: "Localization",
     spec: dict[str, Any],
@@ -156,9 +164,8 @@ def write(
 
     out.mkdir(parents=True, exist_ok=True)
     bounce = math.radians(spec["bounce_deg"])
-    record.save_dataset(
-        record.groups_dataset(cells, groups, bounce=bounce, spec=spec), out / "groups.nc"
-    )
+    dataset = record.groups_dataset(cells, groups, bounce=bounce, image=image, spec=spec)
+    record.save_dataset(dataset, out / "groups.nc")
     record.save_dataset(
         record.localization_dataset(cells, filter, run, spec=spec), out / "localization.nc"
     )

@@ -53,8 +53,12 @@ class Navigate(MapOptions, OutputOptions):
                 dataset = record.navigation_dataset(cells, found, spec=spec)
                 record.save_dataset(dataset, self.out / "navigation.nc")
                 record.log_navigation(self.out / "navigation.rrd", cells, found, spec=spec)
-        self.finish(summary, lambda: show(cells, summary))
-        return 0 if found.found else 1
+        differs = self.finish(
+            summary,
+            lambda: show(cells, summary),
+            lambda verify: verify.compare_plan(cells, found, bounces, **weights, **self.motion),
+        )
+        return differs if found.found else 1
 
 
 def _whole(number: float) -> int | float:

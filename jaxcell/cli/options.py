@@ -2,18 +2,21 @@ import dataclasses
 import json
 import math
 import re
-from collections.abc import Callable
+import sys
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from ..files import replacing
-from .terminal import note_results
+from .terminal import note, note_results, status
 
 
 if TYPE_CHECKING:
     from ..space import CellSpace
+    from ..verify import Comparison
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -78,18 +81,64 @@ class OutputOptions:
     """Directory for the results: NetCDF, a Rerun recording, summary.json."""
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
+    verify: bool = False
+    """Compute small parts of the result again by another route; exit with 1 if they differ."""
 
-    def finish(self, summary: dict[str, Any], show: Callable[[], None]) -> None:
-        """Writes `summary.json`, and then prints the summary as JSON, or shows it to people."""
-        summary = {"command": f"jaxcell {command_name(type(self))}", **summary}
+    def finish(
+        self,
+        summary: dict[str, Any],
+        show: Callable[[], None],
+        compare: Callable[[Any], "Sequence[Comparison]"],
+    ) -> int:
+        """Writes `summary.json`, and then prints the summary as JSON, or shows it to people.
+
+        **Arguments:**
+
+        - `summary`: what was found.
+        - `show`: prints it for people.
+        - `compare`: computes parts of it again where that is asked for, given `jaxcell.verify`.
+
+        **Returns:** the exit status: 1 if these differ, else 0.
+        """
+        name = command_name(type(self))
+        summary = {"command": f"jaxcell {name}", **summary}
+        verified = _verified(compare) if self.verify else None
+        if verified is not None:
+            summary["verified"] = verified
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
             print(json.dumps(summary))
-            return
-        show()
-        if self.out is not None:
-            note_results(self.out)
+        else:
+            show()
+            if self.out is not None:
+                note_results(self.out)
+        if verified is None:
+            return 0
+        for one in verified["comparisons"]:
+            if not one["agrees"]:
+                print(f"jaxcell {name}: --verify: {one['what']}: {one['where']}", file=sys.stderr)
+        if verified["agrees"] and not self.json:
+            note(
+                f"Verified: {verified['count']:,} numbers agree with another route, in "
+                f"{verified['seconds']:g} s."
+            )
+        return 0 if verified["agrees"] else 1
+
+
+def _verified(compare: Callable[[Any], "Sequence[Comparison]"]) -> dict[str, Any]:
+    """What came of computing parts of a result again."""
+    from .. import verify
+
+    began = time.perf_counter()
+    with status("computing parts again by another route"):
+        found = compare(verify)
+    return {
+        "agrees": all(one.agrees for one in found),
+        "count": sum(one.count for one in found),
+        "seconds": round(time.perf_counter() - began, 3),
+        "comparisons": [one.as_json() for one in found],
+    }
 
 
 def command_name(command: type) -> str:

@@ -88,8 +88,14 @@ class PatrolGraph(OutputOptions):
         }
         if self.out is not None:
             self._write(self.out, graph, names, measures, game, spec)
-        self.finish(summary, lambda: show(summary))
-        return 0
+        return self.finish(
+            summary,
+            lambda: show(summary),
+            lambda verify: [
+                *verify.compare_walk(measures),
+                *([] if game is None else verify.compare_game(game)),
+            ],
+        )
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
         """Raises `ValueError` in the words of the file and the options."""

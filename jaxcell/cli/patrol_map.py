@@ -76,8 +76,19 @@ class PatrolMap(OutputOptions):
         summary = {**spec, **described, "seconds": round(seconds, 3)}
         if self.out is not None:
             self._write(self.out, found, spec)
-        self.finish(summary, lambda: show(summary))
-        return 0
+        return self.finish(
+            summary,
+            lambda: show(summary),
+            lambda verify: verify.compare_patrol(
+                cells,
+                self.reach,
+                found.graph,
+                found.visible,
+                found.policies,
+                found.attack,
+                found.capture,
+            ),
+        )
 
     def _patrol(self, cells: "CellSpace") -> "MapPatrol":
         """All that is asked of the map."""

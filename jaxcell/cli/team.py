@@ -74,8 +74,12 @@ class Team(MapOptions, OutputOptions):
                 )
                 record.log_team(self.out / "team.rrd", cells, run, spec=spec)
                 self._write_for_robots(cells, run, spec)
-        self.finish(summary, lambda: show(cells, summary))
-        return 1 if run.uncovered.size else 0
+        differs = self.finish(
+            summary,
+            lambda: show(cells, summary),
+            lambda verify: verify.compare_team(cells, run, np.radians(self.bounce), **self.motion),
+        )
+        return 1 if run.uncovered.size else differs
 
     def _write_for_robots(
         self, cells: "CellSpace", run: "TeamTrajectory", spec: dict[str, Any]

@@ -1,0 +1,25 @@
+"""Small parts of results, computed again by another route.
+
+Each function takes a result and what it was made from, and computes a sample of it as plainly as
+can be: one cell at a time, by exact geometry, dense algebra or a general-purpose solver, and by
+none of the functions that made the result. It returns [`jaxcell.verify.Comparison`][]s, which tell
+how many numbers were compared, how far they differ, and how much rounding may explain.
+
+Samples are of fixed size and the same each time.
+"""
+
+from .bounce import (
+    compare_filter as compare_filter,
+    compare_groups as compare_groups,
+    compare_images as compare_images,
+)
+from .comparison import Comparison as Comparison
+from .coverage import compare_coverage as compare_coverage
+from .drift import compare_drift as compare_drift
+from .navigation import compare_plan as compare_plan
+from .patrol import (
+    compare_game as compare_game,
+    compare_patrol as compare_patrol,
+    compare_walk as compare_walk,
+)
+from .team import compare_team as compare_team

@@ -1,0 +1,81 @@
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """How a sample of a result compares with what another route gives."""
+
+    what: str
+    "What was compared, and what the other route is."
+    count: int
+    "How many numbers were compared; 0 where this could not be done."
+    difference: float
+    "The largest difference, or how many differ where they are to be the same."
+    limit: float
+    "How much of it rounding may explain."
+    where: str = ""
+    "Where the difference is largest, or why nothing was compared."
+
+    @property
+    def agrees(self) -> bool:
+        """Whether rounding may explain the difference; one that is not a number is none such."""
+        return self.difference <= self.limit
+
+    def as_json(self) -> dict[str, Any]:
+        """For a summary; numbers that JSON has not are `None`."""
+        difference = self.difference if math.isfinite(self.difference) else None
+        return {**dataclasses.asdict(self), "difference": difference, "agrees": self.agrees}
+
+    @classmethod
+    def exact(cls, what: str, wrong: list[str], count: int) -> "Comparison":
+        """One of numbers that are to be the same.
+
+        **Arguments:**
+
+        - `what`: what was compared.
+        - `wrong`: those that differ, in words.
+        - `count`: how many there are.
+        """
+        return cls(what, count, float(len(wrong)), 0.0, wrong[0] if wrong else "")
+
+    @classmethod
+    def close(
+        cls,
+        what: str,
+        told: npt.ArrayLike,
+        again: npt.ArrayLike,
+        limit: float,
+        *,
+        relative: bool = False,
+    ) -> "Comparison":
+        """One of numbers that rounding may change.
+
+        **Arguments:**
+
+        - `what`: what was compared.
+        - `told`: the result.
+        - `again`: the same by another route.
+        - `limit`: the largest difference that is right.
+        - `relative`: whether it is that of the numbers divided by those of `again`.
+        """
+        told, again = (np.asarray(values, float).ravel() for values in (told, again))
+        same = told == again
+        with np.errstate(invalid="ignore", divide="ignore"):
+            differ = np.where(same, 0.0, np.abs(told - again) / (np.abs(again) if relative else 1))
+        differ = np.where(np.isnan(differ), np.inf, differ)
+        worst = int(differ.argmax()) if differ.size else 0
+        largest = float(differ[worst]) if differ.size else 0.0
+        where = ""
+        if not largest <= limit:
+            where = f"entry {worst}: {told[worst]!r}, and {again[worst]!r} by the other route"
+        return cls(what, differ.size, largest, limit, where)
+
+    @classmethod
+    def omitted(cls, what: str, why: str) -> "Comparison":
+        """One that cannot be made of this result."""
+        return cls(what, 0, 0.0, 0.0, why)

@@ -1,0 +1,68 @@
+"""`--verify`: the summary tells what was compared, and the exit status whether it agrees."""
+
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import pytest
+
+from jaxcell import bounce
+from jaxcell.cli import main
+from jaxcell.mapping import SimpleMap
+
+
+LAB = str(Path(__file__).parents[2] / "data" / "maps" / "lab_a.json")
+COMMANDS = {
+    "groups": ["groups", LAB, "--bounce", "45"],
+    "localize": ["localize", LAB, "--bounce", "45"],
+    "navigate": ["navigate", LAB, "--bounces", "45", "135", "--start", "0", "--goal", "60"],
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_is_right_agrees(command, capsys, tmp_path):
+    out = ["--out", str(tmp_path)] if command == "navigate" else []
+    assert main([*COMMANDS[command], "--verify", "--json", *out]) == 0
+    told = capsys.readouterr()
+    verified = json.loads(told.out)["verified"]
+    assert verified["agrees"]
+    assert verified["count"] == sum(one["count"] for one in verified["comparisons"]) > 100
+    assert told.err == ""
+    if out:
+        kept = json.loads((tmp_path / "summary.json").read_text())
+        assert kept["verified"] == verified
+
+
+def test_people_read_a_line(capsys):
+    assert main([*COMMANDS["navigate"], "--verify"]) == 0
+    assert "numbers agree with another route" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("json_too", [True, False])
+def test_what_is_wrong_is_told(json_too, capsys, monkeypatch):
+    right = bounce.bounce_map
+
+    def wrong(*args, **options):
+        found = right(*args, **options)
+        # Every cell but those at walls: the robot does not move.
+        still = jnp.arange(found.image.size, dtype=jnp.int32)
+        return SimpleMap(jnp.where(found.bumped, found.image, still), found.bumped)
+
+    monkeypatch.setattr(bounce, "bounce_map", wrong)
+    options = ["--json"] if json_too else []
+    assert main([*COMMANDS["groups"], "--verify", *options]) == 1
+    told = capsys.readouterr()
+    assert (
+        "jaxcell groups: --verify: images of cells, by shapely one step at a time: cell" in told.err
+    )
+    assert "agree with" not in told.err
+    if json_too:
+        assert not json.loads(told.out)["verified"]["agrees"]
+    # Without it nothing is computed again.
+    assert main([*COMMANDS["groups"], "--json"]) == 0
+    assert "verified" not in json.loads(capsys.readouterr().out)
