@@ -1,0 +1,179 @@
+"""Whether the same specification gives the same results, digit for digit.
+
+Runs every command with results, and a sweep, on small examples; reads the files that they leave;
+and takes a fingerprint of every variable: a digest of its bytes, and for numbers that rounding may
+change three weighted sums, with weights that are drawn once and for all.
+
+    python experiments/determinism.py --write experiments/determinism.json
+    python experiments/determinism.py --check experiments/determinism.json [--exact]
+
+compare two runs. With one Python, one JAX and one processor all bytes are the same, which `--exact`
+asks for. Another version of JAX, NumPy or SciPy, or another processor, may add numbers in another
+order: whole numbers have to be the same in any case, and sums of others within 1e-9 of the sum of
+the absolute values. The parameters of the generalized lambda distribution, which a search finds
+that stops at a tolerance, have to be so within 1e-3.
+"""
+
+import argparse
+import contextlib
+import hashlib
+import io
+import json
+import os
+import platform
+import sys
+import tempfile
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jaxcell.cli import main as jaxcell
+
+
+DATA = Path(__file__).parents[1] / "data"
+LAB = str(DATA / "maps" / "lab_a.json")
+GYRES = str(DATA / "ocean" / "gyres.nc")
+SWEEP = f"""
+task = "groups"
+chunk = 5
+
+[fixed]
+map = {json.dumps(LAB)}
+directions = 24
+
+[grid]
+bounce = {{ start = 15, stop = 345, step = 15 }}
+"""
+COMMANDS = {
+    "groups": ["groups", LAB, "--bounce", "45", "90", "135"],
+    "groups of slanted walls": ["groups", str(DATA / "maps" / "cafe.json"), "--bounce", "90"],
+    "localize": ["localize", LAB, "--bounce", "135", "--seed", "3"],
+    "navigate": ["navigate", LAB, "--bounces", "45", "135", "--start", "0", "--goal", "60"],
+    "cover": ["cover", LAB, "--bounces", "45", "90", "135", "--error", "2", "--reliability", "0.8"],
+    "team": ["team", LAB, "--bounce", "135", "--robots", "3", "--seed", "1"],
+    "patrol graph": ["patrol", "graph", str(DATA / "graphs" / "eight.json"), "--game"],
+    "patrol map": ["patrol", "map", LAB, "--range", "2", "--runs", "500", "--base", "auto"],
+    "drift": [
+        *("drift", GYRES, "--edge", "exit", "--duration", "3400", "--range", "6000"),
+        *("--start", "-118.0,33.5", "--goal", "-118.1,33.45,5"),
+    ],
+}
+# What depends on the moment, not on the specification, is in no variable.
+PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "shapely", "optax", "networkx", "xarray")
+ROUNDING = 1e-9
+SEARCHED = {"gld": 1e-3, "fitted": 1e-3}
+
+
+def fingerprint(values: np.ndarray) -> dict[str, Any]:
+    """What is kept of a variable."""
+    values = np.ascontiguousarray(values)
+    if values.dtype.kind in "OU":
+        return {"sha256": digest(json.dumps(values.tolist()).encode())}
+    described = f"{values.dtype.str} {values.shape} ".encode()
+    found: dict[str, Any] = {"sha256": digest(described + values.tobytes())}
+    if values.dtype.kind == "f":
+        flat = values.astype(float).ravel()
+        finite = np.isfinite(flat)
+        # Where a number is missing or infinite is as exact as whole numbers are.
+        known = np.where(np.isnan(flat), 2, np.where(finite, 0, np.sign(flat))).astype(np.int8)
+        known_too = np.where(finite, flat, 0)
+        weights = np.random.default_rng(0).uniform(0.5, 1, (3, flat.size))
+        weights *= np.random.default_rng(1).choice([-1, 1], weights.shape)
+        found["known"] = digest(described + known.tobytes())
+        found["sums"] = [float(row @ known_too) for row in weights]
+        found["size"] = float(np.abs(known_too).sum())
+    return found
+
+
+def digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:32]
+
+
+def run(name: str, args: list[str], folder: Path) -> dict[str, Any]:
+    """The fingerprints of all variables of all files that a command leaves."""
+    out = folder / name.replace(" ", "-")
+    with contextlib.redirect_stdout(io.StringIO()) as told:
+        status = jaxcell([*args, "--out", str(out), "--json"])
+    if status:
+        raise SystemExit(f"{name}: exit status {status}: {told.getvalue()}")
+    found = {}
+    for file in sorted(out.rglob("*.nc")):
+        with xr.open_dataset(file, decode_times=False) as dataset:
+            for variable in sorted(dataset.variables):
+                values = dataset.variables[variable].values
+                found[f"{name}: {file.name}: {variable}"] = fingerprint(values)
+    if not found:
+        raise SystemExit(f"{name}: it left no NetCDF file in {out}")
+    return found
+
+
+def run_all() -> dict[str, Any]:
+    """The fingerprints of all commands, and the versions that made them."""
+    variables: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        spec = Path(folder) / "angles.toml"
+        spec.write_text(SWEEP, encoding="utf-8")
+        for name, args in {**COMMANDS, "sweep": ["sweep", str(spec), "--netcdf"]}.items():
+            print(f"{name} ...", file=sys.stderr, flush=True)
+            variables |= run(name, args, Path(folder))
+    return {
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "packages": {package: metadata.version(package) for package in PACKAGES},
+        "variables": variables,
+    }
+
+
+def compare(
+    now: dict[str, Any], then: dict[str, Any], *, exact: bool
+) -> tuple[int, list[str], list[str]]:
+    """How many variables have the same bytes, which differ by rounding, and which by more."""
+    same, rounded, different = 0, [], []
+    names = {*now["variables"], *then["variables"]}
+    for name in sorted(names):
+        one, other = (found["variables"].get(name) for found in (now, then))
+        if one is None or other is None:
+            different.append(f"{name}: only {'then' if one is None else 'now'}")
+        elif one["sha256"] == other["sha256"]:
+            same += 1
+        elif one.get("known") is None or one["known"] != other.get("known"):
+            different.append(f"{name}: other bytes")
+        else:
+            size = max(one["size"], other["size"])
+            apart = np.abs(np.subtract(one["sums"], other["sums"])).max() / size
+            limit = SEARCHED.get(name.rsplit(" ", 1)[1], ROUNDING)
+            close = apart <= limit and not exact
+            (rounded if close else different).append(f"{name}: {apart:.1e} of the sum")
+    return same, rounded, different
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--write", type=Path, help="file for the fingerprints")
+    parser.add_argument("--check", type=Path, help="file of an earlier run to compare with")
+    parser.add_argument("--exact", action="store_true", help="ask for the same bytes")
+    options = parser.parse_args()
+    # Threads add in an order of their own.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    now = run_all()
+    if options.write is not None:
+        options.write.write_text(json.dumps(now, indent=1) + "\n", encoding="utf-8")
+    versions = ", ".join(f"{name} {number}" for name, number in now["packages"].items())
+    print(f"{len(now['variables'])} variables, by Python {now['python']}, {versions}")
+    if options.check is None:
+        return 0
+    then = json.loads(options.check.read_text(encoding="utf-8"))
+    same, rounded, different = compare(now, then, exact=options.exact)
+    versions = ", ".join(f"{name} {number}" for name, number in then["packages"].items())
+    print(f"against {options.check}, by Python {then['python']}, {versions}:")
+    print(f"{same} have the same bytes, {len(rounded)} differ by rounding, {len(different)} differ")
+    for line in [*rounded, *(f"DIFFERENT: {line}" for line in different)]:
+        print(f"  {line}")
+    return 1 if different else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
