@@ -121,7 +121,9 @@ def navigation_checks(dataset: xr.Dataset) -> Checks:
     turned = np.rint(action * directions / (2 * np.pi)).astype(int)
     wrong = motion_violations(path[:, None], action[:, None] != 0, turned, directions, positions)
     cost, reaches = float(dataset["cost"]), dataset["reaches"].values.ravel()
-    found: dict[str, tuple[float | int, float | int]] = {"actions_that_lead_elsewhere": (wrong, 0)}
+    found: dict[str, tuple[float | int, float | int]] = {
+        "actions_that_lead_elsewhere": (int(wrong.sum()), 0)
+    }
     if cost < 0:
         return found
     ends = int(path[0] != dataset["start"]) + int(path[-1] != dataset["goal"])
@@ -142,8 +144,8 @@ def motion_violations(
     turn: Int[np.ndarray, "times-1"] | None,
     directions: int,
     positions: int,
-) -> int:
-    """In how many moves a robot does not keep its direction, or its position where it bumps.
+) -> Bool[np.ndarray, "times-1 robots"]:
+    """Whether a robot does not keep its direction in a move, or its position where it bumps.
 
     **Arguments:**
 
@@ -156,7 +158,7 @@ def motion_violations(
     stays = position[1:] == position[:-1]
     by = (direction[1:] - direction[:-1]) % directions
     right = stays if turn is None else stays & (by == turn[:, None] % directions)
-    return int(np.count_nonzero(~np.where(bumped, right, ~stays & (by == 0))))
+    return ~np.where(bumped, right, ~stays & (by == 0))
 
 
 def coverage_checks(dataset: xr.Dataset) -> Checks:
@@ -203,11 +205,9 @@ def team_checks(dataset: xr.Dataset, directions: int, positions: int) -> Checks:
     path, bumped = dataset["cell"].values, dataset["bumped"].values
     position = np.sort(path % positions, axis=1)
     begins = dataset["part_begin"].values[1:]
-    inside = np.setdiff1d(np.arange(len(bumped)), begins - 1)
-    wrong = sum(
-        motion_violations(path[[t, t + 1]], bumped[[t]], None, directions, positions)
-        for t in inside
-    )
+    wrong = motion_violations(path, bumped, None, directions, positions)
+    # The move before a part begins is the turn of one robot.
+    wrong[begins - 1] = False
     turned = (path[begins] - path[begins - 1]) // positions % directions
     one = np.isin(turned, (1, directions - 1)).sum(axis=1) == 1
     alone = one & ((path[begins] != path[begins - 1]).sum(axis=1) == 1)
@@ -215,7 +215,7 @@ def team_checks(dataset: xr.Dataset, directions: int, positions: int) -> Checks:
     visited = np.cumsum(np.bincount(first // path.shape[1], minlength=len(path)))
     return {
         "shared_positions": (int(np.count_nonzero(np.diff(position, axis=1) == 0)), 0),
-        "moves_against_the_rule": (wrong, 0),
+        "moves_against_the_rule": (int(wrong.sum()), 0),
         "parts_that_begin_otherwise": (int(np.count_nonzero(~alone)), 0),
         "covered_minus_visited": (_largest(np.abs(visited - dataset["covered"].values)), 0),
     }
