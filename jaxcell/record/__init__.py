@@ -1,11 +1,45 @@
-"""Results to keep and to look at.
+"""Results to keep and to look at: labelled datasets, and recordings for the Rerun viewer.
 
-The `..._dataset` functions turn results into `xarray.Dataset`s with named dimensions, units and
-provenance; `save_dataset` writes them as NetCDF. The `log_...` functions write Rerun recordings,
-which open in the viewer with a layout of their own: `rerun FILE.rrd`. Rerun is imported when one of
-these is first used.
+**Datasets.** The `..._dataset` functions turn results into `xarray.Dataset`s, and `save_dataset`
+writes these as NetCDF-4. What they guarantee:
 
-Files appear whole or not at all.
+- Every dimension has a name, and every variable a `long_name` or `units`: metres, radians (degrees
+    beside them where people read them), seconds, or steps.
+- The attributes say where the numbers are from: the versions of jaxcell, of its source, and of JAX,
+    and as `spec`, as JSON, what was asked for.
+- A dataset is checked as it is made, independently of what made it: a contradiction raises
+    `RuntimeError`, and the attributes `check_...` count what was found.
+- Cells, vertices and groups are numbered from 0 as in the rest of the library; -1 stands for none.
+    Where rows have different lengths, an index of offsets goes with them: row `i` is
+    `values[offset[i]:offset[i + 1]]`.
+- A picture of a map is one call away: `dataset.mixture.set_index(position=("y", "x")).unstack()`.
+
+| of | dataset | recording |
+| --- | --- | --- |
+| periodic groups | `groups_dataset` | `log_groups` |
+| filters | `filter_dataset` | |
+| runs of filters | `localization_dataset` | `log_localization` |
+| plans | `navigation_dataset` | `log_navigation` |
+| coverage by a mixture | `coverage_dataset` | `log_coverage` |
+| teams | `team_dataset` | `log_team` |
+| patrols on a graph | `patrol_graph_dataset` | `log_patrol_graph` |
+| patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
+| drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
+| sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
+| robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
+
+Cells to drop drifters in are also written for other programs, as CSV by `save_deployment_csv` and
+as GeoJSON by `save_deployment_geojson`.
+
+**Recordings.** The `log_...` functions write a file that opens in the viewer with a layout of its
+own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text says
+what one sees. Rerun is imported when one of these is first used.
+
+**Files** appear whole or not at all: they are written under another name and renamed. The one
+exception is a `RobotRecording`, which grows while the robots drive, so that whatever ends the run
+leaves all but its last moments.
+
+The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 """
 
 import importlib

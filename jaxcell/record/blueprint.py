@@ -7,6 +7,7 @@ first row is the lowest.
 
 import contextlib
 import os
+import uuid
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -36,15 +37,29 @@ def recording(path: str | os.PathLike[str], kind: str) -> Iterator[rr.RecordingS
     rr.set_strict_mode(True)
     try:
         with replacing(path) as temporary:
-            # The viewer keeps one blueprint for each application, so each kind is one.
-            stream = rr.RecordingStream(f"jaxcell_{kind}")
+            stream = new_stream(kind)
             # Rerun's own thread for files raises nothing when the disk is full.
             memory = stream.memory_recording()
-            stream.send_recording_name(Path(path).stem)
+            stream.send_recording_name(recording_name(path))
             yield stream
             temporary.write_bytes(memory.drain_as_bytes())
     finally:
         rr.set_strict_mode(strict)
+
+
+def new_stream(kind: str) -> rr.RecordingStream:
+    """A stream of its own application.
+
+    The viewer keeps one blueprint for each application. Two recordings of one, opened side by side,
+    would both have that of the last, and views of what is only in the other would be empty.
+    """
+    return rr.RecordingStream(f"jaxcell_{kind}_{uuid.uuid4().hex[:8]}")
+
+
+def recording_name(path: str | os.PathLike[str]) -> str:
+    """What the viewer calls a recording in its list: its folder and its own name."""
+    path = Path(path).absolute()
+    return f"{path.parent.name}/{path.stem}"
 
 
 def send_blueprint(

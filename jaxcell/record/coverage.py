@@ -58,6 +58,23 @@ def log_coverage(
     - `spec`: what was asked for, shown in the text.
 
     **Raises:** `ValueError` if the policy is not of these cells or angles.
+
+    A corridor of three cells, and robots that turn by a quarter or half a turn:
+
+        >>> import math
+        >>> import pathlib
+        >>> import tempfile
+        >>> import numpy as np
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> bounces = [math.pi / 2, math.pi]
+        >>> policy = bounce.coverage_policy(cells, bounces, error=0.0, reliability=1.0)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_coverage(path, cells, policy, bounces=np.array(bounces))
+        ...     path.stat().st_size > 1000
+        True
     """
     check_policy(cells, policy, bounces)
     degrees = np.rad2deg(bounces)

@@ -25,6 +25,24 @@ def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     - `path`: the file to write or replace.
 
     **Raises:** `FileNotFoundError` if the folder does not exist.
+
+    The surface of the bundled sea at its first record:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import drift, record
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
+        >>> behaviour = drift.long_term_behaviour(chain, duration)
+        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
+        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
+        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "deployment.csv")
+        ...     record.save_deployment_csv(found, path)
+        ...     path.read_text().splitlines()[0]
+        'number,lon,lat,cell,purpose,group,transient_group,gained'
     """
     rows = _rows(drift)
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
@@ -44,6 +62,26 @@ def save_deployment_geojson(drift: SeaDrift, path: str | os.PathLike[str]) -> No
     - `path`: the file to write or replace.
 
     **Raises:** `FileNotFoundError` if the folder does not exist.
+
+    The surface of the bundled sea at its first record:
+
+        >>> import json
+        >>> import pathlib, tempfile
+        >>> from jaxcell import drift, record
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
+        >>> behaviour = drift.long_term_behaviour(chain, duration)
+        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
+        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
+        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "deployment.geojson")
+        ...     record.save_deployment_geojson(found, path)
+        ...     written = json.loads(path.read_text())
+        >>> written["type"], len(written["features"]) == len(found.deployment.cells)
+        ('FeatureCollection', True)
     """
     features = [
         {

@@ -33,6 +33,22 @@ def log_drift(
     - `drift`: what was found.
     - `seed`: of the drifters.
     - `spec`: what was asked for, shown in the text.
+
+    The surface of the bundled sea at its first record; only recordings are written:
+
+        >>> from jaxcell import drift, record
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
+        >>> behaviour = drift.long_term_behaviour(chain, duration)
+        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
+        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
+        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> record.log_drift("drift.txt", found)
+        Traceback (most recent call last):
+            ...
+        ValueError: drift.txt: expected the name of a recording, which ends in .rrd
     """
     sea = SeaMap(drift)
     with recording(path, "drift") as stream:

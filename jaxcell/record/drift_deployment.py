@@ -6,14 +6,16 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from .blueprint import log_classes, log_text
-from .drift_groups import SEVERAL, group_classes
+from .drift_groups import group_classes, home_color
 from .drift_text import deployment_text, reach_text
-from .palette import BELIEF, CLEAR, FREE, KNOWN, Color, PictureClass, mix
+from .palette import BELIEF, CATEGORIES, CLEAR, FREE, START, Color, PictureClass, mix
 from .plot import Plot, ticks
 from .sea_map import LAND, SeaMap, log_legend, log_marks, tab
 
 
 _CELL: Color = (20, 20, 24)
+_KEEPING: Color = mix(BELIEF, FREE, 0.6)
+_CHANGING: Color = mix(CATEGORIES["yellow"], FREE, 0.45)
 _SEEN: Color = mix(BELIEF, FREE, 0.7)
 _LEFT_OUT: Color = mix(BELIEF, FREE, 0.35)
 _CORNERS = 48
@@ -32,7 +34,7 @@ def log_deployment(stream: rr.RecordingStream, sea: SeaMap) -> rrb.Container:
     views: list[rrb.View] = [sea.view(f"To reach all: {found.cells.size:,} drifters", shown)]
     entries = [
         ("drop a drifter here", _CELL),
-        ("behind: the groups, pale", mix(SEVERAL, FREE, 0.55)),
+        ("behind: the groups, pale", mix(home_color(0), FREE, 0.55)),
     ]
     if sea.drift.views is not None:
         views.append(_log_views(stream, sea))
@@ -99,11 +101,11 @@ def log_reach(stream: rr.RecordingStream, sea: SeaMap) -> rrb.Container:
     classes = [
         PictureClass("land", CLEAR),
         PictureClass("out of reach", FREE),
-        PictureClass("if it goes up and down on its way", mix(SEVERAL, FREE, 0.2)),
-        PictureClass("if it stays at the depth to which it dived at first", mix(BELIEF, FREE, 0.4)),
+        PictureClass("if it goes up and down on its way", _CHANGING),
+        PictureClass("if it stays at the depth to which it dived at first", _KEEPING),
     ]
     place = sea.centres(0, np.array([drift.start]))
-    log_marks(stream, "map/start", place, 1.3 * sea.mark, KNOWN)
+    log_marks(stream, "map/start", place, 1.3 * sea.mark, START)
     views = []
     for layer in sea.layers:
         stays = drift.of_layer(keeping, layer)
@@ -113,7 +115,7 @@ def log_reach(stream: rr.RecordingStream, sea: SeaMap) -> rrb.Container:
         stream.log(path, sea.picture(layer, kind), static=True)
         name = f"{sea.depth(layer)}: {int(stays.sum()):,} of {stays.size:,} cells"
         views.append(sea.view(name, [f"grid/water_{layer}", f"grid/reach_{layer}", "start"]))
-    entries = [("the start", KNOWN)]
+    entries = [("the start", START)]
     entries += [(one.label, one.color) for one in reversed(classes[1:])]
     entries.append(("land", LAND))
     log_legend(stream, sea, "reach/legend", entries)

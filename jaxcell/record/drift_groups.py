@@ -16,11 +16,11 @@ from .sea_drift import ALMOST_FOR_EVER
 from .sea_map import LAND, SeaMap, log_legend, tab
 
 
-HOMES = {name: CATEGORIES[name] for name in ("blue", "vermilion", "green", "pink", "orange")}
+HOMES = {name: CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")}
 """The colours of persistent groups, the largest basin first."""
-SEVERAL: Color = mix(CATEGORIES["yellow"], FREE, 0.3)
+SEVERAL: Color = FREE
 """Where drifters may end in several ways."""
-AWAY: Color = (255, 255, 255)
+AWAY: Color = mix(CATEGORIES["yellow"], FREE, 0.3)
 """Where drifters leave the map for sure."""
 DRIFTER: Color = (20, 20, 24)
 _OTHERS: Color = (96, 82, 72)

@@ -39,7 +39,7 @@ map. All other cells are *transient*.
 {table}
 
 - **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
-  group of that colour for sure. **Yellow**: it may end in several ways. Hover over a cell to
+  group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
   read in which.
 - **Black dots** are drifters, released everywhere alike, that the current itself carries while it
   changes, without cells or disturbances: press play, and watch whether they gather as foretold.
@@ -155,7 +155,7 @@ def reach_text(sea: SeaMap) -> str:
         rows.append(f"| {depth:g} m | {stays:,} | {moves:,} | {drift.waters[layer].cells:,} |")
     return f"""# What may be reached
 
-A drifter is dropped at **{place_name(lon, lat)}** (green).
+A drifter is dropped at **{place_name(lon, lat)}** (blue).
 
 - **Blue**: it dives to a depth at once, and stays there.
 - **Yellow**: it only gets there if it also goes up and down on its way.

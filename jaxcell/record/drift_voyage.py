@@ -14,7 +14,7 @@ from .blueprint import legend_view, log_text
 from .drift_currents import arrow_scale
 from .drift_groups import DRIFTER
 from .drift_text import voyage_text
-from .palette import CATEGORIES, FREE, KNOWN, OBSTACLE, PLAIN, ROBOT, TEXT, Color, ramp
+from .palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEXT, Color, ramp
 from .sea_map import LAND, SeaMap, log_legend
 
 
@@ -79,7 +79,7 @@ def log_voyage(stream: rr.RecordingStream, sea: SeaMap, seed: int) -> rrb.Contai
     least, most = _log_value(stream, space, voyage)
     _log_policy(stream, space, voyage)
     goal = space.of_sea(np.flatnonzero(voyage.goal))
-    ball = rr.Points3D(goal, colors=KNOWN, radii=1.8 * sea.mark)
+    ball = rr.Points3D(goal, colors=GOAL, radii=1.8 * sea.mark)
     stream.log("space/goal", ball, static=True)
     steps = _log_tracks(stream, space, voyage, seed)
     levels = np.linspace(1, 0, _SHADES)
@@ -91,7 +91,7 @@ def log_voyage(stream: rr.RecordingStream, sea: SeaMap, seed: int) -> rrb.Contai
         ("go down", _DOWN),
         ("go up", _UP),
         ("drift, this way", ROBOT),
-        ("the goal", KNOWN),
+        ("the goal", GOAL),
         ("a drifter that follows the policy", DRIFTER),
         ("land", LAND),
     ]

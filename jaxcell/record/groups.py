@@ -51,6 +51,22 @@ def log_groups(
     - `spec`: what was asked for, shown in the text.
 
     **Raises:** `ValueError` if the groups are not of these cells, or not one for each angle.
+
+    A corridor of three cells, and a robot that turns left at every bump:
+
+        >>> import math
+        >>> import pathlib
+        >>> import tempfile
+        >>> from jaxcell import bounce, mapping, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> image = bounce.bounce_map(cells, math.pi / 2).image
+        >>> groups = mapping.periodic_groups(image)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_groups(path, cells, groups, bounce=math.pi / 2)
+        ...     path.stat().st_size > 1000
+        True
     """
     angles, host = host_groups(cells, groups, bounce)
     headings = np.arange(cells.directions)

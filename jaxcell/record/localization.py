@@ -6,15 +6,22 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Integer, UInt8
+from jaxtyping import Integer
 
 from ..automata import Filter
 from ..bounce import Localization
 from ..mapping import PeriodicGroups
 from ..space import CellSpace
+from .belief import (
+    MOST_ARROWS,
+    arrows,
+    belief_length,
+    log_belief_style,
+    log_shades,
+    shades,
+)
 from .blueprint import (
     extent,
-    log_classes,
     log_map,
     log_pictures,
     log_text,
@@ -26,27 +33,20 @@ from .graph import Drawing, draw_filter
 from .groups import groups_layout, log_group_pictures, log_group_style
 from .palette import (
     BELIEF,
-    CLEAR,
     CURRENT,
-    FREE,
     KNOWN,
     PLAIN,
     ROBOT,
     TEXT,
     TRAIL,
     Color,
-    PictureClass,
     cycle_color,
-    mix,
 )
-from .pictures import group_pictures, on_squares
+from .pictures import group_pictures
 from .tables import check_filter, group_table, host_groups
 from .texts import groups_text, localization_text
 
 
-# A belief in more cells than this is shown as shaded squares, not as arrows.
-_MOST_ARROWS = 400
-_SHADES = 8
 # A trail has so many corners at most; a run of n steps would else take n^2 points.
 _MOST_CORNERS = 100
 
@@ -78,6 +78,25 @@ def log_localization(
     - `spec`: what was asked for, shown in the text.
 
     **Raises:** `ValueError` if the groups, the filter or the run are not of these cells.
+
+    A corridor of three cells, and a robot that turns left at every bump:
+
+        >>> import math
+        >>> import pathlib
+        >>> import tempfile
+        >>> from jaxcell import bounce, mapping, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> found = bounce.bounce_map(cells, math.pi / 2)
+        >>> filter = bounce.localization_filter(found)
+        >>> run = bounce.localize(found, filter, start=0)
+        >>> groups = mapping.periodic_groups(found.image)
+        >>> what = cells, groups, filter, run
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_localization(path, *what, bounce=math.pi / 2)
+        ...     path.stat().st_size > 1000
+        True
     """
     check_filter(cells, filter, localization)
     ((angle, host),) = zip(*host_groups(cells, groups, float(bounce)), strict=True)
@@ -86,7 +105,7 @@ def log_localization(
     pictures = group_pictures(cells, host, table)
     drawing = draw_filter(filter, localization.states)
     name = f"bounce_{math.degrees(angle):.6g}"
-    text = localization_text(cells, angle, filter, localization, drawing, _MOST_ARROWS, spec)
+    text = localization_text(cells, angle, filter, localization, drawing, MOST_ARROWS, spec)
 
     with recording(path, "localization") as stream:
         log_map(stream, cells)
@@ -113,32 +132,20 @@ def _log_belief(
 ) -> None:
     """Logs where the robot may be: arrows, or shaded squares while there are too many."""
     size = filter.uncertainty[run.states]
-    shown = np.where(size <= _MOST_ARROWS, size, 0)
+    shown = np.where(size <= MOST_ARROWS, size, 0)
     beliefs = [filter.cells(state) for state in run.states[shown > 0].tolist()]
     where = np.concatenate([*beliefs, np.empty(0, np.int32)])
-    length = max(0.42 * cells.cell, 0.02 * extent(cells))
-    arrows = _arrows(cells, where, length)
-    stream.send_columns("map/belief", _steps(run), arrows.partition(shown))
-    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=length / 10, draw_order=20)
-    stream.log("map/belief", style, static=True)
+    columns = _arrows(cells, where, belief_length(cells))
+    stream.send_columns("map/belief", _steps(run), columns.partition(shown))
+    log_belief_style(stream, cells)
 
-    crowded = np.flatnonzero(size > _MOST_ARROWS)
+    crowded = np.flatnonzero(size > MOST_ARROWS)
     if crowded.size:
-        shades = np.linspace(0.2, 1, _SHADES)
-        classes = [PictureClass("the robot cannot be here", CLEAR)]
-        classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shades]
-        log_classes(stream, "map/grid/belief", classes)
+        log_shades(stream)
         times = np.arange(min(crowded[-1] + 2, size.size))
-        kind = np.stack([_shade(cells, filter, state) for state in run.states[times].tolist()])
-        log_pictures(stream, "map/grid/belief", "step", times, on_squares(cells, kind))
-
-
-def _shade(cells: CellSpace, filter: Filter, state: int) -> UInt8[np.ndarray, "positions"]:
-    """The share of directions that are possible at each position; none if arrows say it."""
-    if filter.uncertainty[state] <= _MOST_ARROWS:
-        return np.zeros(cells.positions, np.uint8)
-    count = np.bincount(filter.cells(state) % cells.positions, minlength=cells.positions)
-    return np.ceil(count * (_SHADES / cells.directions)).astype(np.uint8)
+        states = run.states[times].tolist()
+        pictures = np.stack([shades(cells, filter.cells(state)) for state in states])
+        log_pictures(stream, "map/grid/belief", "step", times, pictures)
 
 
 def _log_robot(stream: rr.RecordingStream, cells: CellSpace, run: Localization) -> None:
@@ -164,7 +171,7 @@ def _log_robot(stream: rr.RecordingStream, cells: CellSpace, run: Localization) 
 def _log_end(stream: rr.RecordingStream, cells: CellSpace, run: Localization) -> None:
     """Marks, at the last step, the cells that are left, and the truth."""
     end = [rr.TimeColumn("step", sequence=[run.observations.size])]
-    x, y, _ = cells.centre(run.candidates[:_MOST_ARROWS])
+    x, y, _ = cells.centre(run.candidates[:MOST_ARROWS])
     half = max(0.5 * cells.cell, 0.014 * extent(cells))
     boxes = rr.Boxes2D.columns(
         centers=np.stack([x, y], axis=1), half_sizes=np.full((x.size, 2), half)
@@ -244,10 +251,8 @@ def _steps(run: Localization) -> list[rr.TimeColumn]:
 def _arrows(
     cells: CellSpace, where: Integer[np.ndarray, "arrows"], length: float
 ) -> rr.ComponentColumnList:
-    """Arrows at cells, along their directions."""
-    x, y, theta = cells.centre(where)
-    heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    return rr.Arrows2D.columns(origins=np.stack([x, y], axis=1), vectors=length * heading)
+    origins, vectors = arrows(cells, where, length)
+    return rr.Arrows2D.columns(origins=origins, vectors=vectors)
 
 
 def _layout(cells: CellSpace, drawing: Drawing) -> rrb.Container:
@@ -265,7 +270,7 @@ def _layout(cells: CellSpace, drawing: Drawing) -> rrb.Container:
             rrb.Horizontal(
                 _plot("Cells where it may be", "filter/uncertainty"),
                 _plot("The same in bits (log2)", "filter/bits"),
-                _plot("Bumps (1)", "robot/bumped"),
+                _plot("Bumps (1) and steps (0)", "robot/bumped"),
                 _plot("Colour of the filter", "filter/color"),
             ),
             row_shares=[7, 3],

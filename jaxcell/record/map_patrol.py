@@ -19,7 +19,23 @@ BASE_VIEW: Color = (190, 226, 234)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MapPatrol:
-    """How robots patrol a map, and how vulnerable it is then: what is kept and shown together."""
+    """How robots patrol a map, and how vulnerable it is then: what is kept and shown together.
+
+    One robot in a corridor of four cells, each of which sees its neighbours:
+
+        >>> import jax
+        >>> from jaxcell import patrol, record, space
+        >>> room = space.Workspace([(0, 0), (4, 0), (4, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> problem = graph, visible, policies
+        >>> attack = patrol.vulnerability(jax.random.key(0), *problem, 0, [2], runs=5)
+        >>> capture = patrol.capture_probabilities(*problem, [2])
+        >>> found = record.MapPatrol(cells, 1.6, *problem, attack, capture)
+        >>> found.robots, found.contested.tolist(), found.capture.round(3).tolist()
+        (1, [0, 1, 2, 3], [[0.889, 1.0, 1.0, 0.889]])
+    """
 
     cells: CellSpace
     reach: float

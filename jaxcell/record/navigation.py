@@ -30,9 +30,10 @@ from .palette import (
     BELIEF,
     CATEGORIES,
     CLEAR,
-    KNOWN,
+    GOAL,
     PLAIN,
     ROBOT,
+    START,
     TEXT,
     TRAIL,
     Color,
@@ -74,12 +75,27 @@ def log_navigation(
     - `spec`: what was asked for, shown in the text.
 
     **Raises:** `ValueError` if the plan is not of these cells.
+
+    A corridor of three cells, and a robot that turns left at every bump:
+
+        >>> import math
+        >>> import pathlib
+        >>> import tempfile
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> plan = bounce.plan(cells, [math.pi / 2], start=0, goal=5)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_navigation(path, cells, plan)
+        ...     path.stat().st_size > 1000
+        True
     """
     check_plan(cells, plan)
     with recording(path, "navigation") as stream:
         log_map(stream, cells)
-        _log_end(stream, cells, "start", plan.start, BELIEF)
-        _log_end(stream, cells, "goal", plan.goal, KNOWN)
+        _log_end(stream, cells, "start", plan.start, START)
+        _log_end(stream, cells, "goal", plan.goal, GOAL)
         _log_reaching(stream, cells, plan)
         log_text(stream, "text", _text(cells, plan, spec or {}))
         reaching = _reaching_layout(cells)
@@ -161,7 +177,7 @@ def _log_plan(stream: rr.RecordingStream, cells: CellSpace, plan: Plan) -> None:
         for i, one in enumerate(angle.tolist())
     ]
     marks = [("before the first bump", TRAIL), ("the robot", ROBOT)]
-    marks += [("start", BELIEF), ("goal", KNOWN)]
+    marks += [("start", START), ("goal", GOAL)]
     legend += [LegendEntry(angle.size + i, *mark) for i, mark in enumerate(marks)]
     log_legend_style(stream, "plan/legend")
     log_legends(stream, "plan/legend", "step", np.array([0]), [legend])
@@ -228,7 +244,7 @@ def _log_reaching(stream: rr.RecordingStream, cells: CellSpace, plan: Plan) -> N
     stream.log("map/grid/heat", picture, static=True)
 
     one = [PictureClass("not free", CLEAR), PictureClass("not from here", PLAIN)]
-    log_classes(stream, "map/grid/heading", [*one, PictureClass("from here", KNOWN)])
+    log_classes(stream, "map/grid/heading", [*one, PictureClass("from here", classes[-1].color)])
     log_legend_style(stream, "reaching/legend")
     every = np.arange(cells.directions)
     heading = plan.cells // cells.positions
@@ -256,7 +272,7 @@ def _reaching_legend(
     degrees = f"{360 * heading / cells.directions:.4g}°"
     return [
         *entries,
-        LegendEntry(len(classes), f"from here, heading {degrees}", KNOWN),
+        LegendEntry(len(classes), f"from here, heading {degrees}", classes[-1].color),
         LegendEntry(len(classes) + 1, f"not from here, heading {degrees}", PLAIN),
     ]
 

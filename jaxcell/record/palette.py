@@ -1,7 +1,8 @@
 """The colours of all recordings, told apart by colour-blind people too.
 
 What stands for one thing is the same everywhere: obstacles are dark, free space is light, the
-robot is vermilion, where it may be is blue, and what is known in the end is green.
+robot is vermilion, where it may be is blue, and what is known in the end is green. A way goes from
+the blue start to the green goal, and what an adversary attacks is pink.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -22,6 +23,9 @@ ROBOT: Color = (213, 94, 0)
 TRAIL: Color = (90, 90, 90)
 BELIEF: Color = (0, 114, 178)
 KNOWN: Color = (0, 158, 115)
+START: Color = BELIEF
+GOAL: Color = KNOWN
+TARGET: Color = (204, 121, 167)
 PLAIN: Color = (140, 144, 150)
 CURRENT: Color = (255, 255, 255)
 ON_GROUP: Color = (255, 255, 255)
@@ -37,6 +41,10 @@ CATEGORIES: dict[str, Color] = {
     "pink": (204, 121, 167),
 }
 
+_ROBOTS = ("vermilion", "blue", "green", "orange", "pink", "sky blue", "yellow")
+ROBOTS: list[tuple[str, Color]] = [*((name, CATEGORIES[name]) for name in _ROBOTS), ("grey", PLAIN)]
+"""The first robot, the second, and so on."""
+
 # Samples of viridis, without its darkest part, which obstacles would be taken for.
 _RAMP = np.array(
     [
@@ -51,6 +59,11 @@ _RAMP = np.array(
     ],
     float,
 )
+
+
+def robot_color(robot: int) -> tuple[str, Color]:
+    """What stands for one of several robots, which are counted from 0."""
+    return ROBOTS[robot % len(ROBOTS)]
 
 
 def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:

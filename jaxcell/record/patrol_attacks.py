@@ -24,14 +24,16 @@ from .palette import (
     FREE,
     KNOWN,
     PLAIN,
+    ROBOTS,
+    TARGET,
     TEXT,
     Color,
     LegendEntry,
     PictureClass,
     mix,
+    robot_color,
 )
 from .pictures import on_squares
-from .team import robot_color
 
 
 WAITING, ATTACKING, CAUGHT, SUCCEEDED = range(4)
@@ -39,15 +41,13 @@ _STATES: list[tuple[str, Color]] = [
     ("the target: nobody attacks it", PLAIN),
     ("an attack goes on", CATEGORIES["yellow"]),
     ("it was caught", KNOWN),
-    ("it succeeded", CATEGORIES["pink"]),
+    ("it succeeded", TARGET),
 ]
 # About so many attacks are shown, as far as there are steps.
 _ATTACKS = 30
 _FEWEST_STEPS, _MOST_STEPS = 600, 1500
 # Over all robots: an outline at each step is some hundreds of bytes.
 _MOST_OUTLINES = 12_000
-# Robots past these have the colours of others.
-_COLORS = 8
 # How long it is shown how an attack ended, and the longest wait for the next.
 _PAUSE, _WAIT = 8, 40
 # Where a robot has been in its last steps.
@@ -139,7 +139,7 @@ def log_attacks(stream: rr.RecordingStream, patrol: MapPatrol, attacks: Attacks)
     frame = rr.Boxes2D(
         centers=[target],
         half_sizes=[[0.5 * cell, 0.5 * cell]],
-        colors=(0, 0, 0),
+        colors=TARGET,
         radii=rr.Radius.ui_points(2),
         draw_order=49,
     )
@@ -210,7 +210,7 @@ def _walk(policy: Policy, random: np.random.Generator, steps: int) -> Int[np.nda
 
 def _log_seen(stream: rr.RecordingStream, patrol: MapPatrol, attacks: Attacks) -> None:
     """Logs which robot sees each square."""
-    colors = min(patrol.robots, _COLORS)
+    colors = min(patrol.robots, len(ROBOTS))
     classes = [PictureClass("not free", CLEAR), PictureClass("nobody sees it", FREE)]
     for robot in range(colors):
         name, color = robot_color(robot)
@@ -241,7 +241,7 @@ def _labels(patrol: MapPatrol, attacks: Attacks) -> list[str]:
 def _legend(patrol: MapPatrol) -> list[LegendEntry]:
     entries = [
         (f"robot {robot}, its last steps and sight", robot_color(robot)[1])
-        for robot in range(min(patrol.robots, _COLORS))
+        for robot in range(min(patrol.robots, len(ROBOTS)))
     ]
     if patrol.robots > 1:
         entries.append(("in view of several robots", mix(PLAIN, FREE, 0.3)))

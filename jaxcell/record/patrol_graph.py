@@ -19,7 +19,18 @@ from .blueprint import (
     send_blueprint,
 )
 from .matrix import log_matrix, matrix_view
-from .palette import CATEGORIES, FREE, OBSTACLE, PLAIN, ROBOT, TEXT, Color, LegendEntry, ramp
+from .palette import (
+    FREE,
+    OBSTACLE,
+    PLAIN,
+    ROBOT,
+    ROBOTS,
+    TEXT,
+    Color,
+    LegendEntry,
+    ramp,
+    robot_color,
+)
 from .patrol_dataset import check_measures, edge_shares, vertex_names
 from .patrol_game import log_game
 from .patrol_text import patrol_text
@@ -33,8 +44,6 @@ _MOST_NAMES = 80
 _MOST_CHANCES = 60
 # What a solver leaves of a probability that is 0.
 _NOTHING = 1e-9
-# None of them is a colour of an edge.
-_PATROLLERS = [CATEGORIES[name] for name in ("vermilion", "pink", "orange", "sky blue")]
 _ONCE = np.zeros(1, np.int64)
 # Where a patroller has been in its last steps.
 _TRAIL = 4
@@ -71,6 +80,18 @@ def log_patrol_graph(
 
     **Raises:** `ValueError` if the graph has no positions, the measures or the game are not of its
     vertices, the chain takes other ways than its edges, or there are no robots.
+
+    A random walk on a line of three vertices:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import patrol, record
+        >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
+        >>> measures = patrol.measure(patrol.random_walk(graph, [1, 1]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_patrol_graph(path, graph, measures)
+        ...     path.stat().st_size > 1000
+        True
     """
     check_measures(graph, measures, game)
     if graph.xy is None:
@@ -167,8 +188,8 @@ def _log_shares(
 def _legend_of_patrollers(robots: int) -> list[tuple[str, Color]]:
     """The colours of the first patrollers; further ones have the same again."""
     if robots == 1:
-        return [("the patroller", _PATROLLERS[0])]
-    return [(f"patroller {i}", color) for i, color in enumerate(_PATROLLERS[:robots])]
+        return [("the patroller", ROBOT)]
+    return [(f"patroller {i}", color) for i, (_, color) in enumerate(ROBOTS[:robots])]
 
 
 def _log_next(stream: rr.RecordingStream, drawing: _Drawing, measures: Measures) -> None:
@@ -273,12 +294,15 @@ def _log_walks(
         # A strip of one point is none.
         trail[0] = place[[0, 0]]
         strips = rr.LineStrips2D.columns(strips=trail)
-        stream.send_columns(f"graph/patrollers/{robot}/trail", index, strips)
-        color = _PATROLLERS[robot % len(_PATROLLERS)]
-        line = rr.LineStrips2D.from_fields(
-            colors=color, radii=rr.Radius.ui_points(1.5), draw_order=30
-        )
-        stream.log(f"graph/patrollers/{robot}/trail", line, static=True)
+        color = robot_color(robot)[1]
+        # A light rim, for an edge may have the colour of the patroller.
+        for name, shown, wide, order in ("rim", TEXT, 3.5, 29.0), ("trail", color, 2.0, 30.0):
+            path = f"graph/patrollers/{robot}/{name}"
+            stream.send_columns(path, index, strips)
+            line = rr.LineStrips2D.from_fields(
+                colors=shown, radii=rr.Radius.ui_points(wide), draw_order=order
+            )
+            stream.log(path, line, static=True)
         here = rr.Points2D.columns(positions=place)
         stream.send_columns(f"graph/patrollers/{robot}/here", index, here)
         dot = rr.Points2D.from_fields(colors=color, radii=0.9 * drawing.mark, draw_order=40)

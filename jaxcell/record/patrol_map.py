@@ -33,12 +33,12 @@ from .palette import (
     PictureClass,
     mix,
     ramp,
+    robot_color,
 )
 from .patrol_attacks import attacks_layout, log_attacks, simulate_attacks
 from .patrol_map_text import cover_text, patrol_text, policies_text, regions_text
 from .patrol_target import log_target, log_vulnerability
 from .pictures import on_squares
-from .team import robot_color
 
 
 _ONCE = np.zeros(1, np.int64)
@@ -74,6 +74,24 @@ def log_patrol_map(
     - `patrol`: the patrol.
     - `seed`: of the walks and the attacks that are shown.
     - `spec`: what was asked for, shown in the text.
+
+    One robot in a corridor of four cells, each of which sees its neighbours:
+
+        >>> import jax, pathlib, tempfile
+        >>> from jaxcell import patrol, record, space
+        >>> room = space.Workspace([(0, 0), (4, 0), (4, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> problem = graph, visible, policies
+        >>> attack = patrol.vulnerability(jax.random.key(0), *problem, 0, [2], runs=5)
+        >>> capture = patrol.capture_probabilities(*problem, [2])
+        >>> found = record.MapPatrol(cells, 1.6, *problem, attack, capture)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_patrol_map(path, found)
+        ...     path.stat().st_size > 1000
+        True
     """
     attacks = simulate_attacks(patrol, seed)
     with recording(path, "patrol_map") as stream:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from .map_patrol import MapPatrol
+from .palette import robot_color
 from .patrol_attacks import Attacks
-from .team import robot_color
 from .texts import made_with
 
 
@@ -41,8 +41,8 @@ Press play, or drag the slider `step` at the bottom.
 
 - **dots**: the robots, with their last steps and the outline of what they see. The squares that
   they see wholly have their colours.
-- **the framed square**: the target, yellow during an attack, then green if it was caught and pink
-  if not.
+- **the pink frame**: the target. The dot in it is yellow during an attack, then green if that was
+  caught, and pink if not.
 - **the curves**: the attacks so far.
 - The tab **Cover**: cells from which a robot sees everything, one by one.
 - The tab **Policies**: how often a robot takes each way.{_base_tab(patrol)}

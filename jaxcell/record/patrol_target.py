@@ -21,7 +21,7 @@ from .palette import (
     CLEAR,
     FREE,
     KNOWN,
-    ROBOT,
+    TARGET,
     TEXT,
     Color,
     LegendEntry,
@@ -35,7 +35,7 @@ from .plot import Plot, ticks
 
 
 _ONCE = np.zeros(1, np.int64)
-_EXACT, _FITTED, _RUNS = FREE, CATEGORIES["pink"], BELIEF
+_EXACT, _FITTED, _RUNS = FREE, CATEGORIES["orange"], BELIEF
 # Lines of the charts, wide enough for those on top to leave them visible.
 _THIN, _MIDDLE, _WIDE = 1.5, 3.0, 7.0
 _MOST_BARS = 80
@@ -44,7 +44,7 @@ _SHOWN = 0.95
 _POINTS = 400
 _LEVELS = 32
 _LEGEND_ROWS = 7
-_NEVER: Color = (204, 121, 167)
+_NEVER: Color = FREE
 
 
 def log_target(stream: rr.RecordingStream, patrol: MapPatrol) -> rrb.Container:
@@ -64,12 +64,12 @@ def log_target(stream: rr.RecordingStream, patrol: MapPatrol) -> rrb.Container:
     log_outlines(stream, "map/target_outline", "step", _ONCE, rings)
     log_outline_style(stream, "map/target_outline", BELIEF)
     dot = rr.Points2D(
-        patrol.xy[[attack.target]], colors=ROBOT, radii=0.3 * patrol.cells.cell, draw_order=40
+        patrol.xy[[attack.target]], colors=TARGET, radii=0.3 * patrol.cells.cell, draw_order=40
     )
     stream.log("map/target_cell", dot, static=True)
     entries = [(one.label, one.color) for one in classes[1:]]
     entries += [
-        ("the cell that is attacked", ROBOT),
+        ("the target", TARGET),
         ("simulated: a share of the runs", _RUNS),
         ("exact law", _EXACT),
     ]
@@ -212,7 +212,7 @@ def _log_worst(
     frame = rr.Boxes2D(
         centers=[xy],
         half_sizes=[[0.5 * cell, 0.5 * cell]],
-        colors=ROBOT,
+        colors=TARGET,
         radii=rr.Radius.ui_points(3),
         draw_order=40,
     )

@@ -25,8 +25,8 @@ from .belief import (
     log_shades,
     shades,
 )
-from .blueprint import extent, fixed, log_map, log_text, map_view
-from .palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, ROBOT, TRAIL, Color
+from .blueprint import extent, fixed, log_map, log_text, map_view, new_stream, recording_name
+from .palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
 from .texts import describe, made_with
 from .viewer import viewer_sink
 
@@ -42,19 +42,20 @@ _OFF = 0.01
 _MOST_CORNERS = 100
 _ESTIMATE: Color = CATEGORIES["pink"]
 _DONE = ("localized", "arrived", "patrolled")
-_COLORS: list[Color] = [
-    ROBOT,
-    *(CATEGORIES[name] for name in ("green", "orange", "sky blue", "yellow", "blue")),
-]
-
-
 _NOWHERE = np.empty(0, np.int32)
 _NO_TRAIL = np.empty((0, 2))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRobot:
-    """A robot in the recording of a run."""
+    """A robot in the recording of a run.
+
+    A robot whose odometry begins in the origin, heading East:
+
+        >>> from jaxcell import record
+        >>> record.RecordedRobot(name="left", start=(0.0, 0.0, 0.0)).name
+        'left'
+    """
 
     name: str = "robot"
     start: tuple[float, float, float] | None = None
@@ -74,6 +75,18 @@ class RobotRecording:
 
     In the block, `event` takes the events of the run, as `jaxcell.robot.RunLog.on_event` tells
     them.
+
+    A robot that made a step and met a wall:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import record
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     with record.RobotRecording(path, [record.RecordedRobot()]) as recording:
+        ...         recording.event("observation", {"seconds": 1.0, "observation": 0})
+        ...         recording.event("observation", {"seconds": 2.0, "observation": 1})
+        ...     path.stat().st_size > 1000
+        True
     """
 
     def __init__(
@@ -117,12 +130,11 @@ class RobotRecording:
         self._path, self._cells, self._filter = path, cells, filter
         self._filter_on_map = on_map
         self._spec = dict(spec or {})
-        self._robots = [
-            _Robot(about, _COLORS[index % len(_COLORS)]) for index, about in enumerate(robots)
-        ]
+        self._robots = [_Robot(about, robot_color(index)[1]) for index, about in enumerate(robots)]
         self._viewer = None if viewer is None else viewer_sink(viewer)
-        # The viewer keeps one blueprint for each application, so each kind is one.
-        self._stream = rr.RecordingStream("jaxcell_robot")
+        self._stream = new_stream("robot")
+        # The clock of the robot is the one that counts.
+        self._stream.set_log_time_enabled(False)
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name="recording", daemon=True)
@@ -130,7 +142,7 @@ class RobotRecording:
     def __enter__(self) -> "RobotRecording":
         file = rr.FileSink(self._path)
         self._stream.set_sinks(*([file] if self._viewer is None else [file, self._viewer]))
-        self._stream.send_recording_name(self._path.parent.absolute().name)
+        self._stream.send_recording_name(recording_name(self._path))
         time = rrb.TimePanel(
             timeline="seconds",
             playback_speed=_SPEED,
@@ -345,7 +357,7 @@ class RobotRecording:
                 )
             )
         bumps = [f"+ /robot/{robot.about.name}/bumped" for robot in self._robots]
-        plots = [("Bumps (1)", bumps)]
+        plots = [("Bumps (1) and steps (0)", bumps)]
         if self._filter is not None:
             plots = [
                 ("Cells where it may be", ["+ /filter/uncertainty"]),

@@ -31,7 +31,22 @@ _LARGEST_TABLE = 2**28
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaDrift:
-    """What becomes of drifters in some layers of the sea: what is kept and shown together."""
+    """What becomes of drifters in some layers of the sea: what is kept and shown together.
+
+    The surface of the bundled sea at its first record:
+
+        >>> from jaxcell import drift, record
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
+        >>> behaviour = drift.long_term_behaviour(chain, duration)
+        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
+        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
+        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> found.sea.cells, found.depths, round(found.duration / 60)
+        (538, [0.0], 31)
+    """
 
     currents: xr.Dataset
     "As from [`jaxcell.drift.open_currents`][]."

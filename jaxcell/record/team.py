@@ -19,17 +19,12 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .palette import BELIEF, CATEGORIES, CLEAR, FREE, PLAIN, Color, PictureClass, mix
+from .palette import BELIEF, CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color
 from .pictures import on_squares
 from .team_dataset import check_team, first_visits
 from .texts import describe, made_with
 
 
-_COLORS: list[tuple[str, Color]] = [
-    *((name, CATEGORIES[name]) for name in ("vermilion", "blue", "green", "orange", "pink")),
-    *((name, CATEGORIES[name]) for name in ("sky blue", "yellow")),
-    ("grey", PLAIN),
-]
 _MARK: Color = (0, 0, 0)
 # Longer trajectories are shown at so many times, and at the end.
 _MOST_TIMES = 20_000
@@ -59,6 +54,21 @@ def log_team(
     - `spec`: what was asked for, shown in the text.
 
     **Raises:** `ValueError` if the trajectory is not of these cells.
+
+    Two robots in a corridor of three cells:
+
+        >>> import math
+        >>> import pathlib
+        >>> import tempfile
+        >>> from jaxcell import bounce, record, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> team = bounce.team_trajectory(cells, starts=[0, 5], bounces=math.pi / 2)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_team(path, cells, team)
+        ...     path.stat().st_size > 1000
+        True
     """
     check_team(cells, team)
     steps, robots = team.bumped.shape
@@ -76,15 +86,10 @@ def log_team(
         send_blueprint(stream, _layout(cells, team), "step", speed=speed)
 
 
-def robot_color(robot: int) -> tuple[str, Color]:
-    """The name of the colour of a robot, and the colour."""
-    return _COLORS[robot % len(_COLORS)]
-
-
 def _log_visited(stream: rr.RecordingStream, cells: CellSpace, team: TeamTrajectory) -> None:
     """Logs which robot came first to each square that was visited."""
     classes = [PictureClass("not visited", CLEAR)]
-    for robot in range(min(team.path.shape[1], len(_COLORS))):
+    for robot in range(min(team.path.shape[1], len(ROBOTS))):
         name, color = robot_color(robot)
         label = f"first visited by robot {robot} ({name})"
         classes.append(PictureClass(label, mix(color, FREE, 0.55)))
@@ -95,7 +100,7 @@ def _log_visited(stream: rr.RecordingStream, cells: CellSpace, team: TeamTraject
     shown = np.linspace(0, len(changes) - 1, min(len(changes), _MOST_PICTURES)).round().astype(int)
     changes = changes[shown]
     seen = (time >= 0) & (time <= changes[:, None])
-    pictures = on_squares(cells, np.where(seen, 1 + visitor % len(_COLORS), 0))
+    pictures = on_squares(cells, np.where(seen, 1 + visitor % len(ROBOTS), 0))
     log_pictures(stream, "map/grid/visited", "step", changes, pictures)
 
 
