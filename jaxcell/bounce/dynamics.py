@@ -224,7 +224,9 @@ def bounce_shift(
     """
     shift = np.asarray(bounce, float) * directions / (2 * math.pi)
     whole = np.round(shift)
-    wrong = ~(np.abs(shift - whole) < 1e-6)
+    # Infinity less itself is no number, and beyond 2^53 every float64 is whole.
+    with np.errstate(invalid="ignore"):
+        wrong = ~((np.abs(shift - whole) < 1e-6) & (np.abs(shift) < 2**53))
     if wrong.any():
         degrees = np.rad2deg(np.asarray(bounce, float)[wrong].flat[0])
         raise ValueError(

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 # The edges by edges matrix of the weights' Hessian would not fit, nor be done today.
 _MOST_CELLS = 1500
+_MOST_RUNS = 10_000_000
 # The shares that are mixed against the adversary, besides the one that is asked for.
 _SHARES = (0.0, 0.2, 0.5, 0.8, 0.95)
 
@@ -152,8 +153,8 @@ class PatrolMap(OutputOptions):
         for one in self.attack_times:
             if one < 1:
                 raise ValueError(f"--attack-times: expected at least 1 step, got {one}")
-        if self.runs < 2:
-            raise ValueError(f"--runs: expected 2 or more, got {self.runs}")
+        if not 2 <= self.runs <= _MOST_RUNS:
+            raise ValueError(f"--runs: expected 2 or more, up to {_MOST_RUNS:,}, got {self.runs}")
         for option in ("base_range", "lost"):
             if self.base is None and getattr(self, option) is not None:
                 raise ValueError(f"--{option.replace('_', '-')} has no meaning without --base")

@@ -83,6 +83,9 @@ def open_currents(
     with open_netcdf(path) as file:
         velocity = choose_velocity(file, variables)
         axes = velocity.u_axes
+        for name in (velocity.u, velocity.v, axes.lon, axes.lat):
+            if 0 in file.dataset[name].shape:
+                raise file.error(name, "it has no values: one of its dimensions has the length 0")
         grid = read_grid(file, axes, bounds)
         times, undated = record_times(file, axes.time)
         records = choose_records(file, times, time, undated is None)

@@ -10,6 +10,8 @@ from .workspace import Workspace, edges
 
 
 _MOST_CELLS = 2**31 - 1
+# Metres, or radians: far beyond any map, and no product with it overflows.
+_LARGEST = 1e9
 # Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
 # wall or to an edge between cells lies on it, on every platform.
 TOLERANCE = 1e-9
@@ -79,6 +81,8 @@ class CellSpace:
         """
         if not (math.isfinite(cell) and cell > 0):
             raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
+        if cell > _LARGEST:
+            raise ValueError(f"cell: the side must be at most {_LARGEST:g} m, got {cell}")
         left, bottom = workspace.boundary.min(axis=0).tolist()
         right, top = workspace.boundary.max(axis=0).tolist()
         # The margin makes a centre that lies on a wall free whatever the rounding.
@@ -181,8 +185,10 @@ class CellSpace:
         x, y, theta = np.broadcast_arrays(
             np.asarray(x, float), np.asarray(y, float), np.asarray(theta, float)
         )
-        if not (np.isfinite(x).all() and np.isfinite(y).all() and np.isfinite(theta).all()):
-            raise ValueError("a configuration needs finite numbers x, y, theta")
+        if not all((np.abs(one) <= _LARGEST).all() for one in (x, y, theta)):
+            raise ValueError(
+                f"a configuration needs finite numbers x, y, theta of at most {_LARGEST:g}"
+            )
         rows, columns = self.free.shape
         column = np.floor(np.round((x - self.origin[0]) / self.cell, 9)).astype(np.int64)
         row = np.floor(np.round((y - self.origin[1]) / self.cell, 9)).astype(np.int64)

@@ -96,14 +96,15 @@ def rasterise(
     """
     xmin, ymin, xmax, ymax = bounds
     # A width of 0.3 holds three squares of 0.1, although 0.3 / 0.1 may round to more than 3.
-    columns = math.ceil((xmax - xmin) / cell - 1e-9)
-    rows = math.ceil((ymax - ymin) / cell - 1e-9)
-    if columns * rows > _MOST_SQUARES:
+    width, height = (xmax - xmin) / cell - 1e-9, (ymax - ymin) / cell - 1e-9
+    # Of a cell next to 0 they are infinite, and have no ceiling.
+    if max(width, 1.0) * max(height, 1.0) > _MOST_SQUARES:
         raise ValueError(
-            f"cell: squares of {cell:g} m make a grid of {columns} x {rows}, "
+            f"cell: squares of {cell:g} m make a grid of {width:.0f} x {height:.0f}, "
             f"more than the {_MOST_SQUARES} squares of the largest grid there can be"
         )
+    columns, rows = math.ceil(width), math.ceil(height)
     x = xmin + (np.arange(columns) + 0.5) * cell
     y = ymin + (np.arange(rows) + 0.5) * cell
     shapely.prepare(environment)
-    return np.stack([~shapely.intersects_xy(environment, x, height) for height in y])
+    return np.stack([~shapely.intersects_xy(environment, x, level) for level in y])

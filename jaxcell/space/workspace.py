@@ -105,6 +105,11 @@ class Workspace:
     def _check_numbers(self) -> None:
         if not self.robot_radius >= 0:
             raise ValueError(f"robot_radius: expected 0 m or more, got {self.robot_radius:g}")
+        if self.robot_radius > _LARGEST_COORDINATE:
+            raise ValueError(
+                f"robot_radius: expected at most {_LARGEST_COORDINATE:g} m, got "
+                f"{self.robot_radius:g}"
+            )
         if self.cell is not None and not self.cell > 0:
             raise ValueError(f"cell: expected more than 0 m, got {self.cell:g}")
         directions = self.directions
