@@ -1,15 +1,49 @@
 """Filters, plans and policies on an iRobot Create 2 or Roomba, over a serial line. Imports no JAX.
 
-The robot speaks the *Open Interface*: commands of a few bytes from the host, and every 15 ms a
-*frame* of sensor *packets* from the robot. It has four *modes*: Off; Passive, in which it only
-senses; Safe, in which the host drives it, and a cliff, a dropped wheel or a charger takes it back
-to Passive; and Full, in which nothing does. This package never uses Full.
+**The robot** speaks the *Open Interface*: commands of a few bytes from the host, and every 15 ms a
+*frame* of sensor *packets* from the robot. It has four *modes* (`Mode`): Off; Passive, in which it
+only senses; Safe, in which the host drives it, and a cliff, a dropped wheel or a charger takes it
+back to Passive; and Full, in which nothing does. This package never uses Full. Lengths are in
+metres, angles in radians counter-clockwise, times in seconds.
 
-The Open Interface has no timeout: the wheels keep their last speed until told otherwise. So a
-`Create` watches its own caller, and a process of its own watches the process that drives.
+**What is guaranteed.** The Open Interface has no timeout: the wheels keep their last speed until
+told otherwise. So a `Create` stops them
 
-A `Walker` makes steps from cell to cell, `run_filter` and `run_plan` use them, and the log of a
-run can be replayed. `jaxcell.robot.emulator` has a robot without hardware.
+- when its `with` block ends, however it ends, by signals too;
+- when a wheel drops, at a cliff or a charger, with a low battery, or outside mode Safe: then
+    driving raises `RobotStopped` until the caller arms the robot again;
+- when the robot sends nothing, or the caller does not renew its speeds, for half a second;
+- when the driving process is killed or hangs, for a process of its own watches it.
+
+A cable pulled out, or a computer without power, is beyond that. Of a damaged line, `StreamParser`
+lets no wrong values through if of three frames in a row one byte is changed, lost or doubled.
+
+**Steps.** A `Walker` makes the steps of the model of bouncing robots (Alam 2018, Eq. 2.4) from cell
+to cell, by the encoders of the wheels, with the strides of `cell_strides`: each ends at the centre
+of a cell, or where it began if a bumper was pressed. So what it observes, 0 for a step and 1 for a
+bump, is what a filter expects.
+
+| what runs (`load_task` reads it) | run | from a log | source |
+| --- | --- | --- | --- |
+| a localization filter | `run_filter` | `replay` | section 2.4 |
+| a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
+| a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
+| a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
+
+Each gives an `Outcome`. A `RunLog` has every observation on the disk before the robot goes on;
+`read_log` reads it, also if it was cut off, and a replay comes to the same outcome.
+
+**On the way.** Patrols go from cell to cell by Lee's wave routing: `grid_steps` has the ways of a
+grid, `wave` the number of steps to a goal, `route` a shortest way, in time proportional to the
+cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_cross` makes the
+sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
+`CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
+
+**Without a host**, an Arduino on the robot's serial line runs a filter by the program that
+`filter_sketch` writes, or bounces for ever by that of `bounce_sketch` (section 3.5.4).
+
+`jaxcell.robot.emulator` has a robot at the other end of a serial line without hardware, and
+`jaxcell.robot.direct` one without a line or a clock, for thousands of runs.
 """
 
 from .clock import ByClock as ByClock

@@ -95,7 +95,19 @@ def find_cross(frame: Frame) -> Marker | None:
 
     - `frame`: 640 by 480 pixels are enough; the time grows with their number.
 
+    **Returns:** where it is in the frame, or `None`.
+
     **Raises:** `ValueError` if it is not a frame; `ModuleNotFoundError` without OpenCV.
+
+    A sheet on a grey wall:
+
+        >>> import numpy as np
+        >>> from jaxcell import robot
+        >>> frame = np.full((240, 320), 128, np.uint8)
+        >>> frame[40:140, 60:160] = robot.draw_cross(100)
+        >>> marker = robot.find_cross(frame)
+        >>> [round(x) for x in marker.centre], round(marker.arm)
+        ([110, 90], 31)
     """
     cv2 = _opencv()
     level = _grey(frame)
@@ -113,7 +125,20 @@ def find_cross(frame: Frame) -> Marker | None:
 
 
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
-    """Draws the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact."""
+    """Draws the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
+
+    **Arguments:**
+
+    - `side`: of the sheet, in pixels; multiples of 10 are exact.
+
+    **Returns:** the picture, 0 for black and 255 for white.
+
+    The smallest sheet that is exact:
+
+        >>> from jaxcell import robot
+        >>> robot.draw_cross(10)[5].tolist()
+        [255, 255, 0, 0, 0, 0, 0, 0, 255, 255]
+    """
     across = np.abs((np.arange(side) + 0.5) / side * 10 - 5)
     wide, long = across < 1, across < 3
     dark = (wide[:, None] & long) | (long[:, None] & wide)
@@ -144,7 +169,21 @@ class CrossLook:
 def camera(device: int = 0) -> Callable[[], Frame]:
     """Opens a camera, by its number, as a source of frames.
 
+    **Arguments:**
+
+    - `device`: the number of the camera, from 0.
+
+    **Returns:** a function that takes a frame, the next one after those that wait in the driver.
+
     **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
+
+    Without a camera:
+
+        >>> from jaxcell import robot
+        >>> robot.camera(99)
+        Traceback (most recent call last):
+            ...
+        OSError: camera 99 does not open
     """
     cv2 = _opencv()
     capture = cv2.VideoCapture(device)
@@ -168,7 +207,24 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
 
     After the last it begins again.
 
+    **Arguments:**
+
+    - `folder`: where the pictures are; `.png`, `.jpg` and `.jpeg` count.
+
+    **Returns:** a function that gives the next picture.
+
     **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
+
+    A folder with one picture:
+
+        >>> import pathlib, tempfile
+        >>> import cv2
+        >>> from jaxcell import robot
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = str(pathlib.Path(folder, "cross.png"))
+        ...     _ = cv2.imwrite(file, robot.draw_cross(50))
+        ...     robot.pictures(folder)().shape
+        (50, 50, 3)
     """
     cv2 = _opencv()
     paths = sorted(

@@ -150,6 +150,15 @@ class StreamParser:
     - `ids`: packets and groups, as given to `stream`.
 
     **Raises:** `ValueError` as `stream` does.
+
+    A byte of noise, and a frame with the two bytes of the encoders:
+
+        >>> from jaxcell import robot
+        >>> from jaxcell.robot.open_interface import stream_frame
+        >>> frame = stream_frame([43, 44], {"left_encoder": 7, "right_encoder": 9})
+        >>> parser = robot.StreamParser([43, 44])
+        >>> parser.feed(bytes([5]) + frame), parser.skipped
+        ([{'left_encoder': 7, 'right_encoder': 9}], 1)
     """
 
     skipped: int
@@ -204,7 +213,15 @@ class StreamParser:
 
 @dataclass(frozen=True)
 class Command:
-    """A command as the robot receives it."""
+    """A command as the robot receives it.
+
+    Drive straight at 200 mm/s:
+
+        >>> from jaxcell import robot
+        >>> from jaxcell.robot.open_interface import drive
+        >>> robot.CommandParser().feed(drive(200))[0].words
+        (200, -32768)
+    """
 
     opcode: int
     "The number of the command."
@@ -222,6 +239,14 @@ class CommandParser:
 
     As a robot does, it waits for missing data bytes, so that a command cut short swallows the next
     one. A byte that is no opcode is passed over.
+
+    A command that comes in two pieces:
+
+        >>> from jaxcell import robot
+        >>> from jaxcell.robot.open_interface import drive
+        >>> parser, data = robot.CommandParser(), drive(200)
+        >>> parser.feed(data[:2]), [command.opcode for command in parser.feed(data[2:])]
+        ([], [137])
     """
 
     def __init__(self) -> None:

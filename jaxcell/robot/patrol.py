@@ -33,6 +33,25 @@ class Patrol:
     it bumps is closed, and it takes another one. What it met may have been another robot: when no
     cell that can be drawn is left to go to, all ways are open again. The number of bumps is
     limited, since beyond a few the map is another, or the robot has lost its place.
+
+    A patrol that goes to and fro between the ends of a corridor and meets nothing:
+
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> from jaxcell import robot, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "patrol.json")
+        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     task = robot.load_task(path)
+        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
+        >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
+        >>> while (way := patrol.next()) is not None:
+        ...     patrol.observe(way, bumped=False)
+        >>> patrol.outcome().visited, patrol.outcome().result
+        ((2, 0), 'patrolled')
     """
 
     def __init__(
@@ -182,6 +201,27 @@ def run_patrol(
     - `log`: where to write each observation as it comes.
 
     **Returns:** [`PatrolOutcome`][].
+
+    A point robot that goes to and fro between the ends of a corridor, without a serial line:
+
+        >>> from jaxcell.robot.body import Body
+        >>> from jaxcell.robot.direct import DirectRobot
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> from jaxcell import robot, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "patrol.json")
+        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     task = robot.load_task(path)
+        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
+        >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
+        >>> body = Body(room, (0.5, 0.5, 0.0))
+        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=task.strides)
+        >>> robot.run_patrol(walker, patrol).observations
+        '0000'
     """
     _look(patrol, look, log)
     while (way := patrol.next()) is not None:
@@ -218,6 +258,32 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
 
     **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere: the
     log is of another policy.
+
+    A robot that goes to and fro between the ends of a corridor, and its log:
+
+        >>> from jaxcell.robot.body import Body
+        >>> from jaxcell.robot.direct import DirectRobot
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> from jaxcell import robot, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "patrol.json")
+        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     task = robot.load_task(path)
+        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
+        >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
+        >>> body = Body(room, (0.5, 0.5, 0.0))
+        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=task.strides)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.jsonl")
+        ...     with robot.RunLog(path, {"patrol": patrol.settings}) as log:
+        ...         outcome = robot.run_patrol(walker, patrol, log=log)
+        ...     run = robot.read_log(path)
+        >>> robot.replay_patrol(run, task) == outcome
+        True
     """
     patrol = Patrol(task, **run.header["patrol"])
     for event in run.events:

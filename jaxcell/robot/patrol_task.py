@@ -72,6 +72,21 @@ def save_patrols(
     - `starts`: the position where each begins.
     - `reach`: how far a robot sees, in metres.
     - `about`: what else is to be told.
+
+    One robot, that goes to and fro between the ends of a corridor:
+
+        >>> import pathlib, tempfile
+        >>> import numpy as np
+        >>> from jaxcell import robot, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "patrol.json")
+        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     task = robot.load_task(path)
+        >>> task.cells.positions, task.image.tolist(), task.reach
+        (3, [[2, 1, 0]], 1.5)
     """
     from ..space import CellSpace, free_steps
 

@@ -18,7 +18,16 @@ def grid_steps(
     - `closed`: ways between free squares that do not exist either, as a position and one of the
         four ways: 0 East, 1 North, 2 West, 3 South. Each is closed from both sides.
 
+    **Returns:** a row for each of the four ways.
+
     **Raises:** `ValueError` if a position or way does not exist.
+
+    Two free squares, one above the other:
+
+        >>> import numpy as np
+        >>> from jaxcell import robot
+        >>> robot.grid_steps(np.array([[True], [True]])).tolist()
+        [[0, 1], [1, 1], [0, 1], [0, 0]]
     """
     position = np.full(np.add(free.shape, 2), -1, np.int32)
     inner = position[1:-1, 1:-1]
@@ -51,7 +60,17 @@ def wave(steps: Int[np.ndarray, "4 positions"], goal: int) -> Int[np.ndarray, "p
     - `steps`: the result of [`grid_steps`][]: each way can be gone back.
     - `goal`: a position.
 
+    **Returns:** the number of steps from each position.
+
     **Raises:** `ValueError` if the goal does not exist.
+
+    A row of four squares; between the last two there is a wall:
+
+        >>> import numpy as np
+        >>> from jaxcell import robot
+        >>> steps = robot.grid_steps(np.ones((1, 4), bool), closed=[(2, 0)])
+        >>> robot.wave(steps, 0).tolist()
+        [0, 1, 2, -1]
     """
     _check(steps, goal, "goal")
     distance = np.full(steps.shape[1], -1, np.int32)
@@ -99,6 +118,15 @@ def route(
     **Returns:** the way of each step: 0 East, 1 North, 2 West, 3 South.
 
     **Raises:** `ValueError` if a position does not exist, or no way leads to the goal.
+
+    Around the middle of three times three squares; it is the way ahead as long as that leads there:
+
+        >>> import numpy as np
+        >>> from jaxcell import robot
+        >>> free = np.ones((3, 3), bool)
+        >>> free[1, 1] = False
+        >>> robot.route(robot.grid_steps(free), 0, 7, ahead=1)
+        [1, 1, 0, 0]
     """
     distance = wave(steps, goal)
     _check(steps, start, "start")

@@ -23,6 +23,17 @@ class RunLog:
 
     The first line tells what was run; each of the others is an event, with the seconds since then.
     A context manager.
+
+    A log of one event, read back:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import robot
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.jsonl")
+        ...     with robot.RunLog(path, {"kind": "trial"}) as log:
+        ...         log.event("note", text="off we go")
+        ...     robot.read_log(path).header["kind"]
+        'trial'
     """
 
     on_event: Callable[[str, Mapping[str, Any]], None] | None
@@ -110,8 +121,26 @@ def finished(outcome: Outcome, log: RunLog | None) -> Outcome:
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
     """Reads the log of a run, of one that was cut off too.
 
+    **Arguments:**
+
+    - `path`: the file that a [`RunLog`][] wrote.
+
+    **Returns:** [`LoggedRun`][].
+
     **Raises:** `ValueError` that names the file and the line, if it is not such a log;
     `FileNotFoundError`.
+
+    A log of one event; the end of the file is cut off:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import robot
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.jsonl")
+        ...     with robot.RunLog(path, {"kind": "trial"}) as log:
+        ...         log.event("note", text="off we go")
+        ...     _ = path.write_bytes(path.read_bytes()[:-3])
+        ...     robot.read_log(path).whole
+        False
     """
     text = Path(path).read_bytes()
     lines = text.split(b"\n")

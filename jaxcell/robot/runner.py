@@ -24,6 +24,25 @@ def run_filter(
     - `limit`: how many observations to make at most.
 
     **Returns:** [`Outcome`][].
+
+    A point robot in a corridor of three cells, without a serial line, and a filter for robots that
+    go West in it and stay at the end:
+
+        >>> import math
+        >>> from jaxcell import robot, space
+        >>> from jaxcell.robot.body import Body
+        >>> from jaxcell.robot.direct import DirectRobot
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> body = Body(room, (2.5, 0.5, math.pi))
+        >>> strides = robot.cell_strides(4, 1.0, 1.0)
+        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides, direction=2)
+        >>> import numpy as np
+        >>> from jaxcell.automata import Filter, subset_construction
+        >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
+        >>> filter = Filter.of(subset_construction(image, bumped))
+        >>> outcome = robot.run_filter(walker, filter, 0.0)
+        >>> outcome.result, outcome.observations, outcome.cells
+        ('localized', '00', (0,))
     """
     follower = _Follower(filter)
     while follower.result is None and len(follower.colors) < limit:
@@ -48,6 +67,20 @@ def run_plan(walker: Walker, actions: Sequence[float], *, log: RunLog | None = N
 
     **Returns:** [`Outcome`][]: `"refuted"` at the first step that meets a wall where none can be,
     or none where one must be.
+
+    A point robot in a corridor of three cells, without a serial line; it goes to the end and turns:
+
+        >>> import math
+        >>> from jaxcell import robot, space
+        >>> from jaxcell.robot.body import Body
+        >>> from jaxcell.robot.direct import DirectRobot
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> body = Body(room, (0.5, 0.5, 0.0))
+        >>> strides = robot.cell_strides(4, 1.0, 1.0)
+        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides)
+        >>> outcome = robot.run_plan(walker, [0.0, 0.0, math.pi / 2])
+        >>> outcome.result, outcome.observations
+        ('arrived', '001')
     """
     for index, action in enumerate(actions):
         bumped = walker.step()
@@ -69,6 +102,12 @@ def plan_outcome(actions: Sequence[float], observations: str) -> Outcome:
     - `observations`: 0 for a step and 1 for a bump, one for each action that was tried.
 
     **Returns:** [`Outcome`][].
+
+    The second step met a wall where none can be:
+
+        >>> from jaxcell import robot
+        >>> robot.plan_outcome([0.0, 0.0], "01").result
+        'refuted'
     """
     for index, (action, observation) in enumerate(zip(actions, observations, strict=False)):
         if (observation == "1") != (action != 0):
@@ -97,6 +136,17 @@ def replay(run: LoggedRun, filter: Filter) -> Outcome:
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
     it: it is of another filter.
+
+    The log of a robot that met a wall, and a filter for robots that go to cell 0 and stay:
+
+        >>> from jaxcell import robot
+        >>> import numpy as np
+        >>> from jaxcell.automata import Filter, subset_construction
+        >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
+        >>> filter = Filter.of(subset_construction(image, bumped))
+        >>> events = ({"event": "observation", "observation": 1},)
+        >>> robot.replay(robot.LoggedRun({}, events, True), filter).result
+        'localized'
     """
     follower = _Follower(filter)
     observations = run.observations

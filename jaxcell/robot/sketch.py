@@ -42,6 +42,19 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
 
     **Raises:** `ValueError` if the tables are too large, or with a heading for a direction that is
     not one or a bouncing angle that is no whole number of directions.
+
+    The filter of a robot that goes to cell 0 of three and stays there:
+
+        >>> import pathlib
+        >>> import numpy as np
+        >>> from jaxcell import robot
+        >>> from jaxcell.automata import Filter, subset_construction
+        >>> from jaxcell.robot.tasks import FilterTask
+        >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
+        >>> filter = Filter.of(subset_construction(image, bumped))
+        >>> task = FilterTask(pathlib.Path("filter.jxf"), 1.0, 4, 1.0, 0.0, filter, 0.0)
+        >>> print(*robot.filter_sketch(task).splitlines()[:1])
+        /* Localizes an iRobot Create 2 by its bumps: a filter of 3 states.
     """
     if direction is not None and not 0 <= direction < task.directions:
         raise ValueError(f"direction: expected 0 to {task.directions - 1}, got {direction}")
@@ -86,6 +99,13 @@ def bounce_sketch(bounce: float, step: float) -> str:
     **Returns:** the text of an `.ino` file.
 
     **Raises:** `ValueError` for an angle that is not finite, or a step that is not positive.
+
+    A quarter turn at each bump, steps of half a metre:
+
+        >>> import math
+        >>> from jaxcell import robot
+        >>> print(*robot.bounce_sketch(math.pi / 2, 0.5).splitlines()[:1])
+        /* Lets an iRobot Create 2 bounce: it turns by one angle at each bump.
     """
     if not math.isfinite(bounce):
         raise ValueError(f"bounce: expected a finite angle, got {bounce}")

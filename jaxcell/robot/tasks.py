@@ -52,8 +52,22 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         --out`.
     - `robot`: which of a team, or of those that patrol; the first if not given.
 
+    **Returns:** the filter, plan, or part of a robot, with what it has to know of its map.
+
     **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
     no such robot in it, or no plan; `FileNotFoundError`.
+
+    The part of one robot of a team:
+
+        >>> import math, pathlib, tempfile
+        >>> from jaxcell import robot
+        >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "team.json")
+        ...     robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
+        ...     task = robot.load_task(path)
+        >>> type(task).__name__, task.robots
+        ('MemberTask', 1)
     """
     path = Path(path)
     if path.suffix == ".nc":

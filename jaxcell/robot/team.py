@@ -68,6 +68,16 @@ def member_actions(
         [`jaxcell.space.free_steps`][] for the step and the collision of the trajectory.
 
     **Returns:** for each robot its actions, [`jaxcell.robot.team.FREE`][].
+
+    A robot alone in a row of two cells makes a step and turns at the wall:
+
+        >>> import numpy as np
+        >>> from jaxcell import robot, space
+        >>> room = space.Workspace([(0, 0), (2, 0), (2, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> path, bumped = np.int32([[0], [1], [3]]), np.array([[False], [True]])
+        >>> robot.member_actions(path, bumped, space.free_steps(cells, 1.0, "swept"))
+        ['01']
     """
     directions, positions = steps.shape
     direction, position = np.divmod(path, positions)
@@ -96,6 +106,18 @@ def save_team(
     - `starts`: the pose of each robot, in metres and radians.
     - `bounces`: the bouncing angle of each, in radians.
     - `actions`: the actions of each, of [`member_actions`][].
+
+    One robot, that makes two steps and turns at a wall:
+
+        >>> import math, pathlib, tempfile
+        >>> from jaxcell import robot
+        >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "team.json")
+        ...     robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
+        ...     task = robot.load_task(path)
+        >>> task.start, task.actions
+        ((0.5, 0.5, 0.0), '001')
     """
     robots = [
         {
@@ -225,6 +247,25 @@ def run_member(
 
     **Returns:** [`jaxcell.robot.Outcome`][]: `"arrived"`, or `"refuted"` at a step that met no wall
     where there is one, or something three times where the way is free.
+
+    A point robot in a corridor of three cells, without a serial line:
+
+        >>> import math, pathlib, tempfile
+        >>> from jaxcell import robot, space
+        >>> from jaxcell.robot.body import Body
+        >>> from jaxcell.robot.direct import DirectRobot
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> body = Body(room, (0.5, 0.5, 0.0))
+        >>> strides = robot.cell_strides(4, 1.0, 1.0)
+        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides)
+        >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "team.json")
+        ...     robot.save_team(path, common, [(0.5, 0.5, 0.0)], [math.pi / 2], ["001"])
+        ...     task = robot.load_task(path)
+        >>> outcome = robot.run_member(walker, task)
+        >>> outcome.result, outcome.observations
+        ('arrived', '001')
     """
     member = Member(task.actions, TRIES)
     direction = 2 * math.pi / task.directions

@@ -35,6 +35,12 @@ def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray,
     **Returns:** for each direction, how far ahead of the centre where the step began that of the
     end is, and how far to the left, in metres. In the directions along an axis, and a step of a
     cell, it is the step itself.
+
+    To the East, and to the North East, where the step ends short of the centre of its cell:
+
+        >>> from jaxcell import robot
+        >>> robot.cell_strides(8, 1.0, 1.0)[:2].round(3).tolist()
+        [[1.0, 0.0], [1.414, 0.0]]
     """
     angle = 2 * np.pi * np.arange(directions) / directions
     heading = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -61,6 +67,22 @@ class Walker:
 
     Each target is a place in the frame of the odometry: what a step misses is made good in the
     next. What the encoders do not see (slip) is not.
+
+    A point robot in a corridor of three cells, without a serial line:
+
+        >>> import math
+        >>> from jaxcell import robot, space
+        >>> from jaxcell.robot.body import Body
+        >>> from jaxcell.robot.direct import DirectRobot
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> body = Body(room, (0.5, 0.5, 0.0))
+        >>> strides = robot.cell_strides(4, 1.0, 1.0)
+        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides)
+        >>> walker.step(), walker.step(), walker.step(), walker.observations
+        (False, False, True, '001')
+        >>> walker.rotate(math.pi / 2)
+        >>> [round(x, 2) for x in body.pose]
+        [2.5, 0.5, 1.57]
     """
 
     observations: str
