@@ -1,18 +1,19 @@
 """Sweeps: one task for many parameters, on one machine or many, in a store that survives crashes.
 
-A *specification*, a TOML file, names a *task* and the parameters of its *members*:
+A *specification*, a TOML file read by `Spec.load`, names a *task* and the parameters of its
+*members*:
 
 ```toml
 task = "groups"            # or "module:function"
 seed = 0
-chunk = 64                 # members computed and stored together; or {angle = 16, map = 1}
+chunk = 64                 # members computed and stored together; or {bounce = 16, map = 1}
 
 [fixed]                    # what all members share
 directions = 8
 
 [grid]                     # a dimension for each
 map = ["data/maps/lab_a.json", "data/maps/lab_b.json"]
-angle = {start = 0, stop = 360, step = 5}
+bounce = {start = 0, stop = 360, step = 5}
 
 [random]                   # one dimension, `sample`; or [list], with one dimension `member`
 samples = 100
@@ -24,8 +25,25 @@ fixed values, and of the seed. It gives an `xarray.Dataset` whose variables have
 first dimension. What it gives a member may depend on the parameters and the seed, but not on the
 place in the batch, nor on the others there.
 
-`run_sweep` computes the chunks, and `open_sweep` gives the result: one Dataset with a dimension for
-each parameter. Nothing here imports JAX; the tasks do.
+`run_sweep` computes the chunks by an engine (`engine_named`: this process, several, or Dask), and
+`open_sweep` gives the result: one Dataset with a dimension for each parameter, and a `status` that
+is 1 where a member is done. `sweep_status` says how far a sweep is, also while it runs. What they
+guarantee:
+
+- A chunk is in the store whole or not at all. A run may end at any moment, by a kill or a loss of
+    power, and with `resume` another one computes what is missing and no more.
+- The numbers depend on the specification alone: not on the engine, the number of processes, the
+    order in which chunks end, or interruptions. The bytes of the store are the same. A store that
+    was begun with another specification, or another version of jaxcell or JAX, is refused.
+- One run at a time writes to a store.
+- A chunk that fails is reported with its parameters and does not stop the others. A worker that
+    dies is replaced.
+- Random samples come from the seed, each parameter from a stream of its own, so that one more
+    parameter does not change the others.
+- Chunks have one shape, padded at the edges, so that a task is compiled once for each process.
+    Only a few chunks are in memory at a time.
+
+Nothing here imports JAX; the tasks do.
 """
 
 from .engines import engine_named as engine_named

@@ -46,7 +46,17 @@ def engine_named(name: str, workers: int | None = None) -> Engine:
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
         processor that this process may run on.
 
+    **Returns:** a function that takes jobs and gives back their outcomes as they come.
+
     **Raises:** `ValueError` for another name, or if `distributed` is not installed.
+
+    A name that is none:
+
+        >>> from jaxcell import sweep
+        >>> sweep.engine_named("threads")
+        Traceback (most recent call last):
+            ...
+        ValueError: engine: expected local, processes, dask or dask://host:port, got 'threads'
     """
     address = re.fullmatch(r"dask://([^/\s]+:\d+)", name)
     if name not in ("local", "processes", "dask") and address is None:

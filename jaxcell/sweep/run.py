@@ -100,6 +100,20 @@ def run_sweep(
     one is there and `resume` was not asked for;
     `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
     the scheduler of a cluster cannot be reached.
+
+    The periodic groups of two angles on one map:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import sweep
+        >>> from jaxcell.bundled import bundled
+        >>> lab = bundled("maps/lab_a.json")
+        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
+        ...     _ = path.write_text("\\n".join(lines))
+        ...     found = sweep.run_sweep(sweep.Spec.load(path), out)
+        >>> found.complete, found.members, found.done
+        (True, 2, 1)
     """
     folder = Path(out)
     start = engine_named(engine, workers)
@@ -136,7 +150,28 @@ def run_sweep(
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     """How far the sweep in a folder is; while it runs, too.
 
+    **Arguments:**
+
+    - `out`: the folder of the store.
+
+    **Returns:** [`SweepStatus`][].
+
     **Raises:** `ValueError` if there is none.
+
+    A sweep that is done:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import sweep
+        >>> from jaxcell.bundled import bundled
+        >>> lab = bundled("maps/lab_a.json")
+        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
+        ...     _ = path.write_text("\\n".join(lines))
+        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     found = sweep.sweep_status(out)
+        >>> found.task, found.dimensions, found.complete, found.running
+        ('groups', {'bounce': 2}, True, None)
     """
     folder = Path(out)
     if not (folder / "spec.toml").is_file():
@@ -168,7 +203,29 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
     Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
     booleans `False`.
 
+    **Arguments:**
+
+    - `out`: the folder of the store.
+
+    **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
+    its `status` is 1 where a member is done.
+
     **Raises:** `ValueError` if there is none, or no chunk of it is done yet.
+
+    The number of periodic groups for two angles on one map:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import sweep
+        >>> from jaxcell.bundled import bundled
+        >>> lab = bundled("maps/lab_a.json")
+        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
+        ...     _ = path.write_text("\\n".join(lines))
+        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     with sweep.open_sweep(out) as dataset:
+        ...         print(dataset["count"].values.tolist(), dataset.status.values.tolist())
+        [1, 1] [1, 1]
     """
     path = Path(out) / "sweep.zarr"
     if not path.is_dir():

@@ -45,6 +45,20 @@ class Spec:
     The *members* of a sweep are all combinations of parameters that it asks for. They lie in a box
     of *dimensions*: one for each parameter of a grid, and one, `member` or `sample`, for a list or
     for random samples. A *chunk* is a smaller box of members, computed in one call of the task.
+
+    Two angles on one map:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import sweep
+        >>> from jaxcell.bundled import bundled
+        >>> lab = bundled("maps/lab_a.json")
+        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
+        ...     _ = path.write_text("\\n".join(lines))
+        ...     spec = sweep.Spec.load(path)
+        >>> spec.dimensions, spec.members, spec.chunk_count, list(spec.fixed)
+        ({'bounce': 2}, 2, 1, ['map'])
     """
 
     path: Path
