@@ -24,7 +24,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 - `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1).
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
-    `maximum_return_time_entropy`. `measure` gives `h`, `C`, `K`, `H` and more of any chain.
+    `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
+    gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain.
 - `maximin_capture` makes the least entry of `walk_capture_probabilities` great: `F_t[i, j]`, the
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.
@@ -46,11 +47,13 @@ time `t_a`. With `S_r(t)` the probability that robot `r` has not come by `t`, th
 capture is `p_d = 1 - prod_r S_r(t_a)`. `capture_probabilities` has it exactly for all cells, in
 time `O(robots * cells * edges * t_a)`. For one cell `vulnerability` puts the source's way beside it
 (4.4.6): simulated times, and the generalized lambda distribution `Gld` (Eq. 4.10) that `fit_gld`
-fits to them. `share_game` mixes policies against an adversary who attacks the most vulnerable cell.
+fits to them. `share_game` mixes policies against an adversary who attacks the most vulnerable
+cell, of all or of the `contested` ones, where luck decides.
 
 **Perimeters.** The baselines BMP, DCP and DNCP of Table 4.1 (Agmon, Kraus and Kaminka 2008) are
 robots on a cycle that toss one coin: `Perimeter`. The probability of detection is a polynomial in
-the probability of heads, `detection_polynomials`; `maximin` finds the best one, with a bound.
+the probability of heads, `detection_polynomials`; `maximin` finds the best one, with a bound. When
+a robot comes to a segment say `hitting_law`, `mean_hitting_times` and, by trial, `simulate`.
 
 Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
