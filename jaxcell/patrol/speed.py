@@ -52,13 +52,14 @@ def minimum_kemeny(
     no chain on the graph has, naming the vertices at which too much time would be spent;
     `RuntimeError` if the residual stays above the tolerance, or where JAX is set to 32 bits.
 
-    Round a square the fastest way is always the same way, `(n - 1) / 2`:
+    A patroller that must move cannot be at one vertex for more than half of the time:
 
         >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 3], [3, 0]])
-        >>> best = patrol.minimum_kemeny(graph, starts=1)
-        >>> round(best.value, 3), best.matrix.round(3).max(axis=1).tolist()
-        (1.5, [1.0, 1.0, 1.0, 1.0])
+        >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
+        >>> patrol.minimum_kemeny(graph, [0.6, 0.2, 0.2])
+        Traceback (most recent call last):
+            ...
+        ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
     """
     among = Strategies.on(graph, stationary, stay=stay, reversible=reversible)
     return minimised(
