@@ -364,9 +364,16 @@ class RobotRecording:
                 ("Colour of the filter", ["+ /filter/color"]),
                 *plots,
             ]
+        boundary = rrb.TimeRangeBoundary
+        # From the start to the end, not what is near the time that is shown.
+        whole = rrb.TimeRange(start=boundary.absolute(seq=0), end=boundary.infinite())
         series = [
             rrb.TimeSeriesView(
-                origin="/", name=name, contents=paths, plot_legend=rrb.PlotLegend(visible=False)
+                origin="/",
+                name=name,
+                contents=paths,
+                axis_x=rrb.TimeAxis(view_range=whole),
+                plot_legend=rrb.PlotLegend(visible=False),
             )
             for name, paths in plots
         ]
