@@ -7,7 +7,7 @@ demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
 
 test: .venv/.dev
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 --dist loadfile
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 fuzz: .venv/.dev

@@ -58,6 +58,7 @@ _PACKAGES = (
     "robot",
     "space",
     "sweep",
+    "verify",
 )
 
 __all__ = ["__version__", *_PACKAGES]

@@ -9,7 +9,19 @@ from pathlib import Path
 import pytest
 
 
-PACKAGES = ["automata", "bounce", "mapping", "markov", "optimize", "space"]
+PACKAGES = [
+    "automata",
+    "bounce",
+    "drift",
+    "mapping",
+    "markov",
+    "optimize",
+    "patrol",
+    "record",
+    "robot",
+    "space",
+    "sweep",
+]
 # Lines of a package's own docstring: less is no definition of its mathematics.
 A_PAGE = 25
 

@@ -1,16 +1,14 @@
-"""The whole of Figure 2.7 on all cores, side by side with a Numba pass over the same rooms.
+"""Times Figure 2.7 on all cores, side by side with a Numba pass over the same rooms.
 
-    python experiments/benchmarks/bench_group_study.py --runs 100
-
-Both get the same rooms, and give the number of periodic groups and the longest transient of each,
+Run `python experiments/benchmarks/bench_group_study.py`; it takes about 20 s, and with `--full`,
+which is the whole of the figure, about 3 min. Both get the same rooms, and give the number of periodic groups and the longest transient of each,
 which have to be equal; rooms are shared out to a thread for each core in both. The peer is Alg. 2.1
 as in `bench_groups.py`, in its faster form, on a table of the steps of all positions.
 """
 
-import argparse
 import functools
-import math
 import os
+import statistics
 import sys
 import threading
 import time
@@ -21,14 +19,15 @@ from pathlib import Path
 import numba
 import numpy as np
 from bench_groups import tabulate, walk_on_table
+from rows import Row, options, write_rows
+from timing import begin, line
 
-from jaxcell import bounce
 from jaxcell.space import CellSpace, stencil
 from jaxcell.sweep.tasks.rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from ch2_group_study import BATCH, BOUNCE_DEG, groups_and_transients
+from ch2_group_study import BATCH, BOUNCE_DEG, groups_and_transients  # noqa: E402
 
 
 SHIFT = BOUNCE_DEG * DIRECTIONS // 360
@@ -72,57 +71,42 @@ def our_study(free: np.ndarray, threads: int) -> np.ndarray:
         return np.concatenate(pool.map(groups_and_transients, batches, chunksize=1), axis=1)
 
 
-def one_at_a_time(free: np.ndarray, _threads: int) -> np.ndarray:
-    """By way of the full section of each room, in JAX."""
-    found = []
-    for room in free:
-        cells = CellSpace.of_grid(room, DIRECTIONS)
-        summary = bounce.group_summary(cells, math.radians(BOUNCE_DEG), collision="endpoint")
-        found.append((int(summary.count), int(summary.transient.max())))
-    return np.array(found).T
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=5, help="placements of each environment")
-    parser.add_argument("--repeats", type=int, default=3, help="timed turns of each program")
+    parser = options(__doc__, repeats=3, full="all 100 placements of each environment: 3 min")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
-    options = parser.parse_args()
-    free = np.array([place(0, e, run).free for run in range(options.runs) for e in ENVIRONMENTS])
+    arguments = parser.parse_args()
+    runs = 100 if arguments.full else 10
+    free = np.array([place(0, e, run).free for run in range(runs) for e in ENVIRONMENTS])
     cells = int(free.sum()) * DIRECTIONS
-    print(
-        f"{len(free)} rooms, {cells:,} cells; {options.threads} threads on {os.cpu_count()} cores, "
-        f"load {os.getloadavg()[0]:.1f}"
-    )
+    begin("numpy", "numba")
+    print(f"{len(free)} rooms, {cells:,} cells; {arguments.threads} threads\n")
     programs: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
         "jaxcell.bounce.grid_groups": our_study,
         "Alg. 2.1 on a table, Numba": peer_study,
-        "jaxcell.bounce.group_summary, room by room": one_at_a_time,
     }
-    first = {
-        name: program(free[: 2 * BATCH], options.threads) for name, program in programs.items()
-    }
-    wall, cpu = ({name: [] for name in programs} for _ in range(2))
-    for _ in range(options.repeats):
+    for program in programs.values():
+        program(free[: 2 * BATCH], arguments.threads)
+    found: dict[str, np.ndarray] = {}
+    wall: dict[str, list[float]] = {name: [] for name in programs}
+    for _ in range(arguments.repeats):
         for name, program in programs.items():
-            began = time.perf_counter(), time.process_time()
-            first[name] = program(free, options.threads)
-            wall[name].append(time.perf_counter() - began[0])
-            cpu[name].append(time.process_time() - began[1])
-    expected = first[next(iter(programs))]
-    for name, found in first.items():
-        wrong = np.flatnonzero((found != expected).any(axis=0))
-        if wrong.size:
-            sys.exit(f"{name}: room {wrong[0]}: {found[:, wrong[0]]}, not {expected[:, wrong[0]]}")
-    print("Counts and longest transients are equal in all rooms.\n")
-    print("| | least wall, s | median wall, s | least CPU, s | wall, ours = 1 |")
-    print("|---|--:|--:|--:|--:|")
-    ours = min(wall[next(iter(programs))])
+            began = time.perf_counter()
+            found[name] = program(free, arguments.threads)
+            wall[name].append(time.perf_counter() - began)
+    (ours, one), (peer, other) = found.items()
+    wrong = np.flatnonzero((one != other).any(axis=0))
+    if wrong.size:
+        sys.exit(f"room {wrong[0]}: {one[:, wrong[0]]} and {other[:, wrong[0]]}")
+    line("", "least, s", "median, s", "ours = 1")
+    line("---", *["--:"] * 3)
+    median = {name: statistics.median(seconds) for name, seconds in wall.items()}
     for name in programs:
-        least, median = min(wall[name]), float(np.median(wall[name]))
-        print(
-            f"| {name} | {least:.2f} | {median:.2f} | {min(cpu[name]):.2f} | {least / ours:.1f} |"
-        )
+        ratio = median[name] / median[ours]
+        line(name, f"{min(wall[name]):.2f}", f"{median[name]:.2f}", f"{ratio:.1f}")
+    what = "periodic groups and longest transients of Figure 2.7"
+    size = f"{len(free)} rooms of 200 x 125 squares and 360 directions"
+    told = f"{peer}, {arguments.threads} threads"
+    write_rows(arguments.rows, [Row("group_study", what, size, median[ours], told, median[peer])])
 
 
 if __name__ == "__main__":
