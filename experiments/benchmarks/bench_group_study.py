@@ -1,9 +1,11 @@
 """Times Figure 2.7 on all cores, side by side with a Numba pass over the same rooms.
 
 Run `python experiments/benchmarks/bench_group_study.py`; it takes about 20 s, and with `--full`,
-which is the whole of the figure, about 3 min. Both get the same rooms, and give the number of periodic groups and the longest transient of each,
-which have to be equal; rooms are shared out to a thread for each core in both. The peer is Alg. 2.1
-as in `bench_groups.py`, in its faster form, on a table of the steps of all positions.
+which is the whole of the figure, about 3 min.
+
+Both programs get the same rooms, and give the number of periodic groups and the longest transient
+of each, which have to be equal; rooms are shared out to a thread for each core in both. The peer is
+Alg. 2.1 as in `bench_groups.py`, in its faster form, on a table of the steps of all positions.
 """
 
 import functools
@@ -27,7 +29,7 @@ from jaxcell.sweep.tasks.rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from ch2_group_study import BATCH, BOUNCE_DEG, groups_and_transients  # noqa: E402
+from ch2_group_study import BATCH, BOUNCE_DEG, groups_and_transients
 
 
 SHIFT = BOUNCE_DEG * DIRECTIONS // 360
