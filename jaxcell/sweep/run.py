@@ -16,7 +16,7 @@ import xarray as xr
 from .engines import engine_named
 from .spec import Chunk, Spec
 from .store import DONE, FAILED, SweepStore, made_with, running
-from .work import Failed, Job, failure, find_task, jax_is_wide
+from .work import Failed, Job, check_parameters, failure, jax_is_wide
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +95,8 @@ def run_sweep(
 
     **Returns:** how far the sweep is. A chunk that fails does not stop the others.
 
-    **Raises:** `ValueError` for an unknown task or engine, or if the sweep that is there is of
+    **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task
+    does not take, or if the sweep that is there is of
     another specification, or was begun with another version of jaxcell or JAX; `FileExistsError` if
     one is there and `resume` was not asked for;
     `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
@@ -118,7 +119,7 @@ def run_sweep(
     folder = Path(out)
     start = engine_named(engine, workers)
     try:
-        find_task(spec.task)
+        check_parameters(spec)
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
     wide = jax_is_wide()

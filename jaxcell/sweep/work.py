@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from .design import LIST_DIMENSION
+from .spec import Spec
 
 
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
@@ -88,6 +89,20 @@ def find_task(name: str) -> Task:
     if not callable(found):
         raise ValueError(f"task: {name!r}: expected a function, got {type(found).__name__}")
     return found
+
+
+def check_parameters(spec: Spec) -> None:
+    """Looks at the task and the parameters of the first chunk before anything is run.
+
+    **Raises:** `ValueError` for an unknown task, and for parameters that a built-in task does not
+    take or lacks, or values that it cannot have.
+    """
+    task = find_task(spec.task)
+    if ":" not in spec.task:
+        from .tasks.parameters import members
+
+        known = importlib.import_module(task.__module__).PARAMETERS
+        members(spec.task, known, spec.batch(spec.chunk(0)), spec.fixed)
 
 
 def jax_is_wide() -> bool:

@@ -277,3 +277,18 @@ def test_folders_that_hold_no_sweep(tmp_path):
     for function in (sweep_status, open_sweep):
         with pytest.raises(ValueError, match="expected the folder of a sweep"):
             function(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ('[fixed]\nmap = "m.json"\nangle = 3\n[grid]\nbounce = [1]', "angle: expected a parameter"),
+        ("[grid]\nbounce = [1]", "map: 'groups' needs it"),
+        ('[fixed]\nmap = "m.json"\n[grid]\nbounce = ["west"]', "bounce: expected a finite number"),
+    ],
+)
+def test_parameters_that_a_task_does_not_take_are_refused_before_it_runs(lines, told, tmp_path):
+    (tmp_path / "spec.toml").write_text(f'task = "groups"\n{lines}\n')
+    with pytest.raises(ValueError, match=f"spec.toml: {told}"):
+        run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -12,7 +12,7 @@ from .parameters import Parameter, angle, members, number, numbers, one_of, whol
 from .results import dataset
 
 
-_PARAMETERS = {
+PARAMETERS = {
     **MAP,
     "directions": Parameter(whole(1), 360),
     **MOTION,
@@ -38,7 +38,7 @@ def cover(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) 
     one. The target is uniform. Nothing is random.
     """
     return dataset(
-        _RESULTS, [_row(member) for member in members("cover", _PARAMETERS, batch, fixed)]
+        _RESULTS, [_row(member) for member in members("cover", PARAMETERS, batch, fixed)]
     )
 
 

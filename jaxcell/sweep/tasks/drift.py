@@ -18,7 +18,7 @@ def _record(value: Any) -> int | str:
     return value
 
 
-_PARAMETERS = {
+PARAMETERS = {
     "file": Parameter(text),
     "time": Parameter(_record, None),
     "depth": Parameter(number("a depth in metres", lambda x: x >= 0), None),
@@ -45,7 +45,7 @@ def drift(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) 
     drift`, and `depth` in metres, by default the first layer of the file. Nothing is random.
     """
     return dataset(
-        _RESULTS, [_row(member) for member in members("drift", _PARAMETERS, batch, fixed)]
+        _RESULTS, [_row(member) for member in members("drift", PARAMETERS, batch, fixed)]
     )
 
 

@@ -11,7 +11,7 @@ from .parameters import Parameter, angle, members
 from .results import dataset
 
 
-_PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
+PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
 # Tables of walls grow with the square of it.
 _MOST_WAYS = 100
 _RESULTS = {
@@ -30,10 +30,10 @@ def groups(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int)
     Parameters: the options of `jaxcell groups`, with one angle `bounce` in degrees. Nothing is
     random. Members that differ in their angle alone are one batched call.
     """
-    found = members("groups", _PARAMETERS, batch, fixed)
+    found = members("groups", PARAMETERS, batch, fixed)
     alike: dict[tuple, list[int]] = {}
     for i, member in enumerate(found):
-        alike.setdefault(tuple(member[n] for n in _PARAMETERS if n != "bounce"), []).append(i)
+        alike.setdefault(tuple(member[n] for n in PARAMETERS if n != "bounce"), []).append(i)
     rows: list[tuple[int, ...]] = [()] * len(found)
     for some in alike.values():
         bounce = np.radians([found[i]["bounce"] for i in some])

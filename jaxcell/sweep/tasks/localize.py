@@ -12,7 +12,7 @@ from .parameters import Parameter, angle, members
 from .results import dataset
 
 
-_PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
+PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
 _RESULTS = {
     "nfa_states": ("states of the nondeterministic automaton", "1"),
     "dfa_states": ("states of the filter", "1"),
@@ -30,7 +30,7 @@ def localize(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: in
     Nothing is random.
     """
     return dataset(
-        _RESULTS, [_row(member) for member in members("localize", _PARAMETERS, batch, fixed)]
+        _RESULTS, [_row(member) for member in members("localize", PARAMETERS, batch, fixed)]
     )
 
 

@@ -19,7 +19,7 @@ def _names(value: Any) -> tuple[str, ...]:
     return tuple(some)
 
 
-_PARAMETERS = {
+PARAMETERS = {
     "file": Parameter(text),
     "emphasis": Parameter(_names, None),
     "share": Parameter(number("0 or more and less than 1", lambda x: 0 <= x < 1), 0.8),
@@ -39,7 +39,7 @@ def patrol(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int)
     Parameters: the options `file`, `emphasis` (a list of names of vertices, or none) and `share` of
     `jaxcell patrol graph`. Nothing is random. Members with the same graph are one batched call.
     """
-    found = members("patrol", _PARAMETERS, batch, fixed)
+    found = members("patrol", PARAMETERS, batch, fixed)
     alike: dict[tuple[str, bool], list[int]] = {}
     for i, member in enumerate(found):
         alike.setdefault((member["file"], member["emphasis"] is None), []).append(i)

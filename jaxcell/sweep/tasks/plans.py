@@ -12,7 +12,7 @@ from .results import dataset
 
 
 _cost = number("more than 0", lambda x: x > 0)
-_PARAMETERS = {
+PARAMETERS = {
     **MAP,
     **MOTION,
     "bounces": Parameter(numbers),
@@ -35,7 +35,7 @@ def plans(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) 
     angles in degrees, or one. Nothing is random.
     """
     return dataset(
-        _RESULTS, [_row(member) for member in members("plans", _PARAMETERS, batch, fixed)]
+        _RESULTS, [_row(member) for member in members("plans", PARAMETERS, batch, fixed)]
     )
 
 

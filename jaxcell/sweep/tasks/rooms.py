@@ -126,7 +126,7 @@ def _side(rng: np.random.Generator, size: int) -> int:
     return int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
 
 
-_PARAMETERS = {
+PARAMETERS = {
     "room": Parameter(whole(0)),
     "bounce": Parameter(angle),
     "environment": Parameter(one_of("random", *ENVIRONMENTS), "random"),
@@ -143,7 +143,7 @@ def room_of(
 ) -> tuple[Bool[np.ndarray, "rows columns"], dict[str, Any]]:
     """The free cells of the room of one member, and all its parameters, those by default too."""
     batch = {name: np.array([value]) for name, value in parameters.items()}
-    (member,) = members("rooms", _PARAMETERS, batch, {})
+    (member,) = members("rooms", PARAMETERS, batch, {})
     names = ("room", "environment", "columns", "rows", "obstacles")
     return _free(seed, *(member[name] for name in names)), member
 
@@ -167,7 +167,7 @@ def rooms(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) 
 
     # Members that differ in their angle alone are one call.
     alike: dict[tuple, list[tuple[int, float]]] = {}
-    for place_of, member in enumerate(members("rooms", _PARAMETERS, batch, fixed)):
+    for place_of, member in enumerate(members("rooms", PARAMETERS, batch, fixed)):
         bounce = member.pop("bounce")
         alike.setdefault(tuple(member.values()), []).append((place_of, bounce))
     found = {name: np.zeros(len(next(iter(batch.values()))), np.int64) for name in _RESULTS}
