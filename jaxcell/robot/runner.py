@@ -55,7 +55,7 @@ def run_filter(
     return finished(follower.outcome(), log)
 
 
-def run_plan(walker: Walker, actions: Sequence[float], *, log: RunLog | None = None) -> Outcome:
+def run_plan(walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None) -> Outcome:
     """Lets a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
 
     **Arguments:**
@@ -93,7 +93,7 @@ def run_plan(walker: Walker, actions: Sequence[float], *, log: RunLog | None = N
     return finished(plan_outcome(actions, walker.observations), log)
 
 
-def plan_outcome(actions: Sequence[float], observations: str) -> Outcome:
+def plan_outcome(actions: Sequence[float | int], observations: str) -> Outcome:
     """How a plan ended, or stands, by what the robot sensed on it.
 
     **Arguments:**
