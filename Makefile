@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test fuzz lint bench clean
+.PHONY: demo test fuzz lint bench pictures clean
 
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
@@ -21,6 +21,9 @@ lint: .venv/.dev
 
 bench: .venv/.dev
 	$(BIN)/python experiments/benchmarks/run.py $(if $(JSON),--json "$(JSON)")
+
+pictures: .venv/.dev
+	$(BIN)/python data/pictures/make_pictures.py
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"jaxcell needs Python 3.11 or newer, and this is {sys.version.split()[0]}; name one with make PYTHON=...")'
