@@ -53,7 +53,7 @@ PICTURES = {
         ("groups data/maps/room_200x125.json --bounce 90 --out runs",),
         "groups.rrd",
         "direction",
-        58,
+        30,
     ),
     "navigation": Picture(
         (

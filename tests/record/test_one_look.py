@@ -1,0 +1,240 @@
+"""What all recordings have in common, read back from one of each family."""
+
+import fnmatch
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from rerun.chunk import RrdReader
+from wheels import bounce_filter, map_cells
+
+from jaxcell.cli import main
+from jaxcell.record import RecordedRobot, RobotRecording, log_sweep, palette
+from jaxcell.record.palette import robot_color
+
+
+DATA = Path(__file__).parents[2] / "data"
+ROOM = "; cell 1\n#######\n#..#..#\n#.....#\n#.....#\n#######\n"
+COMMANDS = {
+    "localization": "localize {data}/maps/lab_a.json --bounce 135 --collision endpoint",
+    "groups": "groups {room} --directions 8 --bounce 45 90",
+    "navigation": "navigate {room} --directions 8 --bounces 45 90 135 "
+    "--start 1.5,1.5,0 --goal 5.5,2.5,0",
+    "coverage": "cover {room} --directions 8 --bounces 45 90 --error 45 --reliability 0.8",
+    "team": "team {room} --directions 8 --robots 2 --bounce 135",
+    "patrol": "patrol graph {data}/graphs/eight.json --robots 2 --game",
+    "patrol_map": "patrol map {room} --robots 2 --range 3 --attack-times 4 --runs 200",
+    "drift": "drift {data}/ocean/gyres.nc --duration 3400 --depths 5 --start=-117.93,33.5",
+}
+FAMILIES = [*COMMANDS, "robot", "sweep"]
+TIMELINES = {"step", "direction", "cover", "observation", "seconds", "second", "minute", "hour"}
+# What is drawn, plotted or read, without the styles of it.
+CONTENT = {
+    "Arrows2D:vectors",
+    "Arrows3D:vectors",
+    "BarChart:values",
+    "Boxes2D:half_sizes",
+    "GraphNodes:node_ids",
+    "LineStrips2D:strips",
+    "LineStrips3D:strips",
+    "Mesh3D:vertex_positions",
+    "Points2D:positions",
+    "Points3D:positions",
+    "Scalars:scalars",
+    "SegmentationImage:buffer",
+    "TextDocument:text",
+    "TextLog:text",
+}
+# On every map, so that they make no view of something.
+GROUND = {"/map/walls", "/map/grid/free"}
+THINGS = {
+    "localization": {
+        "/map/robot": palette.ROBOT,
+        "/map/belief": palette.BELIEF,
+        "/map/candidates": palette.KNOWN,
+    },
+    "navigation": {
+        "/map/robot": palette.ROBOT,
+        "/map/start/frame": palette.START,
+        "/map/goal/frame": palette.GOAL,
+    },
+    "patrol": {f"/graph/patrollers/{i}/here": robot_color(i)[1] for i in range(2)},
+    "patrol_map": {
+        **{f"/map/sight/{i}": robot_color(i)[1] for i in range(2)},
+        "/map/target": palette.TARGET,
+        "/map/target_cell": palette.TARGET,
+        "/map/worst_capture/frame": palette.TARGET,
+    },
+    "drift": {"/map/start": palette.START},
+    "robot": {"/map/robots/robot": palette.ROBOT, "/map/belief": palette.BELIEF},
+}
+CLASSES = {
+    "obstacle": palette.OBSTACLE,
+    "free": palette.FREE,
+    "too near a wall": palette.MARGIN,
+    "not free": palette.CLEAR,
+}
+
+
+class Look:
+    """A recording as it is shown: what its views ask for, and what there is."""
+
+    def __init__(self, path):
+        reader = RrdReader(path)
+        (entry,) = reader.recordings()
+        self.application = entry.application_id
+        (store,) = reader.blueprints()
+        self.blueprint = {}
+        for chunk in reader.stream(store=store).to_chunks():
+            values = self.blueprint.setdefault(chunk.entity_path, {})
+            for name, column in columns(chunk):
+                values[name] = column[-1]
+        self.static, self.times, self.timelines = {}, {}, set()
+        for chunk in reader.stream().to_chunks():
+            self.timelines |= set(chunk.timeline_names)
+            for name, values in columns(chunk):
+                if chunk.is_static:
+                    self.static[chunk.entity_path, name] = values[0]
+                if name not in CONTENT:
+                    continue
+                for timeline in chunk.timeline_names or [None]:
+                    times = [0] if timeline is None else chunk.to_record_batch().column(timeline)
+                    times = np.asarray(times).astype(np.int64)
+                    drawn = times[[bool(value) for value in values]]
+                    known = self.times.setdefault((chunk.entity_path, timeline), [])
+                    known.extend(drawn.tolist())
+        self.timeline = self.blueprint["/time_panel"]["TimePanelBlueprint:timeline"][0]
+
+    def views(self):
+        """The kind, the name and the entities of each view."""
+        for path, values in self.blueprint.items():
+            if "ViewBlueprint:class_identifier" not in values:
+                continue
+            origin = "/" + values["ViewBlueprint:space_origin"][0].strip("/")
+            query = self.blueprint[f"{path}/ViewContents"]["ViewContents:query"]
+            wanted = [line.removeprefix("+").strip() for line in query]
+            wanted = [line.replace("$origin", origin).replace("//", "/") for line in wanted]
+            name = values["ViewBlueprint:display_name"][0]
+            yield values["ViewBlueprint:class_identifier"][0], name, wanted
+
+    def shown(self, wanted):
+        """When, on the timeline of the blueprint, each entity of a view has something to show."""
+        found = {}
+        for (entity, timeline), times in self.times.items():
+            asked = any(matches(entity, line) for line in wanted)
+            if asked and timeline in (None, self.timeline) and times:
+                found.setdefault(entity, []).extend(times if timeline else [-math.inf])
+        return found
+
+
+def columns(chunk):
+    batch = chunk.to_record_batch()
+    for name in batch.schema.names:
+        if ":" in name:
+            yield name, batch.column(name).to_pylist()
+
+
+def matches(entity, line):
+    if line.endswith("/**"):
+        return fnmatch.fnmatchcase(entity + "/", line[:-2] + "*")
+    return entity == line
+
+
+def number(color):
+    """A colour as Rerun keeps it."""
+    return int.from_bytes(bytes(color if len(color) == 4 else (*color, 255)))
+
+
+def record_robot(path):
+    cells = map_cells("lab_a.json")
+    filter = bounce_filter(cells, 45)
+    trace = [(0.0, 1.0, 2.0, 1.5), (0.9, 1.0, 2.5, 1.5)]
+    robot = RecordedRobot(start=(1.0, 2.0, 1.5), trace=trace)
+    with RobotRecording(path, [robot], cells=cells, filter=filter) as recording:
+        state = int(filter.run("1").states[-1])
+        told = {"state": state, "color": 1, "uncertainty": int(filter.uncertainty[state])}
+        fields = {"seconds": 1.0, "observation": 1, "estimate": [0.0, 0.0, 0.0], **told}
+        recording.event("observation", fields)
+        recording.event("end", {"seconds": 2.0, "result": "stopped", "reason": "a test"})
+
+
+def record_sweep(path):
+    status = (("x", "y"), np.ones((4, 3), np.int8))
+    variables = {"status": status, "value": (("x", "y"), np.arange(12.0).reshape(4, 3))}
+    log_sweep(path, xr.Dataset(variables, {"x": [0, 10, 20, 30], "y": [1, 2, 3]}))
+
+
+@pytest.fixture(scope="module")
+def looks(tmp_path_factory):
+    out = tmp_path_factory.mktemp("looks")
+    room = out / "room.txt"
+    room.write_text(ROOM)
+    for name, command in COMMANDS.items():
+        words = command.format(data=DATA, room=room).split()
+        assert main([*words, "--out", str(out / name)]) == 0, name
+    for name, make in (("robot", record_robot), ("sweep", record_sweep)):
+        (out / name).mkdir()
+        make(out / name / "run.rrd")
+    return {name: Look(next((out / name).glob("*.rrd"))) for name in FAMILIES}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_no_view_is_empty(looks, family):
+    look = looks[family]
+    views = list(look.views())
+    assert len(views) > 2
+    assert look.blueprint["/viewport"]["ViewportBlueprint:auto_views"] == [False]
+    first = min(min(times) for (_, line), times in look.times.items() if line == look.timeline)
+    for kind, name, wanted in views:
+        assert name
+        found = look.shown(wanted)
+        something = {entity for entity in found if entity not in GROUND}
+        assert something, (kind, name, wanted)
+        # Curves and logs begin when there is something to tell.
+        if kind not in ("TimeSeries", "TextLog"):
+            assert min(min(found[entity]) for entity in something) <= first, (name, wanted)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_timelines_are_named_by_what_they_are(looks, family):
+    expected = {"x", "y"} if family == "sweep" else TIMELINES
+    assert looks[family].timelines <= expected
+    assert looks[family].timeline in looks[family].timelines
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_same_things_have_the_same_colors(looks, family):
+    look = looks[family]
+    for entity, color in THINGS.get(family, {}).items():
+        (name,) = (n for e, n in look.static if e == entity and n.endswith(":colors"))
+        assert look.static[entity, name] == [number(color)], entity
+    if ("/map/walls", "LineStrips2D:colors") in look.static:
+        assert look.static["/map/walls", "LineStrips2D:colors"] == [number(palette.WALL)]
+    for (entity, name), value in look.static.items():
+        if name != "AnnotationContext:context":
+            continue
+        for one in value[0]:
+            info = one["class_description"]["info"]
+            if info["label"] in CLASSES:
+                assert info["color"] == number(CLASSES[info["label"]]), (entity, info["label"])
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_y_is_up(looks, family):
+    look = looks[family]
+    planes = {entity.split("/")[1] for entity, _ in look.times} & {"map", "graph", "odometry"}
+    assert planes or family == "sweep"
+    for plane in planes:
+        scale = look.static[f"/{plane}", "Transform3D:scale"]
+        np.testing.assert_array_equal(np.ravel(scale), [1, -1, 1])
+
+
+def test_no_recording_is_shown_by_the_blueprint_of_another(looks, tmp_path):
+    """The viewer keeps one blueprint for each application."""
+    record_sweep(tmp_path / "again.rrd")
+    names = [look.application for look in looks.values()] + [
+        Look(tmp_path / "again.rrd").application
+    ]
+    assert len(set(names)) == len(names)
