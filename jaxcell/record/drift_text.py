@@ -155,9 +155,9 @@ def reach_text(sea: SeaMap) -> str:
         rows.append(f"| {depth:g} m | {stays:,} | {moves:,} | {drift.waters[layer].cells:,} |")
     return f"""# What may be reached
 
-A drifter is dropped at **{place_name(lon, lat)}** (blue).
+A drifter is dropped at **{place_name(lon, lat)}** (the dark blue dot).
 
-- **Blue**: it dives to a depth at once, and stays there.
+- **Pale blue**: it dives to a depth at once, and stays there.
 - **Yellow**: it only gets there if it also goes up and down on its way.
 
 {chr(10).join(rows)}
