@@ -55,7 +55,9 @@ def run_filter(
     return finished(follower.outcome(), log)
 
 
-def run_plan(walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None) -> Outcome:
+def run_plan(
+    walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None
+) -> Outcome:
     """Lets a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
 
     **Arguments:**

@@ -192,7 +192,7 @@ def test_writes_its_results(capsys, tmp_path):
         (("--robots", 20), "--robots: 20 robots are more than the 19 cells of .*lab_b.json"),
         (("--share", 1), "--share: expected 0 or more and less than 1, got 1.0"),
         (("--attack-times", 5, 0), "--attack-times: expected at least 1 step, got 0"),
-        (("--runs", 1), "--runs: expected 2 or more, got 1"),
+        (("--runs", 1), "--runs: expected 2 or more, up to 10,000,000, got 1"),
         (("--target", "3.5,2.5"), r"--target '3.5,2.5': the point \(3.5, 2.5\) lies in an obst"),
         (("--target", "99,1"), "--target '99,1': .* is off the map"),
         (("--target", "here"), "--target 'here': expected \"x,y\" in metres"),

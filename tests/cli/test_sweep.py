@@ -105,14 +105,14 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
 def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
     environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
-    command = [sys.executable, "-c", PROGRAM, "sweep", path, "--out", str(out)]
+    # A background shell may have left SIGINT ignored.
+    listens = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    command = [sys.executable, "-c", listens + PROGRAM, "sweep", path, "--out", str(out)]
     process = subprocess.Popen(
         command,
         env=environment,
         stderr=subprocess.PIPE,
         text=True,
-        # A background shell may have left SIGINT ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     limit = time.monotonic() + 60
     while not any((out / "sweep.zarr").glob("status/c/*")) and time.monotonic() < limit:

@@ -203,7 +203,9 @@ size_t RobotSerial::write(uint8_t byte) { return write(&byte, 1); }
 size_t RobotSerial::write(const uint8_t *bytes, size_t count) {
     board::asked = 0;
     board::out.insert(board::out.end(), bytes, bytes + count);
-    board::now += board::byte_time * count;
+    const uint64_t takes = board::byte_time * count;
+    board::now += takes;
+    if (board::port >= 0) usleep(useconds_t(double(takes) / board::speedup));
     return count;
 }
 
