@@ -1,14 +1,17 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test fuzz lint bench pictures clean
+.PHONY: demo test test-all fuzz lint bench pictures clean
 
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
 
 test: .venv/.dev
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/test_without_x64.py
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
+
+test-all: test
+	$(BIN)/pytest -m slow
 
 fuzz: .venv/.dev
 	JAXCELL_FUZZ=2000 $(BIN)/pytest tests/fuzz

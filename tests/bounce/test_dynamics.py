@@ -123,6 +123,7 @@ def test_both_routes_agree_on_random_grids(free, shift):
         np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
 
 
+@pytest.mark.slow
 def test_grids_of_one_shape_map_under_vmap():
     rng = np.random.default_rng(2)
     grids = rng.random((100, 5, 6)) > 0.25

@@ -206,6 +206,7 @@ def test_the_default_step_drifts_one_cell_on_average():
     np.testing.assert_array_equal(found, flow_map(water, steady, crossing_time(water, steady)))
 
 
+@pytest.mark.slow
 def test_works_under_jit_vmap_and_grad():
     flow = Flow.of(rotation(9))
     x, y = jnp.array([5.0]), jnp.array([4.0])

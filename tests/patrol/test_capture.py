@@ -76,6 +76,7 @@ def test_known_optima_from_the_default_start(graph, attack, optimum):
     assert found.chains[0].cells == 9
 
 
+@pytest.mark.slow
 def test_the_grid_from_the_default_start():
     # The best of five starts of another program is 0.1581.
     assert maximin_capture(GRID, 4, starts=1).value > 0.15834
@@ -106,6 +107,7 @@ def test_no_chain_of_another_solver_is_better():
             assert found.value >= other.x[-1] * (1 - 1e-4)
 
 
+@pytest.mark.slow
 def test_robots_are_all_where_they_are_worst():
     found = maximin_capture(KITE, 3, robots=2, starts=4)
     each = [by_walks(matrix, delays_of(KITE, 1), np.full(4, 3)) for matrix in found.matrices]
@@ -119,6 +121,7 @@ def test_robots_are_all_where_they_are_worst():
     assert found.value >= 1 - (1 - one) ** 2 - 1e-6
 
 
+@pytest.mark.slow
 def test_a_given_distribution_is_met():
     share = np.array([0.2, 0.25, 0.4, 0.15])
     found = maximin_capture(KITE, 4, stationary=share, stay=True, starts=3)

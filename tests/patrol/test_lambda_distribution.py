@@ -153,6 +153,7 @@ def test_ends_of_the_support():
         assert np.isnan(function(math.nan))
 
 
+@pytest.mark.slow
 @examples
 @given(l3=SHAPES, l4=SHAPES)
 def test_derivatives_in_the_parameters(l3, l4):

@@ -36,6 +36,7 @@ def likelihood(law, samples, censored):
     return float(np.log(law.cdf(samples + 0.5) - law.cdf(samples - 0.5)).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [
@@ -93,6 +94,7 @@ def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
     assert fit.log_likelihood > likelihood(law, samples, censored) - 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_by_nelder_and_mead(censored):
     samples = scipy.stats.lognorm(0.7, scale=20).rvs(200, random_state=0)
