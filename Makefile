@@ -7,11 +7,12 @@ demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
 
 test: .venv/.dev
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/test_without_x64.py
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz --ignore tests/test_without_x64.py
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 test-all: test
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -n 2 --dist loadfile -m slow
+	$(BIN)/pytest tests/fuzz
 
 fuzz: .venv/.dev
 	JAXCELL_FUZZ=2000 $(BIN)/pytest tests/fuzz

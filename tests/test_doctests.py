@@ -13,6 +13,9 @@ import pytest
 import jaxcell
 
 
+pytestmark = pytest.mark.slow
+
+
 ROOT = Path(jaxcell.__file__).parent
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

@@ -15,6 +15,9 @@ from jaxcell.robot.team import save_team
 from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 
 
+pytestmark = pytest.mark.slow
+
+
 LAB = map_cells("lab_b.json")
 SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 
@@ -125,7 +128,6 @@ def test_a_camera_is_for_patrols(patrol_file, tmp_path, capsys):
         run(simulated(patrol_file, camera=str(tmp_path), intruder="1,1"), capsys)
 
 
-@pytest.mark.slow
 def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
     hall = Workspace([(0, 0), (5, 0), (5, 3), (0, 3)])
     cells = CellSpace.of(hall, 1.0, 8)
@@ -174,7 +176,6 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
             assert found["emulated"]["end"] == int(cells.index(*end))
 
 
-@pytest.mark.slow
 def test_a_filter_by_the_clock_alone(tmp_path, capsys):
     lab = map_cells("lab_a.json")
     path = tmp_path / "filter.jxf"

@@ -11,6 +11,9 @@ from jaxcell.cli.sweep_view import parameters, selected
 from jaxcell.sweep import Spec, open_sweep, run_sweep
 
 
+pytestmark = pytest.mark.slow
+
+
 DATA = Path(__file__).parents[2] / "data"
 LAB = DATA / "maps" / "lab_a.json"
 EIGHT = DATA / "graphs" / "eight.json"

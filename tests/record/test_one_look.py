@@ -15,6 +15,9 @@ from jaxcell.record import RecordedRobot, RobotRecording, log_sweep, palette
 from jaxcell.record.palette import robot_color
 
 
+pytestmark = pytest.mark.slow
+
+
 DATA = Path(__file__).parents[2] / "data"
 ROOM = "; cell 1\n#######\n#..#..#\n#.....#\n#.....#\n#######\n"
 COMMANDS = {

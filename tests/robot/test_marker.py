@@ -15,6 +15,9 @@ from scipy.stats import binom
 from jaxcell.robot.marker import CrossLook, Marker, camera, draw_cross, find_cross, pictures
 
 
+pytestmark = pytest.mark.slow
+
+
 # Tests run beside each other, and threads of OpenCV would be in each other's way.
 cv2.setNumThreads(1)
 
