@@ -9,6 +9,9 @@ from jaxcell.bundled import bundled
 from jaxcell.space import CellSpace, Workspace
 
 
+pytestmark = pytest.mark.slow
+
+
 SCRIPT = Path(__file__).parents[1] / "experiments" / "your_own_robot.py"
 
 

@@ -1,6 +1,11 @@
 import json
 
+import pytest
+
 from jaxcell.cli import main
+
+
+pytestmark = pytest.mark.slow
 
 
 def test_the_tour_shows_every_family(tmp_path, capsys):

@@ -13,6 +13,9 @@ from jaxcell.robot.emulator import Emulator, Line
 from jaxcell.robot.packets import Contact
 
 
+pytestmark = pytest.mark.slow
+
+
 LAB = map_cells("lab_a.json")
 SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 

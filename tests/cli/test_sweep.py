@@ -14,6 +14,9 @@ from jaxcell.cli import main
 from jaxcell.sweep import open_sweep
 
 
+pytestmark = pytest.mark.slow
+
+
 PROGRAM = "import sys; from jaxcell.cli import main; sys.exit(main())"
 
 

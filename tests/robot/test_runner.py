@@ -13,6 +13,9 @@ from jaxcell.robot.runner import plan_outcome, replay, run_filter, run_plan
 from jaxcell.robot.walker import Walker, cell_strides
 
 
+pytestmark = pytest.mark.slow
+
+
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
 STRIDES = cell_strides(8, 1.0, 1.0)
 

@@ -13,6 +13,9 @@ from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 
+pytestmark = pytest.mark.slow
+
+
 COMMON = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 LAB = map_cells("lab_b.json")
 

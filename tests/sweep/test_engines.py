@@ -17,6 +17,9 @@ from jaxcell.sweep.engines import worker_environment
 from jaxcell.sweep.work import Computed, Job
 
 
+pytestmark = pytest.mark.slow
+
+
 TESTS = Path(sweep_kills.__file__).parent
 
 

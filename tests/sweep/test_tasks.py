@@ -14,6 +14,9 @@ from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.tasks.rooms import place, random_room
 
 
+pytestmark = pytest.mark.slow
+
+
 DATA = Path(__file__).parents[2] / "data"
 LAB = str(DATA / "maps" / "lab_a.json")
 LINE = str(DATA / "graphs" / "eight.json")
