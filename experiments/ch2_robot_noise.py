@@ -31,6 +31,7 @@ import numpy as np
 import xarray as xr
 from report import Rows, emit, say
 from rich.progress import track
+from scipy.stats import binomtest
 
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.record import save_dataset
@@ -103,13 +104,10 @@ def runs(name: str, bounce_deg: int, noise: float, seeds: int) -> tuple[np.ndarr
     return count, float(np.mean(lengths)) if lengths else math.nan
 
 
-def wilson(successes: np.ndarray, trials: np.ndarray, z: float = 1.96) -> np.ndarray:
-    """The 95 % confidence interval of a proportion (Wilson 1927): its ends, last."""
-    share = successes / trials
-    scale = 1 + z**2 / trials
-    middle = (share + z**2 / (2 * trials)) / scale
-    half = z / scale * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
-    return np.stack([middle - half, middle + half], axis=-1)
+def interval(successes: int, trials: int) -> tuple[float, float]:
+    """The 95 % confidence interval of a proportion."""
+    bounds = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(bounds.low), float(bounds.high)
 
 
 def compute(seeds: int, processes: int) -> xr.Dataset:
@@ -124,7 +122,8 @@ def compute(seeds: int, processes: int) -> xr.Dataset:
     shape = len(CASES), len(NOISE)
     count = np.array([count for count, _ in results]).reshape(*shape, len(ENDS))
     length = np.array([length for _, length in results]).reshape(shape)
-    ends = wilson(count[..., 0], count.sum(axis=-1))
+    right, total = count[..., 0].ravel().tolist(), count.sum(axis=-1).ravel().tolist()
+    ends = np.array([interval(*one) for one in zip(right, total, strict=True)]).reshape(*shape, 2)
     return xr.Dataset(
         {
             "runs": (("case", "noise", "end"), count, {"long_name": "runs that ended so"}),

@@ -7,6 +7,7 @@ from jaxtyping import Float, Integer, UInt8
 from ..space import CellSpace
 from .blueprint import extent, log_classes
 from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
+from .pictures import on_squares
 
 
 MOST_ARROWS = 400
@@ -46,8 +47,8 @@ def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
 ) -> UInt8[np.ndarray, "rows columns"]:
     """The share of directions that are possible at each square; none if arrows say it."""
-    picture = np.zeros(cells.free.size, np.uint8)
+    shade = np.zeros(cells.positions, np.uint8)
     if where.size > MOST_ARROWS:
         count = np.bincount(where % cells.positions, minlength=cells.positions)
-        picture[cells.square] = np.ceil(count * (_SHADES / cells.directions))
-    return picture.reshape(cells.free.shape)
+        shade[:] = np.ceil(count * (_SHADES / cells.directions))
+    return on_squares(cells, shade)

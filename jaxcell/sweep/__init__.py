@@ -48,7 +48,6 @@ Nothing here imports JAX; the tasks do.
 
 from .engines import engine_named as engine_named
 from .run import (
-    Failure as Failure,
     Progress as Progress,
     SweepStatus as SweepStatus,
     open_sweep as open_sweep,
@@ -56,3 +55,4 @@ from .run import (
     sweep_status as sweep_status,
 )
 from .spec import Spec as Spec
+from .store import Failure as Failure

@@ -8,27 +8,14 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from .engines import engine_named
 from .spec import Chunk, Spec
-from .store import DONE, FAILED, SweepStore, made_with, running
+from .store import DONE, FAILED, Failure, SweepStore, made_with, running
 from .work import Failed, Job, check_parameters, failure, jax_is_wide
-
-
-@dataclasses.dataclass(frozen=True)
-class Failure:
-    """A chunk that failed."""
-
-    chunk: int
-    parameters: Mapping[str, list[Any]]
-    "The values of each parameter that occur in it."
-    message: str
-    trace: str
-    "The end of the traceback, if there is one."
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,10 +82,9 @@ def run_sweep(
 
     **Returns:** how far the sweep is. A chunk that fails does not stop the others.
 
-    **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task
-    does not take, or if the sweep that is there is of
-    another specification, or was begun with another version of jaxcell or JAX; `FileExistsError` if
-    one is there and `resume` was not asked for;
+    **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
+    not take, or if the sweep that is there is of another specification, or was begun with another
+    version of jaxcell or JAX; `FileExistsError` if one is there and `resume` was not asked for;
     `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
     the scheduler of a cluster cannot be reached.
 
@@ -132,19 +118,18 @@ def run_sweep(
         with contextlib.closing(start(jobs)) as outcomes:
             for job, outcome in outcomes:
                 chunk = spec.chunk(job.number)
-                failed = outcome if isinstance(outcome, Failed) else None
+                failed = None
                 with _writing(folder):
                     if not isinstance(outcome, Failed):
                         try:
                             store.write(chunk, outcome)
                         except ValueError as error:
-                            failed = failure(error)
-                    if failed is not None:
-                        store.fail(chunk, failed)
+                            outcome = failure(error)
+                    if isinstance(outcome, Failed):
+                        failed = store.fail(chunk, outcome)
                 count.add(chunk, failed is not None)
                 if progress is not None:
-                    told = None if failed is None else _failure(spec, chunk, failed)
-                    progress(count.told(told))
+                    progress(count.told(failed))
     return sweep_status(folder)
 
 
@@ -280,7 +265,3 @@ def _writing(folder: Path) -> Iterator[None]:
                 str(folder),
             ) from error
         raise
-
-
-def _failure(spec: Spec, chunk: Chunk, failed: Failed) -> Failure:
-    return Failure(chunk.number, spec.values(chunk), failed.message, failed.trace)

@@ -1,6 +1,7 @@
 """Where the result of a sweep is kept: a Zarr store, written chunk by chunk."""
 
 import contextlib
+import dataclasses
 import importlib.metadata
 import json
 import os
@@ -30,6 +31,18 @@ _STATUS: dict[str, Any] = {
     "flag_values": [TO_DO, DONE, FAILED],
     "flag_meanings": "to_do done failed",
 }
+
+
+@dataclasses.dataclass(frozen=True)
+class Failure:
+    """A chunk that failed."""
+
+    chunk: int
+    parameters: Mapping[str, list[Any]]
+    "The values of each parameter that occur in it."
+    message: str
+    trace: str
+    "The end of the traceback, if there is one."
 
 
 class SweepStore:
@@ -114,20 +127,17 @@ class SweepStore:
         self._write_state(chunk, DONE)
         self._failure_file(chunk).unlink(missing_ok=True)
 
-    def fail(self, chunk: Chunk, failed: Failed) -> None:
+    def fail(self, chunk: Chunk, failed: Failed) -> Failure:
         """Writes down that a chunk failed, and with which parameters."""
         path = self._failure_file(chunk)
         path.parent.mkdir(exist_ok=True)
-        report = {
-            "chunk": chunk.number,
-            "parameters": self.spec.values(chunk),
-            "message": failed.message,
-            "trace": failed.trace,
-        }
+        report = Failure(chunk.number, self.spec.values(chunk), failed.message, failed.trace)
         with replacing(path) as temporary:
-            temporary.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+            text = json.dumps(dataclasses.asdict(report), indent=2)
+            temporary.write_text(text + "\n", encoding="utf-8")
         if self._arrays:
             self._write_state(chunk, FAILED)
+        return report
 
     def failure_files(self) -> list[Path]:
         """The reports of chunks that failed, by number."""

@@ -8,7 +8,7 @@ import xarray as xr
 
 from .maps import MAP, MOTION, cells_of, motion_of
 from .parameters import Parameter, angle, members
-from .results import dataset
+from .results import but, dataset, together
 
 
 PARAMETERS = {**MAP, "bounce": Parameter(angle), **MOTION}
@@ -31,20 +31,13 @@ def groups(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int)
     random. Members that differ in their angle alone are one batched call.
     """
     found = members("groups", PARAMETERS, batch, fixed)
-    alike: dict[tuple, list[int]] = {}
-    for i, member in enumerate(found):
-        alike.setdefault(tuple(member[n] for n in PARAMETERS if n != "bounce"), []).append(i)
-    rows: list[tuple[int, ...]] = [()] * len(found)
-    for some in alike.values():
-        bounce = np.radians([found[i]["bounce"] for i in some])
-        for i, row in zip(some, _rows(found[some[0]], bounce), strict=True):
-            rows[i] = row
-    return dataset(_RESULTS, rows)
+    return dataset(_RESULTS, together(found, but("bounce"), _rows))
 
 
-def _rows(member: dict[str, Any], bounce: np.ndarray) -> list[tuple[int, ...]]:
+def _rows(alike: list[dict[str, Any]]) -> list[tuple[int, ...]]:
     from ...bounce import bounce_shift, cell_walls, group_summary, moves, wall_groups
 
+    member, bounce = alike[0], np.radians([one["bounce"] for one in alike])
     cells, motion = cells_of(member), motion_of(member)
     if len(moves(cells, **motion).target) <= _MOST_WAYS:
         shift = bounce_shift(bounce, cells.directions)

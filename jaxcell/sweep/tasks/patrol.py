@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from .parameters import Parameter, members, number, text
-from .results import dataset
+from .results import dataset, together
 
 
 def _names(value: Any) -> tuple[str, ...]:
@@ -40,19 +40,16 @@ def patrol(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int)
     `jaxcell patrol graph`. Nothing is random. Members with the same graph are one batched call.
     """
     found = members("patrol", PARAMETERS, batch, fixed)
-    alike: dict[tuple[str, bool], list[int]] = {}
-    for i, member in enumerate(found):
-        alike.setdefault((member["file"], member["emphasis"] is None), []).append(i)
-    rows: list[tuple[float | int, ...]] = [()] * len(found)
-    for (file, evenly), some in alike.items():
-        for i, row in zip(some, _rows(file, evenly, [found[i] for i in some]), strict=True):
-            rows[i] = row
-    return dataset(_RESULTS, rows)
+    return dataset(
+        _RESULTS,
+        together(found, lambda member: (member["file"], member["emphasis"] is None), _rows),
+    )
 
 
-def _rows(file: str, evenly: bool, some: list[dict[str, Any]]) -> list[tuple[float | int, ...]]:
+def _rows(some: list[dict[str, Any]]) -> list[tuple[float | int, ...]]:
     from ...optimize import minimum_commute_sweep
 
+    file, evenly = some[0]["file"], some[0]["emphasis"] is None
     graph, names = _graph(file)
     if evenly:
         found = minimum_commute_sweep(graph)

@@ -1,6 +1,7 @@
 """How tasks give their results."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,3 +24,31 @@ def dataset(
             for (name, (long_name, units)), column in zip(told.items(), columns, strict=True)
         }
     )
+
+
+def together(
+    members: Sequence[dict[str, Any]],
+    alike: Callable[[dict[str, Any]], Hashable],
+    rows: Callable[[list[dict[str, Any]]], Sequence[Sequence[float | int]]],
+) -> list[Sequence[float | int]]:
+    """A row of numbers for each member, where those that are alike are one call.
+
+    **Arguments:**
+
+    - `members`: the parameters of each member.
+    - `alike`: what members of one call have in common.
+    - `rows`: the numbers of such members, one or more.
+    """
+    calls: dict[Hashable, list[int]] = {}
+    for i, member in enumerate(members):
+        calls.setdefault(alike(member), []).append(i)
+    found: list[Sequence[float | int]] = [()] * len(members)
+    for some in calls.values():
+        for i, row in zip(some, rows([members[i] for i in some]), strict=True):
+            found[i] = row
+    return found
+
+
+def but(name: str) -> Callable[[dict[str, Any]], Hashable]:
+    """Members are alike if they differ in this parameter alone."""
+    return lambda member: tuple(value for key, value in member.items() if key != name)

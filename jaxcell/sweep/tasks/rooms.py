@@ -1,5 +1,6 @@
 """Rooms with obstacles at random places, told by a seed and the number of the room."""
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -8,6 +9,7 @@ import xarray as xr
 from jaxtyping import Bool
 
 from .parameters import Parameter, angle, members, one_of, whole
+from .results import but, dataset, together
 
 
 DIRECTIONS = 360
@@ -144,15 +146,14 @@ def room_of(
     """The free cells of the room of one member, and all its parameters, those by default too."""
     batch = {name: np.array([value]) for name, value in parameters.items()}
     (member,) = members("rooms", PARAMETERS, batch, {})
-    names = ("room", "environment", "columns", "rows", "obstacles")
-    return _free(seed, *(member[name] for name in names)), member
+    return _free(seed, member), member
 
 
-def _free(
-    seed: int, number: int, environment: str, columns: int, rows: int, obstacles: int
-) -> Bool[np.ndarray, "rows columns"]:
+def _free(seed: int, member: Mapping[str, Any]) -> Bool[np.ndarray, "rows columns"]:
+    number, environment = member["room"], member["environment"]
     if environment == "random":
-        return random_room(seed, number, columns, rows, obstacles)
+        sizes = (member[name] for name in ("columns", "rows", "obstacles"))
+        return random_room(seed, number, *sizes)
     return place(seed, environment, number).free
 
 
@@ -163,48 +164,37 @@ def rooms(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) 
     to E4 of Figure 2.7; `columns`, `rows` and `obstacles` of a random room; `directions`;
     `collision`. Chunks with many angles of one room are the fastest.
     """
+    found = members("rooms", PARAMETERS, batch, fixed)
+    return dataset(_RESULTS, together(found, but("bounce"), functools.partial(_rows, seed)))
+
+
+def _rows(seed: int, some: list[dict[str, Any]]) -> list[list[int]]:
     from ...bounce import bounce_shift, heading_filter_sizes, wall_groups, walls
 
-    # Members that differ in their angle alone are one call.
-    alike: dict[tuple, list[tuple[int, float]]] = {}
-    for place_of, member in enumerate(members("rooms", PARAMETERS, batch, fixed)):
-        bounce = member.pop("bounce")
-        alike.setdefault(tuple(member.values()), []).append((place_of, bounce))
-    found = {name: np.zeros(len(next(iter(batch.values()))), np.int64) for name in _RESULTS}
-    for (
-        number,
-        environment,
-        columns,
-        rows,
-        obstacles,
-        directions,
-        collision,
-    ), some in alike.items():
-        free = _free(seed, number, environment, columns, rows, obstacles)
-        at = [place_of for place_of, _ in some]
-        bounces = np.radians([bounce for _, bounce in some])
-        shift, which = np.unique(bounce_shift(bounces, directions), return_inverse=True)
-        known = walls(free[None], directions, collision=collision)
-        groups = wall_groups(known, shift)
-        found["positions"][at] = free.sum()
-        found["groups"][at] = groups.count[0, which]
-        found["longest_transient"][at] = groups.longest_transient[0, which]
-        found["longest_period"][at] = groups.longest_period[0, which]
-        found["periodic_cells"][at] = groups.periodic_cells[0, which]
-        found["largest_basin"][at] = groups.largest_basin[0, which]
-        found["filter_states"][at] = heading_filter_sizes(known, shift)[0, which]
-    return xr.Dataset({name: ("member", found[name], told) for name, told in _RESULTS.items()})
+    member, bounces = some[0], np.radians([one["bounce"] for one in some])
+    free = _free(seed, member)
+    shift, which = np.unique(bounce_shift(bounces, member["directions"]), return_inverse=True)
+    known = walls(free[None], member["directions"], collision=member["collision"])
+    groups = wall_groups(known, shift)
+    columns = [
+        np.full((1, shift.size), free.sum()),
+        groups.count,
+        groups.longest_transient,
+        groups.longest_period,
+        groups.periodic_cells,
+        groups.largest_basin,
+        heading_filter_sizes(known, shift),
+    ]
+    rows: list[list[int]] = np.concatenate(columns).T[which].tolist()
+    return rows
 
 
 _RESULTS = {
-    "positions": {"long_name": "free cells of the room", "units": "1"},
-    "groups": {"long_name": "number of periodic groups", "units": "1"},
-    "longest_transient": {"long_name": "longest transient", "units": "mappings"},
-    "longest_period": {"long_name": "longest period", "units": "mappings"},
-    "periodic_cells": {"long_name": "cells of periodic groups", "units": "1"},
-    "largest_basin": {"long_name": "cells that reach the same group, at most", "units": "1"},
-    "filter_states": {
-        "long_name": "states of the filter of a robot that starts in direction 0",
-        "units": "1",
-    },
+    "positions": ("free cells of the room", "1"),
+    "groups": ("number of periodic groups", "1"),
+    "longest_transient": ("longest transient", "mappings"),
+    "longest_period": ("longest period", "mappings"),
+    "periodic_cells": ("cells of periodic groups", "1"),
+    "largest_basin": ("cells that reach the same group, at most", "1"),
+    "filter_states": ("states of the filter of a robot that starts in direction 0", "1"),
 }
