@@ -10,9 +10,9 @@ test: .venv/.dev
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz --ignore tests/test_without_x64.py
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
-test-all: test
-	$(BIN)/pytest -n 2 --dist loadfile -m slow
-	$(BIN)/pytest tests/fuzz
+test-all: .venv/.dev
+	HYPOTHESIS_PROFILE=whole $(BIN)/pytest -n 2 --dist loadfile --ignore tests/test_without_x64.py
+	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 fuzz: .venv/.dev
 	JAXCELL_FUZZ=2000 $(BIN)/pytest tests/fuzz

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ElementTree
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 
 from jaxcell.automata import (
     Filter,
@@ -105,7 +105,6 @@ def test_the_nondeterministic_file_is_the_graph(labs):
 
 
 @given(name=st.text())
-@settings(max_examples=30)
 @example(name="</text>]]>&amp;\r\n\0\ufffe")
 def test_any_name_is_a_note(labs, name):
     filter = Filter.of(subset_construction(*labs["a", 45]))

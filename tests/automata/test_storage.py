@@ -6,7 +6,7 @@ import struct
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from jaxcell.automata import Filter, storage, subset_construction
 
@@ -69,7 +69,6 @@ def test_equal_filters_give_equal_bytes(saved):
 
 
 @given(data=st.data())
-@settings(max_examples=200)
 def test_an_altered_byte_is_refused(saved, data):
     _, path, other = saved
     content = bytearray(path.read_bytes())
@@ -81,7 +80,6 @@ def test_an_altered_byte_is_refused(saved, data):
 
 
 @given(data=st.data())
-@settings(max_examples=200)
 def test_a_truncated_file_is_refused(saved, data):
     _, path, other = saved
     content = path.read_bytes()

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.bounce import bounce_groups, bounce_map
 from jaxcell.bounce.coverage import coverage_policy, coverage_target, noisy_bounce_map
@@ -26,7 +26,6 @@ def room(directions=8):
 
 
 @given(GRIDS, st.integers(0, 7), st.integers(0, 3), st.sampled_from([0.25, 0.8, 1.0]))
-@settings(deadline=None, max_examples=60)
 def test_a_noisy_map_turns_by_all_angles_near_the_bouncing_angle(free, shift, bins, reliability):
     cells = CellSpace.of_grid(free, 8)
     if bins == 0:
@@ -50,7 +49,6 @@ def test_a_noisy_map_turns_by_all_angles_near_the_bouncing_angle(free, shift, bi
 
 @pytest.mark.slow
 @given(GRIDS, st.integers(1, 7))
-@settings(deadline=None, max_examples=40)
 def test_without_error_persistent_groups_are_the_periodic_groups(free, shift):
     cells = CellSpace.of_grid(free, 8)
     chain = noisy_bounce_map(cells, 45 * shift * DEGREE, 0.0, 1.0)

@@ -54,7 +54,6 @@ def eq_2_4(cells, direction, position, shift):
 
 
 @given(GRIDS, st.sampled_from([4, 8, 24]), st.integers(-30, 30))
-@settings(deadline=None, max_examples=60)
 def test_image_follows_the_equation(free, directions, shift):
     cells = CellSpace.of_grid(free, directions)
     result = bounce_map(cells, 2 * math.pi * shift / directions, collision="endpoint")
@@ -114,7 +113,7 @@ def test_both_routes_to_the_groups_agree(cells, collision, length):
 
 
 @given(GRIDS, st.integers(0, 7))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_both_routes_agree_on_random_grids(free, shift):
     cells = CellSpace.of_grid(free, 8)
     angle = 2 * math.pi * shift / 8

@@ -76,7 +76,6 @@ def told(found, *index):
 
 
 @given(GRIDS, SETTINGS, st.data())
-@settings(deadline=None, max_examples=30)
 def test_groups_of_all_angles_are_those_of_a_walk(free, setting, data):
     directions, collision, step = setting
     shift = data.draw(st.integers(0, directions - 1))
@@ -104,7 +103,7 @@ def test_groups_are_those_of_periodic_groups_in_a_larger_room():
 
 
 @given(st.lists(GRIDS, min_size=2, max_size=4), RULES)
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, collision):
     angles = np.radians([45, 90, 135])
     together = grid_groups(np.array(rooms), angles, 8, collision=collision)
@@ -118,7 +117,6 @@ def test_a_room_does_not_depend_on_the_others_of_its_batch(rooms, collision):
 
 
 @given(GRIDS, SETTINGS, st.data())
-@settings(deadline=None, max_examples=40)
 def test_filter_has_the_sets_that_observations_leave(free, setting, data):
     directions, collision, step = setting
     shift = data.draw(st.integers(0, directions - 1))

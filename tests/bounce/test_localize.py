@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.bounce import bounce_map, localization_filter, localize
 from jaxcell.space import CellSpace
@@ -17,7 +17,6 @@ GRIDS = st.sampled_from([1, 9, 15]).flatmap(
 
 
 @given(GRIDS, st.integers(1, 7), st.data())
-@settings(deadline=None, max_examples=40)
 def test_a_robot_is_localized_where_it_is(free, shift, data):
     cells = CellSpace.of_grid(free, 8)
     simple_map = bounce_map(cells, shift * math.pi / 4)

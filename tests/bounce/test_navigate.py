@@ -5,7 +5,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.bounce import AllPlans, all_plans, bounce_map, plan, replay
 from jaxcell.space import CellSpace, Workspace
@@ -132,7 +132,6 @@ weights = st.tuples(st.integers(1, 4), st.integers(0, 20)).map(lambda w: (w[0], 
 
 
 @given(GRIDS, angle_sets, weights, st.sampled_from(["exact", "layered"]), st.randoms())
-@settings(deadline=None, max_examples=40)
 def test_plans_are_cheapest_paths_of_the_literal_roadmap(free, shifts, weights, method, random):
     cells = CellSpace.of_grid(free, 8)
     bounces = 2 * np.pi * np.array(shifts) / 8

@@ -170,7 +170,6 @@ class Oracle:
 
 
 @given(spaces(), st.integers(2, 5), st.sampled_from([1.0, 2.5]), st.integers(0, 2**32))
-@settings(deadline=None, max_examples=25)
 def test_joint_map_follows_its_rules(cells, robots, step, seed):
     states = states_of(cells, robots, seed, 64)
     shift = np.random.default_rng(seed).integers(8, size=robots)
@@ -185,7 +184,7 @@ def test_joint_map_follows_its_rules(cells, robots, step, seed):
 
 
 @given(spaces(), st.integers(2, 6), st.sampled_from([1.0, 2.5]), st.integers(0, 2**32))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_robots_never_share_a_position_and_their_order_makes_no_difference(
     cells, robots, step, seed
 ):
@@ -275,7 +274,6 @@ def test_a_long_step_does_not_jump_over_a_robot():
     st.sampled_from([(20, None), (3, None), (40, 7)]),
     st.integers(0, 2**32),
 )
-@settings(deadline=None, max_examples=40)
 def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
     max_parts, part_steps = limits
     start = states_of(cells, robots, seed, 1)[0].tolist()
@@ -306,7 +304,7 @@ def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
 
 
 @given(spaces(), st.integers(1, 3), st.integers(0, 2**32))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_a_batch_gives_what_single_runs_give(cells, robots, seed):
     starts = states_of(cells, robots, seed, 5)
     options = {"max_parts": 30, "part_steps": 60}

@@ -3,7 +3,7 @@ import math
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from seas import double_gyre, sea, seas
 
 from jaxcell.certificate import Outcome
@@ -91,7 +91,6 @@ class Loops:
 
 
 @given(seas(), st.sampled_from(["turned", "all"]), st.sampled_from(["uniform", "exit"]), st.data())
-@settings(deadline=None, max_examples=200)
 def test_equals_the_definition(currents, spread, edge, data):
     rho = data.draw(st.sampled_from([0.0, 0.3, 0.8, 1.0]))
     water, flow = Water.of(currents), Flow.of(currents)
@@ -104,7 +103,6 @@ def test_equals_the_definition(currents, spread, edge, data):
 
 
 @given(seas(), st.sampled_from(["uniform", "exit"]), st.integers(1, 3))
-@settings(deadline=None, max_examples=60)
 def test_sampled_counts_points(currents, edge, samples):
     water, flow = Water.of(currents), Flow.of(currents)
     chain = drift_map(water, flow, 1.0, spread="sampled", samples=samples, edge=edge)
@@ -168,7 +166,6 @@ def test_a_turned_current_reaches_three_cells():
 
 
 @given(seas(), st.sampled_from(["turned", "all"]), st.sampled_from(["uniform", "exit"]))
-@settings(deadline=None, max_examples=80)
 def test_behaviour_equals_the_definition(currents, spread, edge):
     water, flow = Water.of(currents), Flow.of(currents)
     chain = drift_map(water, flow, 1.0, spread=spread, edge=edge)

@@ -3,7 +3,7 @@ import itertools
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices
 
 from jaxcell.drift.behaviour import long_term_behaviour
@@ -54,7 +54,6 @@ def by_definition(matrix, behaviour):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=100)
 def test_deployment_covers_every_cell(matrix):
     behaviour = long_term_behaviour(Chain.from_scipy(matrix), 1)
     found = deployment_cells(behaviour)
@@ -83,7 +82,6 @@ def test_deployment_on_a_field(seed):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=100)
 def test_the_fewest_cells(matrix):
     reach = closure(matrix)
     cells = range(len(matrix))
@@ -106,7 +104,6 @@ def test_a_mixed_integer_program_needs_as_many(seed):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=100)
 def test_the_curve_is_greedy(matrix):
     reach = closure(matrix)
     chain = Chain.from_scipy(matrix)
@@ -144,7 +141,6 @@ def staying(cells, group_of):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.8, 3.5))
-@settings(deadline=None, max_examples=30)
 def test_what_cameras_see(seed, reach):
     draw = np.random.default_rng(seed)
     wet = draw.random((5, 6)) < 0.8

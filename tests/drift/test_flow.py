@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from seas import sea, seas
 
 from jaxcell.drift.flow import Flow, advect, crossing_time, flow_map
@@ -76,7 +76,6 @@ def nearest(water, origin, x, y):
 
 
 @given(seas())
-@settings(deadline=None, max_examples=150)
 def test_landing_is_the_nearest_cell_of_the_same_water(currents):
     water, flow = Water.of(currents), Flow.of(currents)
     right, up = np.asarray(flow_map(water, flow, 1.0))

@@ -7,7 +7,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.drift import open_currents
 
@@ -364,7 +364,6 @@ def test_exact_zeros_are_pointed_out(tmp_path):
     assert "4 water cells have a velocity of exactly 0" in notes
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_a_part_is_a_part_of_the_whole(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "whole.nc"
@@ -548,7 +547,6 @@ def test_records_of_a_classic_file_count(tmp_path, format):
             open_currents(path)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(4, 900), st.binary(min_size=1, max_size=6))
 def test_a_damaged_header_gives_no_traceback(tmp_path_factory, place, noise):
     path = tmp_path_factory.getbasetemp() / "damaged.nc"

@@ -1,7 +1,7 @@
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices, reachable as closure
 from small_seas import random_layers, random_sea, water
 
@@ -14,7 +14,6 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds)
-@settings(deadline=None, max_examples=30)
 def test_layers_are_put_together(seed):
     waters, chains = random_layers(seed)
     sea = Sea.of(waters, chains)
@@ -40,7 +39,6 @@ def test_layers_are_put_together(seed):
 
 
 @given(matrices(), st.data())
-@settings(deadline=None, max_examples=60)
 def test_reachable_is_the_closure(matrix, data):
     start = data.draw(st.integers(0, len(matrix) - 1))
     np.testing.assert_array_equal(
@@ -59,7 +57,6 @@ def graph_of(sea, vertical):
 
 
 @given(seeds)
-@settings(deadline=None, max_examples=40)
 def test_reach_equals_searches_of_the_graph(seed):
     sea = random_sea(seed, leak=0.1)
     start = int(np.random.default_rng(seed).integers(np.count_nonzero(sea.layer == 0)))

@@ -4,7 +4,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from jaxcell.drift import open_currents
@@ -123,7 +123,6 @@ def test_nothing_flows_through_a_coast(tmp_path):
     np.testing.assert_array_equal(dropped.u, masked.u)
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.data())
 def test_means_of_two_sides(data):
     levels, rows, sides = (data.draw(st.integers(1, 4)) for _ in range(3))
@@ -151,7 +150,6 @@ def test_heights_of_the_levels(transform):
     np.testing.assert_allclose(surface, ZETA[1])
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.data())
 def test_linear_between_levels(data):
     levels = data.draw(st.integers(1, 5))
@@ -279,7 +277,6 @@ def test_surface_files(tmp_path):
     np.testing.assert_allclose(currents.u.values[:, 0, away_from_land()], 0.3)
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_a_block_is_a_part_of_the_whole(tmp_path_factory, data):
     """Also along its edges, where the sides of cells outside of it count."""

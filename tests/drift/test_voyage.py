@@ -51,7 +51,7 @@ def algorithm(sea, goal, discount, rounds):
 
 
 @given(seeds, st.sampled_from([0.0, 0.2]))
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 def test_the_algorithm_cell_by_cell(seed, leak):
     sea = random_sea(seed, shape=(3, 3), leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))
@@ -94,7 +94,7 @@ def test_no_better_to_be_lost():
 
 
 @given(seeds, st.sampled_from([0.0, 0.3]))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_the_closed_loop(seed, leak):
     sea = random_sea(seed, leak=leak)
     goal = int(np.random.default_rng(seed).integers(sea.cells))

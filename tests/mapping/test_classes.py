@@ -3,7 +3,7 @@ import math
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices, reachable
 
 from jaxcell.mapping import classes, periodic_groups
@@ -12,7 +12,6 @@ from jaxcell.mapping.generalized import Chain
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=200)
 def test_equals_the_definition(matrix):
     found = persistent_groups(Chain.from_scipy(matrix))
     graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
@@ -34,7 +33,6 @@ def test_equals_the_definition(matrix):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=100)
 def test_domicile_is_what_can_reach_a_group(matrix):
     found = persistent_groups(Chain.from_scipy(matrix))
     reach = reachable(matrix)
@@ -46,7 +44,6 @@ def test_domicile_is_what_can_reach_a_group(matrix):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=100)
 def test_period_is_that_of_the_returns(matrix):
     found = persistent_groups(Chain.from_scipy(matrix))
     group, phase = np.asarray(found.group), np.asarray(found.phase)
@@ -68,7 +65,6 @@ def test_period_is_that_of_the_returns(matrix):
 
 
 @given(st.lists(st.integers(0, 7), min_size=8, max_size=8))
-@settings(deadline=None, max_examples=60)
 def test_a_simple_map_has_its_periodic_groups(image):
     image = np.array([image], np.int32)
     found = persistent_groups(Chain(image, np.ones((1, 8))))

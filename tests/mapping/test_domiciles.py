@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from random_chains import matrices, reachable
 
 from jaxcell.mapping.classes import persistent_groups
@@ -9,7 +9,6 @@ from jaxcell.mapping.generalized import Chain
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=300)
 def test_equals_the_definition(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.mapping.generalized import Chain
 
@@ -27,7 +27,6 @@ def matrices(draw, leaky=True):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=60)
 def test_there_and_back(matrix):
     chain = Chain.from_scipy(matrix)
     back = chain.to_scipy()
@@ -37,7 +36,6 @@ def test_there_and_back(matrix):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=60)
 def test_unused_slots_stay_on_the_cell_at_probability_0(matrix):
     chain = Chain.from_scipy(matrix)
     image, probability = np.asarray(chain.image), np.asarray(chain.probability)
@@ -47,7 +45,6 @@ def test_unused_slots_stay_on_the_cell_at_probability_0(matrix):
 
 
 @given(matrices(), st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=60)
 def test_push_and_pull_are_products(matrix, random):
     chain = Chain.from_scipy(matrix)
     v = np.array([random.random() for _ in matrix])
@@ -56,7 +53,6 @@ def test_push_and_pull_are_products(matrix, random):
 
 
 @given(matrices(), st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=60)
 def test_no_mass_is_lost_but_to_the_sink(matrix, random):
     chain = Chain.from_scipy(matrix)
     p = np.array([random.random() for _ in matrix])

@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.mapping import Section, periodic_groups, section_groups
 
@@ -57,13 +57,11 @@ def assert_same(groups, expected):
 
 
 @given(functional_graphs())
-@settings(deadline=None, max_examples=200)
 def test_equals_the_sequential_algorithm(image):
     assert_same(periodic_groups(jnp.asarray(image)), sequential(image))
 
 
 @given(functional_graphs())
-@settings(deadline=None, max_examples=50)
 def test_equals_strongly_connected_components(image):
     graph = nx.DiGraph(list(enumerate(image.tolist())))
     cycles = [
@@ -94,7 +92,6 @@ def test_under_vmap():
 
 
 @given(functional_graphs(), st.data())
-@settings(deadline=None, max_examples=50)
 def test_cells_that_do_not_count_are_left_out(image, data):
     seeds = data.draw(st.lists(st.sampled_from(range(len(image))), min_size=1))
     counts = np.zeros(len(image), bool)
@@ -138,7 +135,6 @@ def section_of(image, chosen, slots):
 
 
 @given(functional_graphs(), st.data())
-@settings(deadline=None, max_examples=150)
 def test_a_section_tells_the_groups_of_all_cells(image, data):
     expected = sequential(image)
     cycles = np.flatnonzero(expected[1] == 0)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices
 
 from jaxcell.certificate import Outcome
@@ -53,7 +53,6 @@ def complete(n):
 
 
 @given(matrices(), st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=50)
 def test_two_robots_equal_the_joint_chain(matrix, seed):
     cells = len(matrix)
     draw = np.random.default_rng(seed)
@@ -104,7 +103,6 @@ def test_distinct_starts_equal_all_sets_of_starts(robots):
 
 
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8), st.data())
-@settings(deadline=None, max_examples=100)
 def test_the_mean_product(values, data):
     count = data.draw(st.integers(1, len(values)))
     sets = [math.prod(chosen) for chosen in itertools.combinations(values, count)]
@@ -126,7 +124,6 @@ def test_a_complete_graph(robots):
 
 
 @given(matrices(), st.data())
-@settings(deadline=None, max_examples=40)
 def test_the_mean_of_two_robots_equals_a_solve_of_the_joint_chain(matrix, data):
     cells = len(matrix)
     starts = [data.draw(st.integers(0, cells - 1)) for _ in range(2)]

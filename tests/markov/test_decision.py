@@ -3,7 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_models import as_model, models, policies
 
 from jaxcell.certificate import Outcome
@@ -35,7 +35,6 @@ def grid_model(side, seed, stays):
 
 
 @given(models(), st.sampled_from([0.3, 0.9, 0.99]))
-@settings(deadline=None, max_examples=60)
 def test_the_best_of_all_policies(parts, discount):
     matrices, reward, allowed = parts
     found = value_iteration(as_model(*parts), discount, 1e-7)
@@ -139,7 +138,6 @@ def test_rounding_ends_it():
 
 
 @given(models(), st.data())
-@settings(deadline=None, max_examples=40)
 def test_the_closed_loop(parts, data):
     matrices, _, allowed = parts
     policy = data.draw(st.sampled_from(policies(allowed)))

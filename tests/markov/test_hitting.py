@@ -1,7 +1,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices, reachable
 
 from jaxcell.certificate import Outcome
@@ -11,7 +11,6 @@ from jaxcell.markov import absorption_probabilities, absorption_times, hitting_t
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=150)
 def test_absorption_equals_dense_solves(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)
@@ -43,7 +42,6 @@ def test_absorption_equals_dense_solves(matrix):
 
 
 @given(matrices(), st.data())
-@settings(deadline=None, max_examples=150)
 def test_hitting_equals_the_definition(matrix, data):
     cells = len(matrix)
     target = sorted(data.draw(st.sets(st.integers(0, cells - 1), min_size=1)))

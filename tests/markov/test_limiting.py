@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from random_chains import matrices
 
 from jaxcell.certificate import Outcome
@@ -25,7 +25,6 @@ def time_average(matrix):
 
 
 @given(matrices())
-@settings(deadline=None, max_examples=200)
 def test_equals_the_time_average_of_a_uniform_start(matrix):
     chain = Chain.from_scipy(matrix)
     groups = persistent_groups(chain)

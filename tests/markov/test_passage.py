@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices
 
 from jaxcell.mapping.generalized import Chain
@@ -24,7 +24,6 @@ def by_taboo(matrix, start, there, steps):
 
 
 @given(matrices(), st.data())
-@settings(deadline=None, max_examples=50)
 def test_the_law_equals_powers_of_the_matrix(matrix, data):
     cells = len(matrix)
     target = sorted(data.draw(st.sets(st.integers(0, cells - 1), min_size=1)))

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.special
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import dense, quantities
@@ -81,7 +81,6 @@ def test_the_small_example(weights, commute, farthest, kemeny, modulus):
 
 
 @given(irreducible())
-@settings(deadline=None, max_examples=40)
 def test_quantities_equal_their_definitions(matrix):
     n = len(matrix)
     chain = Chain.from_scipy(matrix)
@@ -112,7 +111,6 @@ def test_quantities_equal_their_definitions(matrix):
 
 
 @given(irreducible(), st.floats(0.02, 0.45))
-@settings(deadline=None, max_examples=40)
 def test_mixing_time_by_going_step_by_step(matrix, distance):
     found = mixing_time(Chain.from_scipy(matrix), distance)
     share = np.asarray(dense.stationary(jnp.asarray(matrix)))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from random_chains import matrices, reachable
 from random_models import as_model, models, policies
 
@@ -28,7 +28,6 @@ def arriving(matrix, goal):
 
 
 @given(matrices(), st.data())
-@settings(deadline=None, max_examples=100)
 def test_arriving_equals_dense_solves(matrix, data):
     goal = data.draw(st.integers(0, len(matrix) - 1))
     chain = Chain.from_scipy(matrix)
@@ -59,7 +58,6 @@ def test_the_gambler_who_wins():
 
 
 @given(models(), st.data())
-@settings(deadline=None, max_examples=120)
 def test_the_surest_and_quickest_of_all_policies(parts, data):
     matrices, _, allowed = parts
     cells = allowed.shape[1]

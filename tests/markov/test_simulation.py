@@ -4,7 +4,7 @@ import math
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival
@@ -109,7 +109,6 @@ def test_a_cell_of_many_branches_beside_one_of_few():
 
 
 @given(st.integers(1, 9), st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=100)
 def test_alias_tables_hold_the_distributions(slots, seed):
     draw = np.random.default_rng(seed)
     image = draw.integers(0, 5, (4, slots))

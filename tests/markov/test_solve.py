@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.markov import solve
 from jaxcell.markov.solve import solve_stationary, solve_transient
@@ -161,7 +161,6 @@ def parts(draw):
 
 
 @given(parts(), st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=200)
 def test_runs_are_taken_out_and_put_back(part, seed):
     matrix, _ = part
     draw = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import cvxpy
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.certificate import Outcome
 from jaxcell.optimize import conductance
@@ -80,7 +80,6 @@ def connected_graphs(draw, most=9):
 
 
 @given(connected_graphs(), st.data())
-@settings(deadline=None, max_examples=100)
 def test_no_weights_are_better(graph, data):
     emphasis = data.draw(
         st.none()
@@ -136,7 +135,6 @@ def test_equals_cvxpy(program, vertices, more, seed, share):
 
 
 @given(st.integers(2, 40), st.integers(0, 1000))
-@settings(deadline=None, max_examples=30)
 def test_trees(n, seed):
     network = nx.random_labeled_tree(n, seed=seed)
     graph = graph_of(network)
@@ -235,7 +233,6 @@ def test_a_tolerance_below_rounding_is_not_met():
 
 
 @given(connected_graphs(), st.data())
-@settings(deadline=None, max_examples=60)
 def test_tours_are_shortest(graph, data):
     xy = np.random.default_rng(data.draw(st.integers(0, 99))).random((graph.vertices, 2))
     graph = Graph(graph.edges, xy=xy)

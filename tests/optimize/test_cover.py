@@ -3,7 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from jaxcell.optimize.cover import greedy_cover, minimum_cover
@@ -42,7 +42,6 @@ def smallest_by_trial(sets):
 
 # More elements than a word has bits.
 @given(families(12, 200), st.integers(0, 4))
-@settings(deadline=None, max_examples=150)
 def test_greedy_cover_is_that_of_the_algorithm(sets, choice):
     found = greedy_cover(sets, choice)
     chosen, gained = cover_by_sets(sets, choice)
@@ -53,7 +52,6 @@ def test_greedy_cover_is_that_of_the_algorithm(sets, choice):
 
 
 @given(families(7, 10))
-@settings(deadline=None, max_examples=60)
 def test_minimum_cover_is_the_smallest_of_all(sets):
     found = minimum_cover(sets)
     assert (sets[found.chosen].any(axis=0) == sets.any(axis=0)).all()
@@ -63,7 +61,6 @@ def test_minimum_cover_is_the_smallest_of_all(sets):
 
 
 @given(families(25, 25))
-@settings(deadline=None, max_examples=60)
 def test_greedy_cover_is_within_its_bound(sets):
     harmonic = sum(Fraction(1, k) for k in range(1, int(sets.sum(axis=1).max()) + 1))
     assert greedy_cover(sets).chosen.size <= harmonic * minimum_cover(sets).chosen.size

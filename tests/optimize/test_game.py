@@ -3,7 +3,7 @@ import itertools
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jaxcell.certificate import Outcome
@@ -109,7 +109,6 @@ def assert_consistent(leader, follower, prior, found):
 
 
 @given(games())
-@settings(deadline=None, max_examples=60)
 def test_both_methods_equal_brute_force(game):
     leader, follower, prior = game
     best = best_by_corners(*game)

@@ -4,7 +4,7 @@ import cvxpy
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.certificate import Outcome
 from jaxcell.optimize.graph import Graph
@@ -124,7 +124,6 @@ def test_paths_and_complete_graphs(n):
 
 
 @given(st.integers(2, 9), st.integers(0, 12), st.integers(0, 10_000), st.booleans())
-@settings(deadline=None, max_examples=40)
 def test_no_chain_is_faster(n, more, seed, even):
     random = np.random.default_rng(seed)
     graph = random_graph(n, min(n - 1 + more, n * (n - 1) // 2), seed)

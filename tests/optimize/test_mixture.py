@@ -1,7 +1,7 @@
 import cvxpy
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jaxcell.certificate import Outcome
@@ -33,14 +33,12 @@ def assert_optimal(A, b, found):
 
 
 @given(problems())
-@settings(deadline=None, max_examples=400)
 def test_is_optimal(problem):
     A, b = problem
     assert_optimal(A, b, mixture(A, b))
 
 
 @given(problems())
-@settings(deadline=None, max_examples=25)
 def test_equals_cvxpy(problem):
     A, b = problem
     x = cvxpy.Variable(A.shape[1])

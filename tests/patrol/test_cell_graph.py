@@ -4,7 +4,7 @@ import networkx
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.patrol.cell_graph import cell_graph
 from jaxcell.space import CellSpace, Workspace
@@ -41,7 +41,6 @@ def edges_by_squares(free):
 
 
 @given(st.integers(2, 6), st.integers(2, 6), st.integers(0, 10_000))
-@settings(deadline=None, max_examples=60)
 def test_squares(rows, columns, seed):
     blocked = np.random.default_rng(seed).random((rows, columns)) < 0.35
     expected = edges_by_squares(~blocked)

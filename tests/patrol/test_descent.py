@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol.descent import descend
@@ -41,7 +41,6 @@ def most_flow(moves, share, move):
 
 
 @given(connected_graphs(), st.booleans(), st.integers(0, 1000))
-@settings(deadline=None, max_examples=60)
 def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
     # Small whole numbers, so that many sums are just reached.
     share = np.random.default_rng(seed).integers(1, 4, graph.vertices).astype(float)
@@ -68,7 +67,6 @@ def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
 
 
 @given(connected_graphs(), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
-@settings(deadline=None, max_examples=60)
 def test_starts_are_inside(graph, seed, kind):
     share = np.random.default_rng(seed).dirichlet(np.full(graph.vertices, 3.0))
     among = Strategies.on(
@@ -100,7 +98,6 @@ def test_scaling_keeps_the_weights_up_to_rows_and_columns():
 
 
 @given(connected_graphs(), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
-@settings(deadline=None, max_examples=60)
 def test_gap_is_that_of_the_best_corner(graph, seed, kind):
     random = np.random.default_rng(seed)
     share = random.dirichlet(np.full(graph.vertices, 3.0))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.markov import hitting_times
 from jaxcell.optimize.conductance import minimum_commute
@@ -15,7 +15,6 @@ SMALL = Graph(np.array([TAILS, HEADS]).T - 1, xy=XY)
 
 
 @given(st.integers(2, 9), st.integers(0, 10_000))
-@settings(deadline=None, max_examples=30)
 def test_hitting_times_are_those_of_the_chain(n, seed):
     random = np.random.default_rng(seed)
     edges = {(int(random.integers(i)), i) for i in range(1, n)}

@@ -5,7 +5,7 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol.graph_files import load_graph, save_graph
@@ -60,7 +60,6 @@ def graphs(draw):
     return Graph(edges, xy=xy), tuple(names)
 
 
-@settings(max_examples=60, deadline=None)
 @given(graphs(), st.sampled_from(SUFFIXES))
 def test_any_graph_survives(tmp_path_factory, graph_and_names, suffix):
     graph, names = graph_and_names
@@ -200,7 +199,6 @@ def test_nests_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_a_file_that_is_cut_short_is_refused_or_is_a_graph(suffix, data, tmp_path_factory):
     tmp_path = tmp_path_factory.getbasetemp()

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.stats
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import example, given, strategies as st
 
 from jaxcell.patrol.lambda_distribution import Gld
 
@@ -16,9 +16,6 @@ SHAPES = st.one_of(
 # Both tails, down to where 1 - u is not told from 1, and the middle.
 U = np.concatenate([np.geomspace(1e-12, 0.5, 40), 1 - np.geomspace(1e-12, 0.5, 40)])
 X = np.linspace(-30, 30, 121)
-
-
-examples = settings(deadline=None, max_examples=40)
 
 
 def power(u, shape):
@@ -45,7 +42,6 @@ def laws():
     return st.builds(Gld, st.floats(-5, 5), st.floats(0.1, 10), SHAPES, SHAPES)
 
 
-@examples
 @given(law=laws())
 def test_quantile_is_its_definition(law):
     u = U[U < 0.9]
@@ -53,7 +49,6 @@ def test_quantile_is_its_definition(law):
     np.testing.assert_allclose(law.quantile(u), expected, rtol=1e-11, atol=1e-11)
 
 
-@examples
 @given(law=laws())
 @example(law=Gld(0.0, 1.0, 1e-9, -1e-9))
 @example(law=Gld(0.0, 1.0, 50.0, -2.0))
@@ -66,7 +61,6 @@ def test_cdf_inverts_the_quantile_function(law):
     np.testing.assert_allclose(law.quantile(law.cdf(lower)), lower, rtol=1e-9, atol=1e-9)
 
 
-@examples
 @given(shape=st.floats(-3, -0.01), other=SHAPES)
 def test_both_tails_keep_their_digits(shape, other):
     u = np.geomspace(1e-90, 0.1, 50)
@@ -77,7 +71,6 @@ def test_both_tails_keep_their_digits(shape, other):
     np.testing.assert_allclose(upper.log_odds(-x), -odds, rtol=1e-12)
 
 
-@examples
 @given(law=laws())
 def test_density_is_the_derivative_and_sums_up(law):
     x = law.quantile(np.linspace(0.01, 0.99, 21))
@@ -99,7 +92,6 @@ def test_density_integrates_to_1(shapes):
     assert float(total) == pytest.approx(1, abs=1e-5)
 
 
-@examples
 @given(law=laws(), ends=st.tuples(st.floats(-20, 20), st.floats(0, 10)))
 def test_probability_of_an_interval(law, ends):
     low, high = ends[0], ends[0] + ends[1]
@@ -154,7 +146,6 @@ def test_ends_of_the_support():
 
 
 @pytest.mark.slow
-@examples
 @given(l3=SHAPES, l4=SHAPES)
 def test_derivatives_in_the_parameters(l3, l4):
     law = Gld(0.3, 1.7, l3, l4)

@@ -4,7 +4,7 @@ import math
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
@@ -133,7 +133,6 @@ def test_what_no_robot_can_reach_is_open():
 
 
 @given(hnp.arrays(np.float64, hnp.array_shapes(min_dims=2, max_dims=2), elements=st.floats(0, 1)))
-@settings(deadline=None, max_examples=50)
 def test_maximin_is_no_worse_than_a_grid(polynomials):
     found = maximin(polynomials)
     grid = np.linspace(0, 1, 1001)

@@ -3,7 +3,7 @@ from pathlib import Path
 import networkx
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol.cell_graph import cell_graph
@@ -72,7 +72,6 @@ def check_partition(graph, regions):
 
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.35), st.integers(1, 5), st.booleans())
-@settings(deadline=None, max_examples=150)
 def test_regions_of_random_rooms(seed, share, robots, balanced):
     random = np.random.default_rng(seed)
     blocked = random.random((11, 12)) < share
@@ -190,7 +189,6 @@ def test_a_piece_that_touches_no_region_is_joined_through_the_view():
 
 
 @given(st.integers(0, 10_000))
-@settings(deadline=None, max_examples=40)
 def test_base_station_is_the_central_cell_that_sees_most(seed):
     random = np.random.default_rng(seed)
     net = networkx.connected_watts_strogatz_graph(20, 4, 0.3, seed=seed)

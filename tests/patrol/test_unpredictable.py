@@ -6,7 +6,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import scipy.optimize
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.certificate import Outcome
 from jaxcell.markov import dense
@@ -30,7 +30,6 @@ def random_graph(n, more, seed):
 
 
 @given(st.integers(2, 9), st.integers(0, 8), st.integers(0, 1000), st.booleans())
-@settings(deadline=None, max_examples=40)
 def test_free_entropy_rate_counts_walks(n, more, seed, stay):
     graph = random_graph(n, more, seed)
     found = maximum_entropy_rate(graph, stay=stay)

@@ -1,7 +1,7 @@
 import itertools
 
 import numpy as np
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.record.graph import _loop, draw_filter
@@ -93,7 +93,6 @@ def test_a_loop_is_closed_and_keeps_its_states_apart(count):
         assert apart.min() > 0.69
 
 
-@settings(deadline=None, max_examples=25)
 @given(st.data())
 def test_any_filter_is_drawn(data):
     cells = data.draw(st.integers(1, 60))

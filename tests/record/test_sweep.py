@@ -2,7 +2,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import given
 
 from jaxcell.record import log_sweep
 from jaxcell.record.sweep_axes import QUANTILES, axes, means, pairs, statistics
@@ -63,7 +63,6 @@ def test_pairs_of_a_grid_with_samples():
     assert pairs(found, 2) == pairs(found, 9)[:2]
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 6), st.integers(1, 7), st.integers(1, 8))
 def test_statistics_are_those_of_numpy(seed, rows, columns, most):
     rng = np.random.default_rng(seed)

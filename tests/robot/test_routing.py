@@ -1,7 +1,7 @@
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell.robot.routing import grid_steps, next_way, route, wave
 
@@ -38,7 +38,6 @@ def grids(draw):
     return free, closed
 
 
-@settings(max_examples=60, deadline=None)
 @given(grids(), st.integers(0, 10**6), st.integers(0, 10**6), st.integers(0, 3))
 def test_routes_are_shortest(grid, start, goal, ahead):
     free, closed = grid

@@ -475,7 +475,7 @@ def test_the_data_of_a_drive_command_are_no_commands():
 
 
 @needs_compiler
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.1, 0.5]))
 def test_no_damage_makes_it_hang(seed, rate):
     robot, rng = Robot(body_in(ROOM, 0)), np.random.default_rng(seed)

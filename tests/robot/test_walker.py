@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from wheels import Wheels, bounce_tables, map_cells
 
 from jaxcell.robot.body import Body, Noise
@@ -90,7 +90,6 @@ def test_what_a_step_misses_is_made_good_in_the_next():
     assert walker.error < 0.2
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_slip_is_not_seen_by_the_estimate(seed):
     hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])

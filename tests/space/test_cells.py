@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jaxcell.space import CellSpace, Workspace
@@ -29,7 +29,6 @@ def test_the_first_cell_of_the_dissertation_is_our_zero():
 
 
 @given(hnp.arrays(bool, (4, 5)).filter(np.any), st.integers(1, 12), st.floats(0.01, 100))
-@settings(deadline=None)
 def test_index_inverts_centre(free, directions, side):
     cells = CellSpace.of_grid(free, directions, cell=side, origin=(-3.7, 11.1))
     z = np.arange(cells.size)

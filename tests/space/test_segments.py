@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from random_rooms import slanted_obstacles
 
@@ -47,7 +47,6 @@ def steps_on_grid(cells, step, collision):
     ),
     st.sampled_from(["swept", "endpoint"]),
 )
-@settings(deadline=None, max_examples=200)
 def test_squares_and_walls_agree(free, scale, collision):
     directions, step = scale
     cells = CellSpace.of(workspace_of(free), 1.0, directions)
@@ -68,7 +67,6 @@ def rooms(draw):
 
 
 @given(rooms(), st.sampled_from([(7, 1.0), (16, 1.0), (9, 2.3)]))
-@settings(deadline=None, max_examples=60)
 def test_a_step_is_free_if_its_segment_is_covered(room, scale):
     directions, step = scale
     try:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from random_rooms import slanted_obstacles
 
@@ -52,7 +52,6 @@ def sector(x, y, reach, view, heading):
 
 
 @given(rooms(), st.floats(0.7, 7), st.floats(0.3, 6.2), st.floats(-7, 7))
-@settings(deadline=None, max_examples=40)
 def test_a_cell_is_visible_if_the_hull_of_its_parts_and_the_centre_is_free(
     room, reach, view, heading
 ):
@@ -88,7 +87,6 @@ def test_a_cell_is_visible_if_the_hull_of_its_parts_and_the_centre_is_free(
     hnp.arrays(bool, (6, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
     st.sampled_from([0.6, 1.0, 1.6, 2.9, 3.6, np.inf]),
 )
-@settings(deadline=None, max_examples=60)
 def test_squares_are_exact(free, reach):
     # All coordinates are halves, so that shapely's predicates are exact.
     cells = CellSpace.of_grid(free, 1)
@@ -107,7 +105,6 @@ def test_squares_are_exact(free, reach):
     hnp.arrays(bool, (4, 5), elements=st.sampled_from([True, True, False])).filter(np.any),
     st.floats(0.05, 20),
 )
-@settings(deadline=None, max_examples=30)
 def test_a_map_of_any_scale_is_as_its_grid(free, side):
     rows, columns = free.shape
     grid = CellSpace.of_grid(free, 1, cell=side, origin=(-7.3, 2.1))
@@ -125,7 +122,6 @@ def test_a_map_of_any_scale_is_as_its_grid(free, side):
 
 
 @given(rooms(), st.floats(0.5, 7))
-@settings(deadline=None, max_examples=40)
 def test_centres_see_each_other_if_the_segment_is_free(room, reach):
     try:
         cells = CellSpace.of(Workspace(*room), 0.7, 1)
@@ -147,7 +143,6 @@ def test_centres_see_each_other_if_the_segment_is_free(room, reach):
 
 
 @given(rooms(), st.floats(0.5, 4), st.floats(0, 3))
-@settings(deadline=None, max_examples=30)
 def test_who_sees_farther_sees_no_less(room, reach, more):
     try:
         cells = CellSpace.of(Workspace(*room), 0.8, 1)

@@ -35,7 +35,6 @@ def sector(here, reach, view, heading, chords):
 
 
 @given(rooms(), st.floats(0.3, 9), st.sampled_from([2 * np.pi, 5.0, np.pi, 1.2]), st.floats(-4, 4))
-@settings(deadline=None, max_examples=50)
 def test_it_is_what_no_wall_casts_a_shadow_on(room, reach, view, heading):
     boundary, obstacles, point = room
     try:
@@ -66,7 +65,6 @@ def test_it_is_what_no_wall_casts_a_shadow_on(room, reach, view, heading):
 
 
 @given(rooms(), st.lists(st.tuples(st.floats(0, 6), st.floats(0, 6)), min_size=20, max_size=40))
-@settings(deadline=None, max_examples=50)
 def test_a_point_is_in_it_if_the_way_there_is_free(room, points):
     boundary, obstacles, point = room
     try:
@@ -87,7 +85,7 @@ def test_a_point_is_in_it_if_the_way_there_is_free(room, points):
 
 
 @given(rooms(), st.floats(0.7, 6))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_cell_is_wholly_visible_if_the_polygon_covers_what_is_free_of_it(room, reach):
     try:
         cells = CellSpace.of(Workspace(*room[:2]), 0.9, 1)

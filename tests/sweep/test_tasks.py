@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
@@ -119,7 +119,6 @@ ROOMS = {"columns": 9, "rows": 7, "obstacles": 2, "directions": 24}
 @given(
     st.lists(st.tuples(st.integers(0, 3), st.integers(0, 23)), min_size=1, max_size=8), st.data()
 )
-@settings(deadline=None, max_examples=25)
 def test_rooms_do_not_depend_on_the_batch(pairs, data):
     def run(some):
         batch = {
