@@ -99,8 +99,6 @@ def _command(kind: type[OutputOptions], task: str, parameters: Mapping[str, Any]
 def _one_layer(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters of a member of `drift`, which is one layer, as options of the command."""
     options = dict(parameters)
-    if options.get("edge") == "wall":
-        options["edge"] = "uniform"
     if "depth" in options:
         options["depths"] = options.pop("depth")
     elif "duration" not in options:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tyro
 
+from ..display import has_display
 from .terminal import note, own_command, status, table
-from .view import View, has_display
+from .view import View
 
 
 if TYPE_CHECKING:

@@ -1,11 +1,11 @@
 import dataclasses
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import tyro
 
+from ..display import has_display
 from .terminal import note, own_command
 
 
@@ -53,10 +53,3 @@ def recordings_in(results: Path) -> list[Path]:
             if not file.read(4).startswith(b"RRF"):
                 raise ValueError(f"{recording}: expected a Rerun recording (.rrd)")
     return recordings
-
-
-def has_display() -> bool:
-    """Whether a window can be shown from here."""
-    if not sys.platform.startswith("linux"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

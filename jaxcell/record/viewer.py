@@ -1,12 +1,13 @@
 """A Rerun viewer that shows a recording while it is made."""
 
-import os
 import socket
 import sys
 import urllib.parse
 from pathlib import Path
 
 import rerun as rr
+
+from ..display import has_display
 
 
 _PORT = 9876
@@ -47,7 +48,7 @@ def viewer_sink(viewer: str) -> rr.GrpcSink:
 
 
 def _start() -> None:
-    if sys.platform == "linux" and not (os.getenv("DISPLAY") or os.getenv("WAYLAND_DISPLAY")):
+    if not has_display():
         raise OSError(
             "viewer here: there is no display; start `rerun` on a computer that has one, and give "
             "the address that it prints"

@@ -25,7 +25,7 @@ PARAMETERS = {
     "duration": Parameter(number("more than 0 seconds", lambda x: x > 0), None),
     "rho": Parameter(number("a probability from 0 to 1", lambda x: 0 <= x <= 1), 0.8),
     "spread": Parameter(one_of("turned", "all", "sampled"), "turned"),
-    "edge": Parameter(one_of("wall", "exit"), "wall"),
+    "edge": Parameter(one_of("uniform", "exit"), "uniform"),
 }
 _RESULTS = {
     "step": ("duration of a step", "s"),
@@ -35,7 +35,6 @@ _RESULTS = {
     "mean_hours": ("mean expected time to a persistent group, of cells that surely arrive", "h"),
     "longest_hours": ("longest expected time to a persistent group, of such cells", "h"),
 }
-_EDGES = {"wall": "uniform", "exit": "exit"}
 
 
 def drift(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
@@ -70,7 +69,7 @@ def _row(member: dict[str, Any]) -> tuple[float | int, ...]:
         duration,
         rho=member["rho"],
         spread=member["spread"],
-        edge=_EDGES[member["edge"]],
+        edge=member["edge"],
     )
     found = long_term_behaviour(chain, duration)
     hours = np.asarray(found.hours)
