@@ -1,4 +1,5 @@
 import os
+from pathlib import Path
 
 import hypothesis
 import jax
@@ -13,6 +14,11 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+# Most of the time of the tests goes into compilation; both processes and the next run share it.
+_CACHE = Path(__file__).parents[1] / ".pytest_cache" / "xla"
+jax.config.update("jax_compilation_cache_dir", str(_CACHE))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 @pytest.fixture

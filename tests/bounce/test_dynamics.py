@@ -86,10 +86,14 @@ def test_swept_moves_are_endpoint_moves():
 
 
 @pytest.mark.parametrize(
-    "cells", [CellSpace.of(CURVED, 0.4, 24), CellSpace.of_grid(np.eye(7) == 0, 24)]
+    ("cells", "collision", "length"),
+    [
+        (CellSpace.of(CURVED, 0.4, 24), "swept", 1.6),
+        (CellSpace.of(CURVED, 0.4, 24), "endpoint", 1.0),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), "endpoint", 1.6),
+    ],
 )
-@pytest.mark.parametrize("collision", ["swept", "endpoint"])
-@pytest.mark.parametrize("length", [1.0, 1.6])
 def test_both_routes_to_the_groups_agree(cells, collision, length):
     options = {"step": length * cells.cell, "collision": collision}
     angles = 2 * np.pi * np.arange(24) / 24
