@@ -33,7 +33,7 @@ Packages are imported on first use: `import jaxcell` alone does not import JAX.
     >>> import math
     >>> from jaxcell import bounce, mapping, space
     >>> from jaxcell.bundled import bundled
-    >>> cells = space.CellSpace.of(space.Workspace.load(bundled("maps/lab_a.json")), 1.0, 8)
+    >>> cells = space.CellSpace.load(bundled("maps/lab_a.json"))
     >>> found = bounce.bounce_map(cells, math.pi / 4)
     >>> groups = mapping.periodic_groups(found.image)
     >>> cells.size, int(groups.count), groups.group_period[:1].tolist()

@@ -51,7 +51,7 @@ _COMMANDS = {
 
 _DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping.
 
-Exit status: 0 done, 1 the task has no answer, 2 bad input."""
+Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 
 
 def run(args: Sequence[str]) -> int:

@@ -53,6 +53,8 @@ def _shown(value: Any) -> str:
 
 
 def _directory(path: Path) -> dict[str, Any]:
+    if (path / "spec.toml").is_file() or path.suffix == ".zarr":
+        return _sweep(path.parent if path.suffix == ".zarr" else path)
     files = sorted(
         str(file.relative_to(path))
         for file in path.rglob("*")
@@ -153,12 +155,16 @@ def _json(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: expected a JSON object, as all of ours are")
     if "format" in fields and fields["format"] == "jaxcell-map":
         return _map(path)
+    if fields.get("format") == "jaxcell-robot-task":
+        return _robot_task(path)
     if "nodes" in fields:
         return _graph(path)
     if "command" in fields:
         plain = {name: value for name, value in fields.items() if not isinstance(value, dict)}
         return {"what": f"the summary of {plain.pop('command')}", **plain}
-    raise ValueError(f"{path}: neither a map, nor a graph, nor a summary of a command")
+    raise ValueError(
+        f"{path}: neither a map, a graph, a task of robots, nor a summary of a command"
+    )
 
 
 def _map(path: Path) -> dict[str, Any]:
@@ -192,6 +198,46 @@ def _graph(path: Path) -> dict[str, Any]:
     return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
 
 
+def _robot_task(path: Path) -> dict[str, Any]:
+    from ..robot.tasks import load_task
+
+    task = load_task(path)
+    return {
+        "what": "a task of robots; to run it: jaxcell robot run",
+        "kind": task.header["kind"],
+        "robots": getattr(task, "robots", 1),
+        "cell_m": task.cell,
+        "directions": task.directions,
+        "robot_radius_m": task.radius,
+    }
+
+
+def _sweep(path: Path) -> dict[str, Any]:
+    from ..sweep import sweep_status
+
+    found = sweep_status(path)
+    return {
+        "what": "a sweep; to read it: jaxcell.sweep.open_sweep",
+        "task": found.task,
+        "dimensions": dict(found.dimensions),
+        "chunks": found.chunks,
+        "done": found.done,
+        "failed": len(found.failures),
+    }
+
+
+def _specification(path: Path) -> dict[str, Any]:
+    from ..sweep import Spec
+
+    spec = Spec.load(path)
+    return {
+        "what": "the specification of a sweep; to run it: jaxcell sweep",
+        "task": spec.task,
+        "dimensions": spec.dimensions,
+        "chunks": spec.chunk_count,
+    }
+
+
 def _map_or_graph(path: Path) -> dict[str, Any]:
     try:
         return _map(path)
@@ -222,6 +268,7 @@ _KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".rrd": _recording,
     ".json": _json,
     ".jsonl": _log,
+    ".toml": _specification,
     ".yaml": _map,
     ".yml": _map,
     ".txt": _map_or_graph,

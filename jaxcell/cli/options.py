@@ -38,18 +38,14 @@ class MapOptions:
 
     def cells(self) -> "CellSpace":
         """Reads the map and cuts it into cells."""
-        from ..space import CellSpace, Workspace
+        from ..space import CellSpace
 
-        workspace = Workspace.load(self.map)
-        if self.robot_radius is not None:
-            workspace = dataclasses.replace(workspace, robot_radius=self.robot_radius)
-        cell = workspace.cell if self.cell is None else self.cell
-        if cell is None:
-            raise ValueError(
-                f"{self.map}: the map suggests no side of a cell; give --cell in metres"
-            )
-        directions = (workspace.directions or 8) if self.directions is None else self.directions
-        return CellSpace.of(workspace, cell, directions)
+        return CellSpace.load(
+            self.map,
+            cell=self.cell,
+            directions=self.directions,
+            robot_radius=self.robot_radius,
+        )
 
     @property
     def motion(self) -> dict[str, Any]:

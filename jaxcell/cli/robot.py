@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from .options import cell_at, write_text
+from .options import cell_at, command_name, write_text
 from .robot_emulation import emulate, seen_from
 from .robot_summary import show
-from .terminal import note, status
+from .terminal import note, note_results, status
 
 
 if TYPE_CHECKING:
@@ -127,7 +127,12 @@ class RobotRun:
         except RobotStopped as error:
             note(f"jaxcell robot run: the robot was stopped: {error}")
             return 1
-        summary = {"file": str(self.file), "port": self.port, **dataclasses.asdict(outcome)}
+        summary = {
+            "command": f"jaxcell {command_name(type(self))}",
+            "file": str(self.file),
+            "port": self.port,
+            **dataclasses.asdict(outcome),
+        }
         if emulation is not None:
             summary["emulated"] = emulation.describe(outcome)
         if self.out is not None:
@@ -136,6 +141,8 @@ class RobotRun:
             print(json.dumps(summary))
         else:
             show(self.file.name, summary, emulation)
+            if self.out is not None:
+                note_results(self.out)
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
     def _heading(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:

@@ -1,6 +1,7 @@
 import dataclasses
 import functools
 import math
+import os
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -27,7 +28,8 @@ class CellSpace:
     direction * positions + position`, and direction `k` points at `2 * pi * k / directions`,
     counter-clockwise from the x axis (East).
 
-    Make one with [`CellSpace.of`][] from a map or [`CellSpace.of_grid`][] from a grid.
+    Make one with [`CellSpace.load`][] from a map file, [`CellSpace.of`][] from a map or
+    [`CellSpace.of_grid`][] from a grid.
 
     A corridor of three squares, with the directions East and West; cell 4 is the middle one,
     Westward:
@@ -89,6 +91,46 @@ class CellSpace:
         free_space = workspace.free_space.buffer(TOLERANCE * cell, join_style="mitre")
         blocked = rasterise(free_space, (left, bottom, right, top), cell)
         return cls(workspace, float(cell), directions, (left, bottom), ~blocked)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        cell: float | None = None,
+        directions: int | None = None,
+        robot_radius: float | None = None,
+    ) -> "CellSpace":
+        """Reads a map file and cuts its free space into cells, by default as the map suggests.
+
+        **Arguments:**
+
+        - `path`: as for [`Workspace.load`][].
+        - `cell`: side of a cell, in metres.
+        - `directions`: number of directions; 8 where the map suggests none.
+        - `robot_radius`: radius of a disc robot, in metres.
+
+        **Raises:** as [`Workspace.load`][] and [`CellSpace.of`][]; `ValueError` if neither `cell`
+        nor the map says how large a cell is.
+
+        A lab whose map suggests cells of 1 m:
+
+            >>> from jaxcell import space
+            >>> from jaxcell.bundled import bundled
+            >>> cells = space.CellSpace.load(bundled("maps/lab_a.json"), directions=4)
+            >>> cells.positions, cells.size
+            (19, 76)
+        """
+        workspace = Workspace.load(path)
+        if robot_radius is not None:
+            workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
+        side = workspace.cell if cell is None else cell
+        if side is None:
+            raise ValueError(
+                f"cell: {os.fspath(path)} suggests no side of a cell; expected one in metres"
+            )
+        suggested = workspace.directions or 8
+        return cls.of(workspace, side, suggested if directions is None else directions)
 
     @classmethod
     def of_grid(

@@ -1,10 +1,13 @@
 import json
+import math
 
 import pytest
 
 from jaxcell.bundled import bundled
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
+from jaxcell.robot import save_team
+from jaxcell.sweep import Spec, run_sweep
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +51,25 @@ def test_every_file_of_a_command_is_told(results):
 )
 def test_bundled_data_are_told(name, told):
     assert told.items() <= describe(bundled(name)).items()
+
+
+def test_a_team_for_robots_is_told(tmp_path):
+    common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.2}
+    path = tmp_path / "team.json"
+    save_team(path, common, [(0.5, 0.5, 0.0), (1.5, 0.5, 0.0)], [0.0, math.pi / 2], ["0", "1"])
+    told = {"kind": "team", "robots": 2, "cell_m": 1.0, "robot_radius_m": 0.2}
+    assert told.items() <= describe(path).items()
+
+
+def test_a_sweep_and_its_specification_are_told(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text('task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n')
+    told = {"task": "sweep_stub:stub", "dimensions": {"x": 3}, "chunks": 2}
+    assert told.items() <= describe(path).items()
+    run_sweep(Spec.load(path), tmp_path / "out")
+    told |= {"done": 2, "failed": 0}
+    assert told.items() <= describe(tmp_path / "out").items()
+    assert told.items() <= describe(tmp_path / "out" / "sweep.zarr").items()
 
 
 def test_it_is_told_to_people_and_to_programs(results, capsys):

@@ -1,7 +1,6 @@
 """What the tasks on maps share: the options of the commands that read one."""
 
 import functools
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .parameters import Parameter, number, one_of, text, whole
@@ -27,25 +26,17 @@ MOTION = {
 
 def cells_of(member: dict[str, Any]) -> "CellSpace":
     """The cells of a map, by the options `map`, `directions`, `cell` and `robot_radius`."""
-    return _cells(*(member.get(name) for name in MAP))
+    return _cells(member["map"], *(member.get(name) for name in MAP if name != "map"))
 
 
 # The cells of a map keep what has been found out about them.
 @functools.lru_cache(maxsize=8)
 def _cells(
-    path: str, directions: int | None, cell: float | None, radius: float | None
+    path: str, directions: int | None, cell: float | None, robot_radius: float | None
 ) -> "CellSpace":
-    import dataclasses
+    from ...space import CellSpace
 
-    from ...space import CellSpace, Workspace
-
-    workspace = Workspace.load(Path(path))
-    if radius is not None:
-        workspace = dataclasses.replace(workspace, robot_radius=radius)
-    side = workspace.cell if cell is None else cell
-    if side is None:
-        raise ValueError(f"cell: {path} suggests no side of a cell; expected one in metres")
-    return CellSpace.of(workspace, side, directions or workspace.directions or 8)
+    return CellSpace.load(path, cell=cell, directions=directions, robot_radius=robot_radius)
 
 
 def motion_of(member: dict[str, Any]) -> dict[str, Any]:
