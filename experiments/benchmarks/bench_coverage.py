@@ -36,6 +36,7 @@ RELIABILITY = 0.8
 SLOW_SCIPY = "scipy strong components, sink test edge by edge"
 # As far as power iteration goes, and how far from each other two answers may be.
 RESIDUAL = 1e-10
+WHOLE_POWER = f"power iteration to {RESIDUAL:g}, all cells"
 AGREEMENT = 1e-6
 # What the turns of one program may take.
 PATIENCE_S = 3
@@ -176,7 +177,7 @@ def with_quantecon() -> bool:
     return importlib.util.find_spec("quantecon") is not None
 
 
-def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
+def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
     cells = room()
     chain = jax.block_until_ready(noisy(cells, bounce_deg))
     matrix = chain.to_scipy()
@@ -205,11 +206,12 @@ def one_angle(bounce_deg: float, repeats: int) -> list[Row]:
         ),
         "scipy eigs, given the groups": lambda: eigs_limiting(matrix, group),
         f"power iteration to {RESIDUAL:g}, given the groups": lambda: power_limiting(matrix, group),
-        f"power iteration to {RESIDUAL:g}, all cells": lambda: whole_power_limiting(matrix),
     }
+    if full:
+        programs[WHOLE_POWER] = lambda: whole_power_limiting(matrix)
     timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
     show(f"Limiting distribution, {title}", timings)
-    del timings[f"power iteration to {RESIDUAL:g}, all cells"]
+    timings.pop(WHOLE_POWER, None)
     return rows + rows_of("coverage", f"limiting distribution, {noise}", size, timings)
 
 
@@ -259,12 +261,16 @@ def whole_job(repeats: int) -> list[Row]:
 
 
 def main() -> None:
-    arguments = options(__doc__, repeats=3, full="one more angle").parse_args()
+    arguments = options(
+        __doc__,
+        repeats=3,
+        full="one more angle, and power iteration over all cells, which takes minutes",
+    ).parse_args()
     begin("jax", "scipy", "numpy", "quantecon")
     # First of all, since peak memory never falls.
     rows = whole_job(arguments.repeats)
     for bounce_deg in BOUNCES_DEG if arguments.full else SIDE_BY_SIDE_DEG:
-        rows += one_angle(bounce_deg, arguments.repeats)
+        rows += one_angle(bounce_deg, arguments.repeats, arguments.full)
     rows += quantecon_size(arguments.repeats)
     write_rows(arguments.rows, rows)
 
