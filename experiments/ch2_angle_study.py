@@ -17,8 +17,8 @@ the order of the angle, the bumps until the first heading is back (98 % of the v
 logarithm: from 1 group at order 360 to 37,000 at order 1, in nearly every room alike), while the
 longest transient does not depend on it (3 %) but on the angle itself (92 %). Transients and
 filters are longest just beside 180 deg, where a bounce all but turns the robot round: a median of
-20,000 steps and 190,000 states, against 110 steps from 20 to 60 deg, and 150 steps and 810 states at
-180 deg itself.
+20,000 steps and 190,000 states, against 110 steps from 20 to 60 deg, and 150 steps and 810 states
+at 180 deg itself.
 
 The sweep is resumable: run the same command again. Writes the store of the sweep, `summary.json`
 and `angle_study.png`.
