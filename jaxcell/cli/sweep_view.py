@@ -50,14 +50,18 @@ class SweepView:
             return self._member(spec, failures)
         from .. import record
         from ..sweep import open_sweep
+        from ..sweep.store import reading
 
         out = self.folder / "overview.rrd" if self.out is None else self.out
         with open_sweep(self.folder) as dataset, status(f"writing {out}"):
+            with reading(self.folder):
+                dataset.load()
             record.log_sweep(out, dataset, failures=failures)
         return _open(out)
 
     def _member(self, spec: "Spec", failures: Sequence[str]) -> int:
         from ..sweep import open_sweep
+        from ..sweep.store import reading
         from .sweep_member import check_detail, member_detail
 
         # A task may stand in a file beside the user.
@@ -65,7 +69,7 @@ class SweepView:
         check_detail(spec.task)
         places = selected(spec, self.select)
         name = ",".join(re.sub(r"[^\w.=+-]+", "_", f"{k}={v}") for k, v in named(spec, places))
-        with open_sweep(self.folder) as dataset:
+        with open_sweep(self.folder) as dataset, reading(self.folder):
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:

@@ -210,7 +210,7 @@ def _parse_graphml(text: str) -> tuple[list[_Vertex], list[_Edge]]:
         AttributeError,
         ParseError,
     ) as error:
-        raise ValueError(f"not GraphML that networkx reads: {error}") from None
+        raise ValueError(f"not GraphML that networkx reads: {str(error)[:300]}") from None
     if graph.is_directed():
         raise ValueError(f"edgedefault: {_DIRECTED}")
     return (

@@ -14,7 +14,7 @@ RANDOM_DIMENSION = "sample"
 
 # `status` is a variable of every result; xarray would mistake a parameter of that name for it.
 _RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
-_MOST_VALUES = 100_000_000
+_MOST_VALUES = 10_000_000
 # So that the difference of two is finite too.
 _LARGEST = 1e300
 # A range ends before its stop, where rounding may have left the last value an ulp too small.

@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import errno
-import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +13,7 @@ import xarray as xr
 
 from .engines import engine_named
 from .spec import Chunk, Spec
-from .store import DONE, FAILED, Failure, SweepStore, made_with, running
+from .store import DONE, Failure, SweepStore, made_with, reading, running
 from .work import Failed, Job, check_parameters, failure, jax_is_wide
 
 
@@ -142,7 +141,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
 
     **Returns:** [`SweepStatus`][].
 
-    **Raises:** `ValueError` if there is none.
+    **Raises:** `ValueError` if there is none, or it is damaged.
 
     A sweep that is done:
 
@@ -164,21 +163,13 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         raise ValueError(f"{folder}: expected the folder of a sweep; it has no spec.toml")
     spec = Spec.load(folder / "spec.toml")
     store = SweepStore(folder, spec, {})
-    states = store.states()
-    failures = []
-    for path in store.failure_files():
-        # A report may outlive its failure by a moment.
-        with contextlib.suppress(FileNotFoundError):
-            report = json.loads(path.read_text(encoding="utf-8"))
-            if states[report["chunk"]] == FAILED:
-                failures.append(Failure(**report))
     return SweepStatus(
         spec.task,
         spec.dimensions,
         spec.members,
         spec.chunk_count,
-        int((states == DONE).sum()),
-        tuple(failures),
+        int((store.states() == DONE).sum()),
+        tuple(store.failures()),
         running(folder),
     )
 
@@ -196,7 +187,7 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
     **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
     its `status` is 1 where a member is done.
 
-    **Raises:** `ValueError` if there is none, or no chunk of it is done yet.
+    **Raises:** `ValueError` if there is none, no chunk of it is done yet, or it is damaged.
 
     The number of periodic groups for two angles on one map:
 
@@ -217,7 +208,8 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
     if not path.is_dir():
         told = sweep_status(out)
         raise ValueError(f"{path}: no chunk is done yet, of {told.chunks}")
-    return xr.open_zarr(path, consolidated=True)
+    with reading(path):
+        return xr.open_zarr(path, consolidated=True)
 
 
 class _Count:

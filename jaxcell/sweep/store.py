@@ -45,6 +45,19 @@ class Failure:
     "The end of the traceback, if there is one."
 
 
+@contextlib.contextmanager
+def reading(folder: Path) -> Iterator[None]:
+    """Turns all that readers of a damaged store raise into a `ValueError` that names it."""
+    try:
+        yield
+    except Exception as error:  # Zarr and its codecs have errors of many types.
+        message = " ".join(str(error).split())[:500]
+        if isinstance(error, ValueError | OSError) and str(folder) in message:
+            raise
+        told = f"{type(error).__name__}: {message}" if message else type(error).__name__
+        raise ValueError(f"{folder}: the sweep there is damaged: {told}") from error
+
+
 class SweepStore:
     """The folder of a sweep, for the one process that writes there.
 
@@ -99,13 +112,24 @@ class SweepStore:
 
     def states(self) -> np.ndarray:
         """The state of each chunk, by number."""
-        if not self._arrays:
-            states = np.full(self.spec.chunk_count, TO_DO, np.int8)
-            for path in self.failure_files():
-                states[int(path.stem)] = FAILED
-            return states
-        first = tuple(slice(None, None, length) for length in self.spec.lengths.values())
-        return np.asarray(self._arrays["status"][first], np.int8).ravel()
+        with reading(self.folder):
+            if not self._arrays:
+                states = np.full(self.spec.chunk_count, TO_DO, np.int8)
+                for path in self.failure_files():
+                    states[int(path.stem)] = FAILED
+                return states
+            first = tuple(slice(None, None, length) for length in self.spec.lengths.values())
+            return np.asarray(self._arrays["status"][first], np.int8).ravel()
+
+    def failures(self) -> Iterator[Failure]:
+        """The chunks that failed."""
+        states = self.states()
+        for path in self.failure_files():
+            # A report may outlive its failure by a moment.
+            with reading(self.folder), contextlib.suppress(FileNotFoundError):
+                report = Failure(**json.loads(path.read_text(encoding="utf-8")))
+                if states[report.chunk] == FAILED:
+                    yield report
 
     def write(self, chunk: Chunk, computed: Computed) -> None:
         """Writes a chunk.
@@ -147,13 +171,19 @@ class SweepStore:
         return self.folder / "failures" / f"{chunk.number:07d}.json"
 
     def _open(self) -> None:
-        if self.zarr.exists():
+        if not self.zarr.exists():
+            return
+        sizes = tuple(self.spec.dimensions.values())
+        with reading(self.folder):
             group = zarr.open_group(self.zarr, mode="r+", zarr_format=3)
             self._arrays = dict(group.arrays())
+            if "status" not in self._arrays or self._arrays["status"].shape != sizes:
+                raise ValueError(f"expected a status of shape {sizes}")
 
     def _check_versions(self) -> None:
         if self._arrays:
-            attributes = zarr.open_group(self.zarr, mode="r").attrs
+            with reading(self.folder):
+                attributes = zarr.open_group(self.zarr, mode="r").attrs
             told = [
                 f"{name}: {attributes.get(name)} there, {here} here"
                 for name, here in self.versions.items()

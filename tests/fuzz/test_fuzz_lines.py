@@ -1,0 +1,85 @@
+"""Random command lines: any command, with any of its options, and values that may be anything."""
+
+import dataclasses
+import shutil
+
+import pytest
+from hypothesis import given, strategies as st
+from mutations import DATA, answers, cases, tree
+
+from jaxcell.cli import main
+from jaxcell.cli.app import _COMMANDS as COMMANDS
+
+
+FILES = {
+    "map.json": DATA / "maps/lab_a.json",
+    "grid.txt": DATA / "maps/maze.txt",
+    "graph.json": DATA / "graphs/line.json",
+    "sea.nc": DATA / "ocean/gyres.nc",
+}
+SPEC = 'task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n'
+JUNK = {
+    "junk.rrd": b"RRF2\xff\0" * 9,
+    "junk.jxf": b"\x93jaxcell",
+    "empty.json": b"",
+    "junk.toml": b"=",
+}
+# Where nothing is wrong these work for longer than a reader may.
+LONG = {"cover", "drift", "patrol graph", "patrol map", "team", "localize", "navigate", "groups"}
+HOSTILE = [
+    *("", " ", "-", "--", "nan", "inf", "-inf", "-1", "-0", "0", "0.5", "1e300", "1e-300", "x"),
+    *("9" * 400, "é", "\u202e", "a,b,c", "nan,nan,nan", "1e300,0,0", ",", ",,", "0x10", "None"),
+    *("[]", "{}", "../x", "no/such/file.json", "/", "/dev/null", "x" * 300, "a=b", "a=", "=b"),
+]
+GOOD = ["1", "2", "3", "45", "90", "0,0", "0.5,0.5,0", "4,4", *FILES, "spec.toml"]
+
+
+def options_of(name):
+    """The names of the options of a command, without those that take the machine."""
+    fields = {one.name.replace("_", "-") for one in dataclasses.fields(COMMANDS[name])}
+    return sorted(fields - {"out", "port", "engine", "workers", "camera", "json", "live"})
+
+
+@st.composite
+def command_lines(draw):
+    """A command, and what stands after its name."""
+    name = draw(st.sampled_from(sorted(set(COMMANDS) - {"demo"})))
+    files = [*FILES, *JUNK, "spec.toml", "folder", "no-such-file.json", *HOSTILE]
+    words = [draw(st.sampled_from(files)) for _ in range(draw(st.sampled_from([1, 1, 1, 0, 2])))]
+    for option in draw(st.lists(st.sampled_from([*options_of(name), "x"]), max_size=4)):
+        values = st.sampled_from([*HOSTILE, *GOOD]) | st.text(max_size=6)
+        words += [f"--{option}", *draw(st.lists(values, max_size=2))]
+    if name in LONG:
+        for _ in range(draw(st.integers(1, 4))):
+            option = draw(st.sampled_from(options_of(name)))
+            words += [f"--{option}", draw(st.sampled_from(HOSTILE))]
+    return name, words
+
+
+@pytest.fixture(autouse=True)
+def folder(monkeypatch, tmp_path):
+    """A folder with a file of each kind; nothing is opened on a screen."""
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("subprocess.call", lambda *args, **options: 0)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    for name, source in FILES.items():
+        shutil.copy(source, tmp_path / name)
+    for name, content in JUNK.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "spec.toml").write_text(SPEC)
+
+
+@cases(60)
+@given(command_lines())
+def test_command_lines(capsys, tmp_path, line):
+    name, words = line
+    out = tmp_path / "out"
+    takes_out = any(one.name == "out" for one in dataclasses.fields(COMMANDS[name]))
+    status = answers(
+        main, capsys, *name.split(), *words, *(("--out", out) if takes_out else ()), out=tmp_path
+    )
+    if status == 2:
+        assert not out.exists() or not tree(out), tree(out)
+    shutil.rmtree(out, ignore_errors=True)
+    out.unlink(missing_ok=True)

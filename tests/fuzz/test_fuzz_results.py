@@ -1,0 +1,134 @@
+"""What was written and is read again, damaged: recordings, sweeps; and pictures to cover."""
+
+import io
+import shutil
+
+import numpy as np
+import pytest
+import rerun as rr
+from hypothesis import given, strategies as st
+from mutations import DATA, answers, cases, damaged, limits, reads_or_refuses, tree
+from PIL import Image
+
+from jaxcell.cli import main
+from jaxcell.cli.info import describe
+from jaxcell.cli.target import read_target
+from jaxcell.space import CellSpace
+from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
+
+
+SPEC = 'task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n[fixed]\nfail = 3\n'
+CELLS = CellSpace.load(DATA / "maps/lab_a.json")
+
+
+def encoded(form, mode="L", size=(5, 4)):
+    file = io.BytesIO()
+    pixels = np.arange(size[0] * size[1], dtype=np.uint8).reshape(size[::-1])
+    Image.fromarray(pixels).convert(mode).save(file, form)
+    return file.getvalue()
+
+
+IMAGES = {
+    "a.png": encoded("PNG"),
+    "a.pgm": encoded("PPM"),
+    "a.tif": encoded("TIFF", "F"),
+    "a.gif": encoded("GIF"),
+    "a.jpg": encoded("JPEG"),
+    "a.bmp": encoded("BMP", "RGB"),
+}
+
+
+@cases()
+@given(damaged(IMAGES))
+def test_pictures_to_cover(tmp_path, file):
+    name, content = file
+    path = tmp_path / name
+    path.write_bytes(content)
+    reads_or_refuses(lambda one: read_target(CELLS, str(one)), path)
+
+
+@pytest.mark.parametrize("name", sorted(IMAGES))
+def test_the_undamaged_pictures_are_read(tmp_path, name):
+    (tmp_path / name).write_bytes(IMAGES[name])
+    assert read_target(CELLS, str(tmp_path / name)).sum() == pytest.approx(1)
+
+
+def test_a_picture_that_claims_to_be_huge(tmp_path):
+    path = tmp_path / "a.pgm"
+    path.write_bytes(b"P5 300000 300000 255\n" + bytes(100))
+    assert not reads_or_refuses(lambda one: read_target(CELLS, str(one)), path)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "whole.rrd"
+    with rr.RecordingStream("fuzz") as stream:
+        stream.save(path)
+        for step in range(3):
+            stream.set_time("step", sequence=step)
+            stream.log("robot", rr.Points2D([[step, 0.5]]))
+    return path.read_bytes()
+
+
+@cases()
+@given(data=st.data())
+def test_damaged_recordings(tmp_path, recording, data):
+    name, content = data.draw(damaged({"run.rrd": recording}))
+    path = tmp_path / name
+    path.write_bytes(content)
+    reads_or_refuses(describe, path)
+
+
+def test_the_undamaged_recording_is_read(tmp_path, recording):
+    (tmp_path / "run.rrd").write_bytes(recording)
+    assert "step" in describe(tmp_path / "run.rrd")["timelines"]
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    """A sweep of two chunks, of which one failed."""
+    folder = tmp_path_factory.mktemp("sweep")
+    (folder / "spec.toml").write_text(SPEC)
+    run_sweep(Spec.load(folder / "spec.toml"), folder / "out")
+    return folder / "out"
+
+
+@cases(60)
+@given(data=st.data())
+def test_damaged_sweeps(tmp_path, sweep, data):
+    out = tmp_path / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    shutil.copytree(sweep, out)
+    names = [name for name in tree(out) if (out / name).is_file() and name != "lock"]
+    name = data.draw(st.sampled_from(names))
+    if data.draw(st.integers(0, 9)) == 0:
+        (out / name).unlink()
+    else:
+        _, content = data.draw(damaged({name: (out / name).read_bytes()}))
+        (out / name).write_bytes(content)
+    for use in (sweep_status, describe, open_sweep, gone_on_with):
+        try:
+            with limits():
+                use(out)
+        except (ValueError, OSError) as error:
+            assert "out" in str(error), repr(error)
+            assert len(str(error)) < 1500
+
+
+def gone_on_with(out):
+    (out.parent / "spec.toml").write_text(SPEC)
+    run_sweep(Spec.load(out.parent / "spec.toml"), out, resume=True)
+
+
+@pytest.mark.parametrize("options", [[], ["--select", "x=1"]])
+def test_a_sweep_with_damaged_values_is_not_shown(tmp_path, sweep, capsys, options):
+    shutil.copytree(sweep, tmp_path / "out")
+    (tmp_path / "out/sweep.zarr/value/c/0").write_bytes(b"no zstd")
+    before = tree(tmp_path)
+    assert answers(main, capsys, "sweep", "view", tmp_path / "out", *options) == 2
+    assert tree(tmp_path) == before
+
+
+def test_the_undamaged_sweep_is_read(sweep):
+    assert (sweep_status(sweep).done, len(sweep_status(sweep).failures)) == (1, 1)
+    assert open_sweep(sweep).value.notnull().sum() == 2
