@@ -114,7 +114,8 @@ def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
 def _grid_values(given: Any) -> np.ndarray:
     values = _range_values(given) if isinstance(given, Mapping) else _list_values(given)
     # A dimension is told by its values; with one twice, `sel` would find two places.
-    if np.unique(values).size < values.size:
+    ordered = np.sort(values)
+    if (ordered[1:] == ordered[:-1]).any():
         raise ValueError(f"expected different values, got {reprlib.repr(values.tolist())}")
     return values
 
@@ -150,7 +151,7 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
             raise ValueError(f"{field}: expected a finite number, got {reprlib.repr(given[field])}")
     start, stop = given["start"], given["stop"]
     if "num" in fields:
-        return np.linspace(start, stop, _count("num", given["num"]))
+        return np.linspace(float(start), float(stop), _count("num", given["num"]))
     step = given["step"]
     parts = (stop - start) / step if step else 0
     if parts > _MOST_VALUES:

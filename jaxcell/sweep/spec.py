@@ -20,6 +20,7 @@ _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
 # A chunk is a file for each variable of the result, and a line in the books of the driver.
 _MOST_CHUNKS = 1_000_000
+_LONGEST = 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +96,10 @@ class Spec:
         except RecursionError:
             raise ValueError(f"{path}: its brackets are nested too deeply") from None
         except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+            # A name in it may be of any length.
+            message = str(error)
+            cut = message[:_LONGEST] + "..." * (len(message) > _LONGEST)
+            raise ValueError(f"{path}: {cut}") from None
 
     @classmethod
     def _read(cls, path: Path, text: bytes, document: dict[str, Any]) -> "Spec":
