@@ -33,17 +33,9 @@ COMMANDS = {
 
 
 @pytest.fixture(autouse=True)
-def _own_cache(monkeypatch, tmp_path):
+def _own_cache(monkeypatch, tmp_path, imported):
     monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
     monkeypatch.chdir(tmp_path)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _imported():
-    """What a first command takes seconds to import is imported."""
-    import jaxcell.bounce
-    import jaxcell.drift
-    import jaxcell.patrol  # noqa: F401
 
 
 MAPPED = ["cover", "groups", "localize", "navigate", "team", "patrol map"]
