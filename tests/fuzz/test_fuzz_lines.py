@@ -26,6 +26,19 @@ JUNK = {
 }
 # Where nothing is wrong these work for longer than a reader may.
 LONG = {"cover", "drift", "patrol graph", "patrol map", "team", "localize", "navigate", "groups"}
+NEEDED = {
+    "cover": ["map.json", "--bounces", "45", "--error", "1", "--reliability", "0.8"],
+    "drift": ["sea.nc"],
+    "export": ["map.json", "map.dot"],
+    "groups": ["map.json", "--bounce", "45"],
+    "localize": ["map.json", "--bounce", "45"],
+    "navigate": ["map.json", "--bounces", "45", "--start", "0", "--goal", "1"],
+    "patrol graph": ["graph.json"],
+    "patrol map": ["map.json"],
+    "team": ["map.json", "--bounce", "45"],
+}
+# No option takes these as they are.
+BAD = ["", " ", "-", "--", "nan", "-1", "x", "é", "nan,nan,nan", ",", "{}", "/", "x" * 300, "=b"]
 HOSTILE = [
     *("", " ", "-", "--", "nan", "inf", "-inf", "-1", "-0", "0", "0.5", "1e300", "1e-300", "x"),
     *("9" * 400, "é", "\u202e", "a,b,c", "nan,nan,nan", "1e300,0,0", ",", ",,", "0x10", "None"),
@@ -46,13 +59,14 @@ def command_lines(draw):
     name = draw(st.sampled_from(sorted(set(COMMANDS) - {"demo"})))
     files = [*FILES, *JUNK, "spec.toml", "folder", "no-such-file.json", *HOSTILE]
     words = [draw(st.sampled_from(files)) for _ in range(draw(st.sampled_from([1, 1, 1, 0, 2])))]
+    if name in NEEDED and draw(st.booleans()):
+        words = [*NEEDED[name]]
     for option in draw(st.lists(st.sampled_from([*options_of(name), "x"]), max_size=4)):
         values = st.sampled_from([*HOSTILE, *GOOD]) | st.text(max_size=6)
-        words += [f"--{option}", *draw(st.lists(values, max_size=2))]
+        count = draw(st.sampled_from([1, 1, 1, 1, 0, 2]))
+        words += [f"--{option}", *(draw(values) for _ in range(count))]
     if name in LONG:
-        for _ in range(draw(st.integers(1, 4))):
-            option = draw(st.sampled_from(options_of(name)))
-            words += [f"--{option}", draw(st.sampled_from(HOSTILE))]
+        words += [f"--{draw(st.sampled_from(options_of(name)))}", draw(st.sampled_from(BAD))]
     return name, words
 
 
