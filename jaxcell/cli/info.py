@@ -84,7 +84,11 @@ def _filter(path: Path) -> dict[str, Any]:
 def _netcdf(path: Path) -> dict[str, Any]:
     import netCDF4
 
+    from ..netcdf_classic import promised_length
+
     try:
+        # The library may look for ages for what a damaged header promises.
+        promised_length(path)
         with netCDF4.Dataset(path) as file:
             return _contents(file)
     except Exception as error:  # what a damaged file makes the library raise is not written

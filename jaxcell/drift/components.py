@@ -194,4 +194,8 @@ def _part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
             raise file.error(
                 name, f"dimension {dim} of length {array.sizes[dim]}: the velocity has none such"
             )
+    if absent := [dim for dim in block if dim not in array.dims]:
+        raise file.error(
+            name, f"expected the dimensions {', '.join(map(str, block))}; it has no {absent[0]}"
+        )
     return array.isel(others | block)

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from .classic import promised_length
+from ..netcdf_classic import promised_length
 
 
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.

@@ -126,7 +126,9 @@ def at_height(
         return np.where(np.isfinite(wanted), values[0], np.nan)
     below = np.clip((heights <= wanted).sum(axis=0) - 1, 0, levels - 2)[None]
     low, high = (np.take_along_axis(heights, below + k, axis=0)[0] for k in (0, 1))
-    share = np.clip((wanted - low) / (high - low), 0, 1)
+    # Where there is no water all levels are one.
+    with np.errstate(invalid="ignore"):
+        share = np.clip((wanted - low) / (high - low), 0, 1)
     down, up = (np.take_along_axis(values, below + k, axis=0)[0] for k in (0, 1))
     return down + share * (up - down)
 
@@ -141,7 +143,7 @@ def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarr
     # Packed files hold -1 and 0 only to their precision.
     ordered = (steps > 0).all() or (steps < 0).all()
     if not (ordered and values.min() >= -1.001 and values.max() <= 0.001):
-        raise file.error(names[0], f"expected levels in order between -1 and 0, got {values}")
+        raise file.error(names[0], f"expected levels in order between -1 and 0, got {_few(values)}")
     return values
 
 
@@ -158,13 +160,17 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
     raise file.error(names[0], "missing; without it the depth of the levels is not known")
 
 
+def _few(values: Float[np.ndarray, " values"]) -> str:
+    return np.array2string(values, threshold=6)
+
+
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
     """Vtransform as it stands, as CF calls it, or as CROCO does."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))
         if value.size != 1 or value[0] not in (1, 2):
-            raise file.error("Vtransform", f"expected 1 or 2, got {value}")
+            raise file.error("Vtransform", f"expected 1 or 2, got {_few(value)}")
         return int(value[0]), f"Vtransform {value[0]:g}"
     standard_name = str(variables[dim].attrs.get("standard_name")) if dim in variables else ""
     for number in (1, 2):
