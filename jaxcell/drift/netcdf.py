@@ -42,8 +42,8 @@ class OceanFile:
     dataset: xr.Dataset
 
     def error(self, field: str, message: str) -> ValueError:
-        """An error that says in which file and field."""
-        return ValueError(f"{self.name}: {field}: {message}")
+        """An error that says in one line in which file and field."""
+        return ValueError(f"{self.name}: {field}: {_cut(message)}")
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
         """Refuses float64 arrays of the given sizes that would take more than 4 GiB together."""
@@ -138,4 +138,10 @@ def _unreadable(name: str, error: Exception) -> ValueError:
 
 
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:500] or type(error).__name__
+    return _cut(str(error)) or type(error).__name__
+
+
+def _cut(text: str) -> str:
+    """A text in one line; names and arrays in it may be of any length."""
+    words = " ".join(text.split())
+    return words[:500] + "..." * (len(words) > 500)

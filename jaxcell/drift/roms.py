@@ -143,7 +143,7 @@ def _levels(file: OceanFile, dim: str, names: tuple[str, ...]) -> Float[np.ndarr
     # Packed files hold -1 and 0 only to their precision.
     ordered = (steps > 0).all() or (steps < 0).all()
     if not (ordered and values.min() >= -1.001 and values.max() <= 0.001):
-        raise file.error(names[0], f"expected levels in order between -1 and 0, got {_few(values)}")
+        raise file.error(names[0], f"expected levels in order between -1 and 0, got {values}")
     return values
 
 
@@ -160,17 +160,13 @@ def _read(file: OceanFile, names: tuple[str, ...]) -> Float[np.ndarray, " values
     raise file.error(names[0], "missing; without it the depth of the levels is not known")
 
 
-def _few(values: Float[np.ndarray, " values"]) -> str:
-    return np.array2string(values, threshold=6)
-
-
 def _transform(file: OceanFile, dim: str) -> tuple[int, str]:
     """Vtransform as it stands, as CF calls it, or as CROCO does."""
     variables, attributes = file.dataset.variables, file.dataset.attrs
     if "Vtransform" in variables or "Vtransform" in attributes:
         value = _read(file, ("Vtransform",))
         if value.size != 1 or value[0] not in (1, 2):
-            raise file.error("Vtransform", f"expected 1 or 2, got {_few(value)}")
+            raise file.error("Vtransform", f"expected 1 or 2, got {value}")
         return int(value[0]), f"Vtransform {value[0]:g}"
     standard_name = str(variables[dim].attrs.get("standard_name")) if dim in variables else ""
     for number in (1, 2):
