@@ -1,6 +1,5 @@
 """Recordings of robots that are driven, written while they drive."""
 
-import dataclasses
 import math
 import os
 import threading
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-import shapely
-from jaxtyping import Float, Int32
+from jaxtyping import Int32
 
 from ..automata import Filter
 from ..space import CellSpace
@@ -27,42 +25,17 @@ from .belief import (
 )
 from .blueprint import extent, fixed, log_map, log_text, map_view, new_stream, recording_name
 from .palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
+from .robot_track import NOWHERE, RecordedRobot, Track, longer_trail
 from .texts import describe, made_with
 from .viewer import viewer_sink
 
 
-# Seconds between two looks at the robots, and between two poses of one that are kept.
+# Seconds between two looks at the robots.
 _LOOK = 0.2
-_KEPT = 0.1
 # Seconds of the robot in a second, where a recording is played.
 _SPEED = 8.0
-# A robot that is so many metres from where it made an observation is on its next step.
-_OFF = 0.01
-# A trail has so many corners at most; a run of n steps would else take n^2 points.
-_MOST_CORNERS = 100
 _ESTIMATE: Color = CATEGORIES["pink"]
 _DONE = ("localized", "arrived", "patrolled")
-_NOWHERE = np.empty(0, np.int32)
-_NO_TRAIL = np.empty((0, 2))
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class RecordedRobot:
-    """A robot in the recording of a run.
-
-    A robot whose odometry begins in the origin, heading East:
-
-        >>> from jaxcell import record
-        >>> record.RecordedRobot(name="left", start=(0.0, 0.0, 0.0)).name
-        'left'
-    """
-
-    name: str = "robot"
-    start: tuple[float, float, float] | None = None
-    "Where its odometry begins, if that is known: x and y in metres, the heading in radians."
-    trace: Sequence[tuple[float, float, float, float]] | None = None
-    """Its time in seconds and its true pose, again and again: a list that grows while the robot
-    drives, as that of an emulated one. `None` where nobody knows the truth."""
 
 
 class RobotRecording:
@@ -130,7 +103,7 @@ class RobotRecording:
         self._path, self._cells, self._filter = path, cells, filter
         self._filter_on_map = on_map
         self._spec = dict(spec or {})
-        self._robots = [_Robot(about, robot_color(index)[1]) for index, about in enumerate(robots)]
+        self._robots = [Track(about, robot_color(index)[1]) for index, about in enumerate(robots)]
         self._viewer = None if viewer is None else viewer_sink(viewer)
         self._stream = new_stream("robot")
         # The clock of the robot is the one that counts.
@@ -215,7 +188,7 @@ class RobotRecording:
             for robot in self._robots:
                 self._follow_one(robot)
 
-    def _follow_one(self, robot: "_Robot") -> None:
+    def _follow_one(self, robot: Track) -> None:
         """Logs where a robot has been since the last time."""
         poses, observation = robot.follow()
         if not len(poses):
@@ -228,11 +201,11 @@ class RobotRecording:
         heading = np.stack([np.cos(poses[:, 3]), np.sin(poses[:, 3])], axis=1)
         columns = rr.Arrows2D.columns(origins=poses[:, 1:3], vectors=self._length * heading)
         self._stream.send_columns(f"map/robots/{name}", when, columns)
-        robot.trail = _trail(robot.trail, poses[:, 1:3])
+        robot.trail = longer_trail(robot.trail, poses[:, 1:3])
         self._at(float(poses[-1, 0]), int(observation[-1]))
         self._stream.log(f"map/trails/{name}", rr.LineStrips2D([robot.trail]))
 
-    def _log_observation(self, robot: "_Robot", fields: Mapping[str, Any]) -> None:
+    def _log_observation(self, robot: Track, fields: Mapping[str, Any]) -> None:
         bumped = int(fields["observation"])
         text = f"observation {robot.observed}: {'bump' if bumped else 'step'}"
         self._log_scalar(robot, f"robot/{robot.about.name}/bumped", bumped)
@@ -245,11 +218,11 @@ class RobotRecording:
             self._log_scalar(robot, "filter/color", fields["color"])
             if self._filter is not None:
                 refuted = fields["state"] is None
-                robot.cells = _NOWHERE if refuted else self._filter.cells(fields["state"])
+                robot.cells = NOWHERE if refuted else self._filter.cells(fields["state"])
                 self._log_belief(robot.cells)
         self._say(robot, text, "INFO")
 
-    def _log_estimate(self, robot: "_Robot", estimate: Sequence[float]) -> None:
+    def _log_estimate(self, robot: Track, estimate: Sequence[float]) -> None:
         x, y, theta = robot.about.start or (0.0, 0.0, 0.0)
         ahead, left, _ = estimate
         place = np.array(
@@ -258,7 +231,7 @@ class RobotRecording:
                 y + ahead * math.sin(theta) + left * math.cos(theta),
             ]
         )
-        robot.believed = _trail(robot.believed, place[None])
+        robot.believed = longer_trail(robot.believed, place[None])
         path = f"{self._frame(robot)}/estimates/{robot.about.name}"
         self._stream.log(path, rr.Points2D(place[None]))
         self._stream.log(f"{path}/trail", rr.LineStrips2D([robot.believed]))
@@ -266,7 +239,7 @@ class RobotRecording:
     def _log_belief(self, where: Int32[np.ndarray, "belief"]) -> None:
         if self._cells is None or not self._filter_on_map:
             return
-        few = where if where.size <= MOST_ARROWS else _NOWHERE
+        few = where if where.size <= MOST_ARROWS else NOWHERE
         origins, vectors = arrows(self._cells, few, belief_length(self._cells))
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
         self._stream.log("map/grid/belief", rr.SegmentationImage(shades(self._cells, where)))
@@ -298,7 +271,9 @@ class RobotRecording:
                 colors=robot.color, radii=self._length / 7, draw_order=18
             )
             stream.log(f"map/robots/{name}", style, static=True)
-            self._log_line_style(f"map/trails/{name}", _trail_color(robot, self._robots), 15.0)
+            self._log_line_style(
+                f"map/trails/{name}", TRAIL if len(self._robots) == 1 else robot.color, 15.0
+            )
             path = f"{self._frame(robot)}/estimates/{name}"
             point = rr.Points2D.from_fields(
                 colors=_ESTIMATE, radii=rr.Radius.ui_points(5), draw_order=28
@@ -321,11 +296,11 @@ class RobotRecording:
         line = rr.SeriesLines(colors=color, widths=2, interpolation_mode="StepAfter")
         self._stream.log(path, line, static=True)
 
-    def _log_scalar(self, robot: "_Robot", path: str, value: int) -> None:
+    def _log_scalar(self, robot: Track, path: str, value: int) -> None:
         robot.scalars[path] = value
         self._stream.log(path, rr.Scalars(float(value)))
 
-    def _say(self, robot: "_Robot", text: str, level: str) -> None:
+    def _say(self, robot: Track, text: str, level: str) -> None:
         who = f"{robot.about.name}: " if len(self._robots) > 1 else ""
         self._stream.log("log", rr.TextLog(who + text, level=level))
 
@@ -340,7 +315,7 @@ class RobotRecording:
         cells = self._cells
         return 0.3 if cells is None else max(0.7 * cells.cell, 0.035 * extent(cells))
 
-    def _frame(self, robot: "_Robot") -> str:
+    def _frame(self, robot: Track) -> str:
         known = self._cells is not None and robot.about.start is not None
         return "map" if known else "odometry"
 
@@ -404,76 +379,3 @@ class RobotRecording:
             ]
         lines += ["", "The timeline `observation` counts what it observed.", ""]
         return "\n".join([*lines, made_with(self._spec)])
-
-
-@dataclasses.dataclass(eq=False)
-class _Robot:
-    """A robot, and what was logged of it."""
-
-    about: RecordedRobot
-    color: Color
-    observed: int = 0
-    looked: int = 0
-    "How many entries of its trace were read."
-    last: tuple[float, float, float, float] | None = None
-    "The last of them."
-    logged: float = -math.inf
-    "The time of the last pose that was logged."
-    place: Float[np.ndarray, "2"] | None = None
-    "Where it made its last observation, as long as it is there."
-    scalars: dict[str, int] = dataclasses.field(default_factory=dict)
-    "The numbers that were logged last."
-    trail: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
-    believed: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
-    cells: Int32[np.ndarray, "belief"] = dataclasses.field(default_factory=lambda: _NOWHERE)
-
-    def follow(self) -> tuple[Float[np.ndarray, "poses 4"], Int32[np.ndarray, "poses"]]:
-        """The poses to log since the last time, and the observation that each belongs to."""
-        new = list(self.about.trace[self.looked :]) if self.about.trace is not None else []
-        self.looked += len(new)
-        if not new:
-            return np.empty((0, 4)), _NOWHERE
-        self.last = new[-1]
-        if self.place is None and self.observed == 0:
-            self.place = np.array(new[0][1:3])
-        poses = np.array(new, float)
-        kept = []
-        for index, time in enumerate(poses[:, 0].tolist()):
-            if time >= self.logged + _KEPT or index == len(poses) - 1:
-                self.logged = time
-                kept.append(index)
-        poses = poses[kept]
-        # The turn after a bump, which is part of the observation, does not move the robot.
-        observation = np.full(len(poses), self.observed + 1, np.int32)
-        if self.place is not None:
-            off = np.hypot(*(poses[:, 1:3] - self.place).T) > _OFF
-            off = np.logical_or.accumulate(off)
-            observation[~off] = self.observed
-            if off[-1]:
-                self.place = None
-        return poses, observation
-
-    def observe(self) -> None:
-        """Counts an observation, made where the robot was last seen."""
-        self.observed += 1
-        self.place = None if self.last is None else np.array(self.last[1:3])
-
-    def seconds(self, fields: Mapping[str, Any]) -> float:
-        """The time of an event: the robot's own, where it has one."""
-        return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
-
-
-def _trail_color(robot: _Robot, robots: Sequence[_Robot]) -> Color:
-    return TRAIL if len(robots) == 1 else robot.color
-
-
-def _trail(
-    old: Float[np.ndarray, "old 2"], new: Float[np.ndarray, "new 2"]
-) -> Float[np.ndarray, "corners 2"]:
-    """The corners of a trail that goes on."""
-    trail = np.concatenate([old, new])
-    if len(trail) < 2:
-        return trail
-    line = shapely.simplify(shapely.LineString(trail), _OFF / 2, preserve_topology=False)
-    corners = shapely.get_coordinates(line)
-    return corners[-_MOST_CORNERS:]
