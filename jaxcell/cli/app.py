@@ -15,6 +15,7 @@ from .groups import Groups
 from .info import Info
 from .localize import Localize
 from .navigate import Navigate
+from .options import check_out
 from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
 from .robot import RobotRun
@@ -79,6 +80,8 @@ def run(args: Sequence[str]) -> int:
         config=(tyro.conf.FlagCreatePairsOff,),
     )
     try:
+        if (out := getattr(command, "out", None)) is not None:
+            check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
         return command.run()
     except BrokenPipeError:
         # Whoever read the output has seen enough, as `head` does; nothing is lost.

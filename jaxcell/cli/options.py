@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import math
+import os
 import re
 import sys
 import time
@@ -164,6 +165,19 @@ def cell_at(cells: "CellSpace", text: str, option: str) -> int:
         return pose
     except ValueError as error:
         raise ValueError(f"{option} {text!r}: {error}") from None
+
+
+def check_out(out: Path, folder: bool) -> None:
+    """Refuses a place for results where none can be written, before they are computed.
+
+    **Raises:** `NotADirectoryError` or `PermissionError`.
+    """
+    places = [out.absolute(), *out.absolute().parents]
+    place = next(place for place in places if place.exists())
+    if not place.is_dir() and (folder or place != places[0]):
+        raise NotADirectoryError(f"--out {out}: {place} is no directory")
+    if not os.access(place, os.W_OK):
+        raise PermissionError(f"--out {out}: {place} cannot be written to")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -4,6 +4,8 @@ Each has one value or more that is refused before anything long is computed; tha
 well where nothing is wrong is tested elsewhere.
 """
 
+import os
+
 import pytest
 from mutations import DATA, answers
 
@@ -71,4 +73,24 @@ HUGE = [
 @pytest.mark.parametrize(("name", "option", "value"), HUGE)
 def test_numbers_that_cannot_be(capsys, tmp_path, name, option, value):
     args = [*name.split(), *COMMANDS[name], f"--{option}", value, "--out", tmp_path / "out"]
+    assert answers(main, capsys, *args, out=tmp_path) == 2
+
+
+TO_FOLDERS = ["demo", "drift", "patrol graph", "robot run", "sweep", *MAPPED]
+
+
+@pytest.mark.parametrize("name", TO_FOLDERS)
+@pytest.mark.parametrize("out", ["file", "file/below", "file/far/below"])
+def test_places_that_are_no_folders(capsys, tmp_path, name, out):
+    (tmp_path / "file").write_bytes(b"kept")
+    args = [*name.split(), *COMMANDS.get(name, []), "--out", tmp_path / out]
+    assert answers(main, capsys, *args, out=tmp_path) == 2
+    assert (tmp_path / "file").read_bytes() == b"kept"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
+@pytest.mark.parametrize("name", TO_FOLDERS)
+def test_places_that_are_not_ours(capsys, tmp_path, name):
+    (tmp_path / "theirs").mkdir(mode=0o500)
+    args = [*name.split(), *COMMANDS.get(name, []), "--out", tmp_path / "theirs" / "out"]
     assert answers(main, capsys, *args, out=tmp_path) == 2
