@@ -11,7 +11,7 @@ test: .venv/.dev
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 test-all: .venv/.dev
-	HYPOTHESIS_PROFILE=whole $(BIN)/pytest -n 2 --dist loadfile --ignore tests/test_without_x64.py
+	$(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile --ignore tests/test_without_x64.py
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 fuzz: .venv/.dev
