@@ -117,7 +117,7 @@ def test_both_routes_to_the_groups_agree(cells, collision, length):
 
 
 @given(GRIDS, st.integers(0, 7))
-@settings(max_examples=10)
+@settings(max_examples=5)
 def test_both_routes_agree_on_random_grids(free, shift):
     cells = CellSpace.of_grid(free, 8)
     angle = 2 * math.pi * shift / 8

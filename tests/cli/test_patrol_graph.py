@@ -91,6 +91,7 @@ STRATEGIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_is_a_walk(capsys, strategy):
     status, found, _ = run(capsys, "--strategy", strategy, *STRATEGIES[strategy])

@@ -86,6 +86,7 @@ def test_a_patrol_without_a_base(capsys):
     assert (found["base_station"], found["reassignment"]) == (None, None)
 
 
+@pytest.mark.slow
 def test_a_base_and_a_robot_that_is_lost(capsys, hall):
     args = ("--robots", 3, "--base", "auto", "--base-range", 2, "--lost", 2)
     status, found, _ = run(capsys, *NEAR, *args, map=hall)
@@ -115,6 +116,7 @@ def test_a_target_and_a_share_of_choice(capsys):
     assert len(found["policies"]) == 1
 
 
+@pytest.mark.slow
 def test_the_same_seed_says_the_same(capsys):
     simulated = [
         [one["simulated"] for one in run(capsys, *NEAR, "--seed", seed)[1]["attacks"]]

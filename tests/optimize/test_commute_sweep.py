@@ -47,6 +47,7 @@ def test_emphases_equal_one_by_one(share):
     assert float(found.gap.max()) <= 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kept", [0.6, 0.8])
 def test_subsets_of_edges_equal_one_by_one(kept):
     graph = random_graph(9, 16, 0)

@@ -58,6 +58,7 @@ def test_capture_against_all_walks(stay, times, attack):
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "attack", "optimum"),
     [

@@ -160,6 +160,7 @@ def test_derivatives_in_the_parameters(l3, l4):
         np.testing.assert_allclose(exact[:, k], slope, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_outside_of_the_support_are_0():
     law = Gld(0.0, 1.0, 1.5, -0.5)
     slope = jax.grad(lambda law: law.cdf(-5.0) + law.pdf(-5.0))(law)

@@ -80,6 +80,7 @@ def test_recovers_laws_of_whole_numbers(law):
     assert np.abs(np.asarray(fit.law.cdf(t + 0.5)) - law.cdf(t)).max() < NEAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
@@ -124,6 +125,7 @@ def test_at_least_as_likely_as_by_nelder_and_mead(censored):
         assert fit.log_likelihood > -peer.fun - 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "reached"),
     [

@@ -122,6 +122,7 @@ def test_the_most_entropy_there_can_be():
     np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_no_chain_of_another_solver_is_better():
     found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
     assert found.value == pytest.approx(float(return_time_entropy(jnp.asarray(found.matrix), 12)))

@@ -343,6 +343,7 @@ def test_the_recording_shows_the_voyage(gyres, found):
     assert "| cells that surely arrive | 1,512 | 1,512 |" in text
 
 
+@pytest.mark.slow
 def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     """No groups, no start, no goal, one record, a turned grid; drifters go."""
     log_drift(tmp_path / "away.rrd", leaving)
@@ -366,6 +367,7 @@ def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     assert angle == pytest.approx(np.arctan2(0.1, 1) - 0.5, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)

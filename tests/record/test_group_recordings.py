@@ -78,6 +78,7 @@ def test_walls_are_the_edges_of_free_squares(lab, recorded):
     assert edges == expected
 
 
+@pytest.mark.slow
 def test_walls_of_a_map(hall, read, tmp_path):
     log_groups(tmp_path / "hall.rrd", hall.cells, hall.groups, bounce=hall.bounce)
     recorded = read(tmp_path / "hall.rrd")
@@ -125,6 +126,7 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_pat
         assert f"heading {15 * direction}°" in legend
 
 
+@pytest.mark.slow
 def test_a_tab_for_each_angle(lab, angles, read, tmp_path):
     bounce, groups = angles
     log_groups(tmp_path / "lab.rrd", lab.cells, groups, bounce=bounce)

@@ -24,6 +24,7 @@ def pose_of(cell: int) -> tuple[float, float, float]:
     return float(x), float(y), float(theta)
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_robot_on_the_line():
     cell, bounce = 70, math.radians(45)
     filter = bounce_filter(LAB, 45)
