@@ -163,13 +163,14 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         raise ValueError(f"{folder}: expected the folder of a sweep; it has no spec.toml")
     spec = Spec.load(folder / "spec.toml")
     store = SweepStore(folder, spec, {})
+    states = store.states()
     return SweepStatus(
         spec.task,
         spec.dimensions,
         spec.members,
         spec.chunk_count,
-        int((store.states() == DONE).sum()),
-        tuple(store.failures()),
+        int((states == DONE).sum()),
+        tuple(store.failures(states)),
         running(folder),
     )
 

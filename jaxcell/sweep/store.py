@@ -121,9 +121,8 @@ class SweepStore:
             first = tuple(slice(None, None, length) for length in self.spec.lengths.values())
             return np.asarray(self._arrays["status"][first], np.int8).ravel()
 
-    def failures(self) -> Iterator[Failure]:
-        """The chunks that failed."""
-        states = self.states()
+    def failures(self, states: np.ndarray) -> Iterator[Failure]:
+        """The chunks that failed, by their states."""
         for path in self.failure_files():
             # A report may outlive its failure by a moment.
             with reading(self.folder), contextlib.suppress(FileNotFoundError):
