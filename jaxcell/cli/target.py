@@ -1,6 +1,5 @@
 """What a robot is to cover, as people name it on the command line."""
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,23 +47,19 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
 
 
 def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
-    from PIL import Image, UnidentifiedImageError
+    from PIL import UnidentifiedImageError
+
+    from ..space.images import read_image
 
     if not path.is_file():
         raise ValueError("there is no such file; expected 'uniform', an image, or FILE.nc:VARIABLE")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
-                # Images of more than 8 bits are numbers already, and conversion would cut them off.
-                plain = image if image.mode in ("I;16", "I", "F") else image.convert("L")
-                return np.asarray(plain, float)
+        image = read_image(path.read_bytes())
     except UnidentifiedImageError:
         raise ValueError("it is no image that can be read") from None
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise ValueError(f"too large: {error}") from None
-    except Exception as error:  # Pillow's decoders leak errors of many types on broken files.
-        raise ValueError(f"broken or cut short: {error}") from error
+    # Images of more than 8 bits are numbers already, and conversion would cut them off.
+    plain = image if image.mode in ("I;16", "I", "F") else image.convert("L")
+    return np.asarray(plain, float)
 
 
 def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray, "positions"]:

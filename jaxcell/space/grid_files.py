@@ -7,9 +7,7 @@ blocked squares, and which suggests the side of a square as its `cell`.
 import json
 import math
 import reprlib
-import warnings
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +15,9 @@ import numpy as np
 import shapely
 import yaml
 from jaxtyping import Bool, Integer
-from PIL import Image
+from PIL import UnidentifiedImageError
 
+from .images import read_image
 from .occupancy import blocked_rings, rasterise
 
 
@@ -316,16 +315,9 @@ def _pixels(path: Path) -> tuple[Integer[np.ndarray, "rows columns channels"], i
     except OSError as error:
         raise ValueError(error.strerror or str(error)) from None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(BytesIO(content), formats=("PPM", "PNG"))
-        image.load()
-    except Image.UnidentifiedImageError:
+        image = read_image(content, ("PPM", "PNG"))
+    except UnidentifiedImageError:
         raise ValueError("expected a PGM or PNG image") from None
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise ValueError(f"too large: {error}") from None
-    except Exception as error:  # Pillow's decoders leak errors of many types on broken files.
-        raise ValueError(f"broken or cut short: {error}") from error
 
     mode = {"1": "L", "P": "RGB", "LA": "RGBA"}.get(image.mode, image.mode)
     if mode in ("L", "RGB") and "transparency" in image.info:
