@@ -1,75 +1,63 @@
 """A robot of your own: one that leaves each wall at a random angle.
 
-    python experiments/your_own_robot.py --map data/maps/complex.json
+    jaxcell run experiments/your_own_robot.py:RandomBounce data/maps/complex.json --out runs/mine
 
-To add a robot, say where each cell leads. `bounce.bounce_map` has what the walls decide: where a
-step goes, and where it bumps. Everything else (persistent groups, where the robot is in the long
-run, how soon it comes to a place) then works for it as for any other chain.
-
-Writes `your_own_robot.nc`.
+Say where each cell leads, and what is asked; options, tables, JSON, NetCDF, a recording, and sweeps
+with `task = "experiments/your_own_robot.py:RandomBounce"` follow.
 """
 
-import argparse
-from pathlib import Path
+import dataclasses
+from typing import Annotated
 
 import numpy as np
-import xarray as xr
 
 from jaxcell import bounce, space
+from jaxcell.base.quantities import Result, derived, quantity
 from jaxcell.mapping import Chain, persistent_groups
 from jaxcell.markov import hitting_times, limiting_distribution
-from jaxcell.runtime import configure_jax
+from jaxcell.study import MapStudy
 
 
 def random_bounce_map(cells: space.CellSpace) -> Chain:
     """The generalized map of a robot that turns to any direction, all equally likely, at a bump."""
     straight = bounce.bounce_map(cells, 0.0)
-    here = np.arange(cells.size)
-    position = here % cells.positions
-    direction = np.arange(cells.directions)[:, None]
-    turned = direction * cells.positions + position
+    direction, position = np.divmod(np.arange(cells.size), cells.positions)
+    slot = np.arange(cells.directions)[:, None]
     # A step has one image, so only the first of its slots is used; the others stay in the cell.
-    bumped, first = np.asarray(straight.bumped), direction == 0
-    ahead = np.where(first, straight.image, here)
+    ahead = np.where(slot == 0, straight.image, direction * cells.positions + position)
     return Chain(
-        np.where(bumped, turned, ahead),
-        np.where(bumped, 1 / cells.directions, np.where(first, 1.0, 0.0)),
+        np.where(straight.bumped, slot * cells.positions + position, ahead),
+        np.where(straight.bumped, 1 / cells.directions, slot == 0),
     )
 
 
-def study(cells: space.CellSpace, goal: int) -> xr.Dataset:
-    """The share of time in each position, and the mean steps from it to the position `goal`."""
-    chain = random_bounce_map(cells)
-    limiting = limiting_distribution(chain, persistent_groups(chain))
-    at_goal = np.arange(cells.size) % cells.positions == goal
-    steps = hitting_times(chain, at_goal).value
-    by_direction = (cells.directions, cells.positions)
-    share = np.asarray(limiting.value).reshape(by_direction).sum(axis=0)
-    mean = np.asarray(steps).reshape(by_direction).mean(axis=0)
-    x, y, _ = cells.centre(np.arange(cells.positions))
-    return xr.Dataset(
-        {"share": ("position", share), "steps_to_goal": ("position", mean)},
-        coords={"x": ("position", x, {"units": "m"}), "y": ("position", y, {"units": "m"})},
-        attrs={"goal": goal, "residual": float(limiting.certificate.residual)},
-    )
+@dataclasses.dataclass(frozen=True, eq=False)
+class Wandering(Result):
+    title = "A robot that leaves each wall at a random angle"
+
+    cells: space.CellSpace
+    share: Annotated[np.ndarray, quantity("position", "share of time", "1", kind="distribution")]
+    steps: Annotated[
+        np.ndarray, quantity("position", "mean steps to the goal", "step", kind="time")
+    ]
+
+    @derived("", "mean steps to the goal, over all starts", "step", kind="time")
+    def mean_steps(self) -> float:
+        return float(self.steps.mean())
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--map", type=Path, default=Path("data/maps/complex.json"))
-    parser.add_argument("--directions", type=int, default=16)
-    parser.add_argument("--goal", type=int, default=0, help="a position")
-    parser.add_argument("--out", type=Path, default=Path("runs/your_own_robot"))
-    options = parser.parse_args()
-    configure_jax()
-    cells = space.CellSpace.load(options.map, directions=options.directions)
-    found = study(cells, options.goal)
-    options.out.mkdir(parents=True, exist_ok=True)
-    found.to_netcdf(options.out / "your_own_robot.nc")
-    print(f"{cells.positions} positions; an even share of time would be {1 / cells.positions:.5f}")
-    print(f"least share {found.share.min().item():.5f}, most {found.share.max().item():.5f}")
-    print(f"mean steps to position {options.goal}: {found.steps_to_goal.mean().item():.1f}")
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RandomBounce(MapStudy):
+    """Find where a robot that bounces at random spends its time, and how soon it is at a goal."""
 
+    goal: int = 0
+    """The position to come to."""
 
-if __name__ == "__main__":
-    main()
+    def run(self, say=print) -> Wandering:
+        cells = self.cells()
+        chain = random_bounce_map(cells)
+        limiting = limiting_distribution(chain, persistent_groups(chain)).value
+        steps = hitting_times(chain, np.arange(cells.size) % cells.positions == self.goal).value
+        by_direction = (np.asarray(x).reshape(-1, cells.positions) for x in (limiting, steps))
+        share, steps = by_direction
+        return Wandering(cells, share.sum(axis=0), steps.mean(axis=0))

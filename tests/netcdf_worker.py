@@ -69,10 +69,10 @@ def _main():
     jax.config.update("jax_enable_x64", True)
     import netCDF4  # noqa: F401
     import numpy as np
+    from jaxcell.cli.target import read_target
 
     from jaxcell.bounce.plan_files import read_roadmap
     from jaxcell.cli.info import describe
-    from jaxcell.cli.target import read_target
     from jaxcell.drift import open_currents
     from jaxcell.space import CellSpace
 

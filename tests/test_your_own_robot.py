@@ -1,4 +1,3 @@
-import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -6,31 +5,24 @@ import pytest
 import shapely
 
 from jaxcell.bundled import bundled
-from jaxcell.space import CellSpace, Workspace
-
-
-pytestmark = pytest.mark.slow
+from jaxcell.cli import main
+from jaxcell.study.loading import load_study
 
 
 SCRIPT = Path(__file__).parents[1] / "experiments" / "your_own_robot.py"
+REFERENCE = f"{SCRIPT}:RandomBounce"
+LAB = bundled("maps/lab_a.json")
 
 
 @pytest.fixture(scope="module")
-def script():
-    spec = importlib.util.spec_from_file_location("your_own_robot", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def asked():
+    return load_study(REFERENCE)(map=LAB, directions=4, goal=5)
 
 
 @pytest.fixture(scope="module")
-def cells():
-    return CellSpace.of(Workspace.load(bundled("maps/lab_a.json")), 1.0, 4)
-
-
-@pytest.fixture(scope="module")
-def walk(cells):
+def walk(asked):
     """The transition matrix, one cell at a time."""
+    cells = asked.cells()
     free = shapely.union_all(cells.workspace.free_space)
     matrix = np.zeros((cells.size, cells.size))
     for z in range(cells.size):
@@ -44,21 +36,29 @@ def walk(cells):
     return matrix
 
 
-def test_the_chain_is_that_of_the_walls(script, cells, walk):
-    np.testing.assert_allclose(script.random_bounce_map(cells).to_scipy().toarray(), walk)
-
-
-def test_shares_and_times_solve_their_equations(script, cells, walk):
-    goal = 5
-    found = script.study(cells, goal)
+def test_shares_and_times_solve_their_equations(asked, walk):
+    found, size = asked.run(), len(walk)
     # Some positions can be left but never come back to, so the limit is that of a long walk.
-    lazy = (walk + np.eye(cells.size)) / 2
-    longrun = np.full(cells.size, 1 / cells.size) @ np.linalg.matrix_power(lazy, 1 << 20)
-    share = longrun.reshape(4, -1).sum(axis=0)
-    np.testing.assert_allclose(found.share, share, atol=1e-9)
+    lazy = (walk + np.eye(size)) / 2
+    longrun = np.full(size, 1 / size) @ np.linalg.matrix_power(lazy, 1 << 20)
+    np.testing.assert_allclose(found.share, longrun.reshape(4, -1).sum(axis=0), atol=1e-9)
 
-    others = np.arange(cells.size) % cells.positions != goal
-    steps = np.zeros(cells.size)
+    others = np.arange(size) % found.cells.positions != asked.goal
+    steps = np.zeros(size)
     inside = np.eye(others.sum()) - walk[np.ix_(others, others)]
     steps[others] = np.linalg.solve(inside, np.ones(others.sum()))
-    np.testing.assert_allclose(found.steps_to_goal, steps.reshape(4, -1).mean(axis=0))
+    np.testing.assert_allclose(found.steps, steps.reshape(4, -1).mean(axis=0))
+
+
+def test_it_is_a_command_and_a_sweep(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    out = tmp_path / "mine"
+    assert main(["run", REFERENCE, str(LAB), "--directions", "4", "--out", str(out)]) == 0
+    assert {"result.nc", "result.rrd", "summary.json"} <= {one.name for one in out.iterdir()}
+    spec = tmp_path / "goals.toml"
+    spec.write_text(
+        f'task = "{REFERENCE}"\n[grid]\ngoal = [0, 5]\n[fixed]\nmap = "{LAB}"\ndirections = 4\n'
+    )
+    assert main(["sweep", str(spec), "--out", str(tmp_path / "goals")]) == 0
+    assert main(["sweep", "status", str(tmp_path / "goals")]) == 0
+    assert "2 goal" in capsys.readouterr().out

@@ -1,13 +1,14 @@
+import dataclasses
 import functools
 import operator
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
 
 import tyro
 
-from .cover import Cover
 from .demo import Demo
 from .drift import Drift
 from .export import Export
@@ -22,6 +23,8 @@ from .robot import RobotRun
 from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
+from .run import Run
+from .studies import Cover
 from .sweep import Sweep, SweepState
 from .sweep_view import SweepView
 from .team import Team
@@ -43,6 +46,7 @@ _COMMANDS = {
     "robot replay": RobotReplay,
     "robot run": RobotRun,
     "robot sketch": RobotSketch,
+    "run": Run,
     "sweep": Sweep,
     "sweep status": SweepState,
     "sweep view": SweepView,
@@ -61,6 +65,38 @@ def run(args: Sequence[str]) -> int:
 
         print(f"jaxcell {__version__}")
         return 0
+    try:
+        name, command = _read(list(args))
+    except ValueError as error:
+        print(f"jaxcell run: {error}", file=sys.stderr)
+        return 2
+    try:
+        if (out := getattr(command, "out", None)) is not None:
+            check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
+        return int(command.run())
+    except BrokenPipeError:
+        # Whoever read the output has seen enough, as `head` does; nothing is lost.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (ValueError, OSError) as error:
+        # One line, whatever the message: scripts read it.
+        message = " ".join(str(error).split())
+        print(f"jaxcell {name}: {_as_options(message, type(command))}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _read(args: list[str]) -> tuple[str, Any]:
+    """The name of a command, and the command with its options."""
+    if args[:1] == ["run"] and len(args) > 1 and not args[1].startswith("-"):
+        from ..study.loading import load_study
+        from .study import command as command_of
+
+        name = f"run {args[1]}"
+        kind = command_of(load_study(args[1]), name)
+        config = (tyro.conf.FlagCreatePairsOff,)
+        return name, tyro.cli(kind, args=args[2:], prog=f"jaxcell {name}", config=config)
     # Some names are of two words, of which the first is that of a group.
     words = " ".join(args[:2])
     if words in _COMMANDS:
@@ -74,23 +110,17 @@ def run(args: Sequence[str]) -> int:
     )
     command = tyro.cli(
         choices,
-        args=list(args),
+        args=args,
         prog="jaxcell",
         description=_DESCRIPTION,
         config=(tyro.conf.FlagCreatePairsOff,),
     )
-    try:
-        if (out := getattr(command, "out", None)) is not None:
-            check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
-        return command.run()
-    except BrokenPipeError:
-        # Whoever read the output has seen enough, as `head` does; nothing is lost.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except (ValueError, OSError) as error:
-        # One line, whatever the message: scripts read it.
-        name = next(name for name, kind in _COMMANDS.items() if type(command) is kind)
-        print(f"jaxcell {name}: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    return next(name for name, kind in _COMMANDS.items() if type(command) is kind), command
+
+
+def _as_options(message: str, command: Any) -> str:
+    """A message that begins with the name of a parameter, with that of its option."""
+    name = re.split("[: ]", message, maxsplit=1)[0]
+    if not any(field.name == name for field in dataclasses.fields(command)):
+        return message
+    return f"--{name.replace('_', '-')}{message[len(name) :]}"

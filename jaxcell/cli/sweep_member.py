@@ -10,7 +10,8 @@ from typing import Any
 
 import tyro
 
-from .cover import Cover
+from ..study import Study
+from ..sweep.work import study_of
 from .drift import Drift
 from .groups import Groups
 from .localize import Localize
@@ -24,7 +25,6 @@ from .terminal import status, table
 _COMMANDS: dict[str, tuple[type[OutputOptions], str]] = {
     "groups": (Groups, "groups.rrd"),
     "localize": (Localize, "localization.rrd"),
-    "cover": (Cover, "coverage.rrd"),
     "plans": (Navigate, "navigation.rrd"),
     "patrol": (PatrolGraph, "patrol.rrd"),
     "drift": (Drift, "drift.rrd"),
@@ -37,10 +37,10 @@ _GOALS = 256
 
 def check_detail(task: str) -> None:
     """Raises `ValueError` if members of a task have no detail to show."""
-    if task != "rooms" and task not in _COMMANDS:
+    if task != "rooms" and task not in _COMMANDS and study_of(task) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; those that have are "
-            f"{', '.join(sorted([*_COMMANDS, 'rooms']))}"
+            f"{', '.join(sorted([*_COMMANDS, 'cover', 'rooms']))}"
         )
 
 
@@ -61,6 +61,8 @@ def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path
     **Raises:** `ValueError` if the task has no detail, or none with one of the parameters.
     """
     check_detail(task)
+    if (study := study_of(task)) is not None:
+        return _study(study, parameters, seed, out)
     if task == "rooms":
         return _room(parameters, seed, out)
     command, recording = _COMMANDS[task]
@@ -81,6 +83,26 @@ def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path
         _command(quiet, task, {**parameters, "out": folder}).run()
         os.replace(Path(folder) / recording, out)
     return kept
+
+
+def _study(
+    study: type[Study], parameters: Mapping[str, Any], seed: int, out: Path
+) -> dict[str, Any]:
+    """The answer of a study, its tables, and its recording."""
+    from .. import record
+    from ..runtime import configure_jax
+    from ..sweep.studies import studies
+    from .tables import show
+
+    configure_jax()
+    (asked,) = studies(study, {}, parameters, seed)
+    with status(command_name(study)) as shown:
+        result = asked.run(lambda doing: shown.update(f"{doing} ..."))
+    spec = asked.spec(result)
+    show(result, asked.heading(spec))
+    with status(f"writing {out}"):
+        record.save_recording(result, out, spec=spec)
+    return {**spec, **record.summary(result)}
 
 
 def _command(kind: type[OutputOptions], task: str, parameters: Mapping[str, Any]) -> Any:

@@ -45,13 +45,13 @@ The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .coverage_dataset import coverage_dataset as coverage_dataset
-from .dataset import (
+from .bounce_datasets import (
     filter_dataset as filter_dataset,
     groups_dataset as groups_dataset,
     localization_dataset as localization_dataset,
-    save_dataset as save_dataset,
 )
+from .data.described import dataset as dataset, summary as summary
+from .data.files import save_dataset as save_dataset
 from .deployment_files import (
     save_deployment_csv as save_deployment_csv,
     save_deployment_geojson as save_deployment_geojson,
@@ -61,12 +61,12 @@ from .map_patrol import MapPatrol as MapPatrol
 from .navigation_dataset import navigation_dataset as navigation_dataset
 from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
 from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
+from .recordings import save_recording as save_recording
 from .sea_drift import SeaDrift as SeaDrift
 from .team_dataset import team_dataset as team_dataset
 
 
 if TYPE_CHECKING:
-    from .coverage import log_coverage as log_coverage
     from .drift import log_drift as log_drift
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
@@ -80,7 +80,6 @@ if TYPE_CHECKING:
 
 
 _LOGGED = (
-    "coverage",
     "drift",
     "groups",
     "localization",

@@ -6,7 +6,7 @@ from jaxtyping import Float, Integer, UInt8
 
 from ..space import CellSpace
 from .blueprint import extent, log_classes
-from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
+from .canvas.palette import BELIEF, CLEAR, FREE, PictureClass, mix
 from .pictures import on_squares
 
 

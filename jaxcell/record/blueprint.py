@@ -19,7 +19,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..files import replacing
 from ..space import CellSpace
-from .palette import FREE, MARGIN, OBSTACLE, TEXT, WALL, LegendEntry, PictureClass
+from .canvas.palette import FREE, MARGIN, OBSTACLE, TEXT, WALL, LegendEntry, PictureClass
 
 
 @contextlib.contextmanager

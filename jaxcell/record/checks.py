@@ -161,40 +161,6 @@ def motion_violations(
     return ~np.where(bumped, right, ~stays & (by == 0))
 
 
-def coverage_checks(dataset: xr.Dataset) -> Checks:
-    """Those of [`jaxcell.record.coverage_dataset`][].
-
-    The shares of time of the angles, and those of the cells for each angle, are not negative and
-    sum to 1; all time is spent in persistent groups; coverage is the sum over directions, and the
-    mixture that of the angles.
-    """
-    alpha, limiting = dataset["alpha"].values, dataset["limiting"].values
-    coverage, group = dataset["coverage"].values, dataset["group"].values
-    transient = np.where(group < 0, limiting, 0).sum(axis=(1, 2))
-    sizes = [
-        np.bincount(one[one >= 0], minlength=dataset.sizes["group_index"])
-        for one in group.reshape(len(group), -1)
-    ]
-    return {
-        "alpha_sums_to_1": (error_of_sums(alpha), PROBABILITY),
-        "limiting_sums_to_1": (error_of_sums(limiting.reshape(len(alpha), -1)), PROBABILITY),
-        "group_weights_sum_to_1": (error_of_sums(dataset["group_weight"].values), PROBABILITY),
-        "most_negative_share": (_largest(-np.append(limiting.ravel(), alpha)), PROBABILITY),
-        "share_of_transient_cells": (_largest(transient), PROBABILITY),
-        "group_sizes": (_largest(np.abs(sizes - dataset["group_size"].values)), 0),
-        "coverage_is_of_limiting": (
-            _largest(np.abs(limiting.sum(axis=1) - coverage)),
-            PROBABILITY,
-        ),
-        "mixture_is_of_coverage": (
-            _largest(np.abs(alpha @ coverage - dataset["mixture"].values)),
-            PROBABILITY,
-        ),
-        "stationarity_residual": (_largest(dataset["residual"].values), PROBABILITY),
-        "duality_gap": (float(dataset.attrs["duality_gap"]), np.inf),
-    }
-
-
 def team_checks(dataset: xr.Dataset, directions: int, positions: int) -> Checks:
     """Those of [`jaxcell.record.team_dataset`][].
 

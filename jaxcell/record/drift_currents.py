@@ -7,9 +7,9 @@ import rerun.blueprint as rrb
 
 from ..drift import replay
 from .blueprint import log_text
+from .canvas.palette import Color
 from .drift_groups import DRIFTER
 from .drift_text import currents_text
-from .palette import Color
 from .sea_map import LAND, SeaMap, log_legend, tab
 
 

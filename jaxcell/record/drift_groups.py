@@ -10,8 +10,8 @@ from jaxtyping import Float, Int, UInt8
 
 from ..drift import LongTermBehaviour
 from .blueprint import log_classes, log_text
+from .canvas.palette import CATEGORIES, CLEAR, FREE, PLAIN, TEXT, Color, PictureClass, mix, ramp
 from .drift_text import absorption_text, groups_text
-from .palette import CATEGORIES, CLEAR, FREE, PLAIN, TEXT, Color, PictureClass, mix, ramp
 from .sea_drift import ALMOST_FOR_EVER
 from .sea_map import LAND, SeaMap, log_legend, tab
 

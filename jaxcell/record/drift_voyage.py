@@ -11,10 +11,10 @@ from jaxtyping import Float, Int, UInt8
 
 from ..drift import Voyage, simulate_voyages
 from .blueprint import legend_view, log_text
+from .canvas.palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEXT, Color, ramp
 from .drift_currents import arrow_scale
 from .drift_groups import DRIFTER
 from .drift_text import voyage_text
-from .palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEXT, Color, ramp
 from .sea_map import LAND, SeaMap, log_legend
 
 

@@ -22,7 +22,7 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .palette import GROUP_CLASSES, TEXT
+from .canvas.palette import GROUP_CLASSES, TEXT
 from .pictures import CYCLE_CLASSES, HEADING_ROW, LEGEND_ROWS, GroupPictures, group_pictures
 from .tables import group_table, host_groups
 from .texts import groups_text

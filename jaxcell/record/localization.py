@@ -29,9 +29,7 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .graph import Drawing, draw_filter
-from .groups import groups_layout, log_group_pictures, log_group_style
-from .palette import (
+from .canvas.palette import (
     BELIEF,
     CURRENT,
     KNOWN,
@@ -42,6 +40,8 @@ from .palette import (
     Color,
     cycle_color,
 )
+from .graph import Drawing, draw_filter
+from .groups import groups_layout, log_group_pictures, log_group_style
 from .pictures import group_pictures
 from .tables import check_filter, group_table, host_groups
 from .texts import groups_text, localization_text

@@ -10,7 +10,7 @@ from ..patrol.reassign import Reassignment
 from ..patrol.region import Regions
 from ..patrol.share_game import ShareGame, contested
 from ..space import CellSpace
-from .palette import Color
+from .canvas.palette import Color
 
 
 BASE_VIEW: Color = (190, 226, 234)

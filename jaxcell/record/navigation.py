@@ -25,8 +25,7 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .navigation_dataset import check_plan
-from .palette import (
+from .canvas.palette import (
     BELIEF,
     CATEGORIES,
     CLEAR,
@@ -41,6 +40,7 @@ from .palette import (
     PictureClass,
     ramp,
 )
+from .navigation_dataset import check_plan
 from .pictures import on_squares
 from .texts import describe, made_with
 

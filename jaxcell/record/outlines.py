@@ -8,8 +8,8 @@ import shapely
 from jaxtyping import Float, Int
 
 from ..space import visibility_polygon
+from .canvas.palette import Color
 from .map_patrol import MapPatrol
-from .palette import Color
 
 
 _Rings = list[Float[np.ndarray, "_ 2"]]

@@ -16,9 +16,7 @@ from .blueprint import (
     log_pictures,
     map_view,
 )
-from .map_patrol import BASE_VIEW, MapPatrol
-from .outlines import log_outline_style, log_outlines, outlines
-from .palette import (
+from .canvas.palette import (
     CATEGORIES,
     CLEAR,
     FREE,
@@ -33,6 +31,8 @@ from .palette import (
     mix,
     robot_color,
 )
+from .map_patrol import BASE_VIEW, MapPatrol
+from .outlines import log_outline_style, log_outlines, outlines
 from .pictures import on_squares
 
 

@@ -6,8 +6,8 @@ import rerun.blueprint as rrb
 
 from ..patrol.strategy_game import StrategyGame
 from .blueprint import legend_view, log_legend_style, log_legends, log_text
+from .canvas.palette import LegendEntry
 from .matrix import log_matrix, matrix_view
-from .palette import LegendEntry
 from .patrol_text import cell
 
 

@@ -18,8 +18,7 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .matrix import log_matrix, matrix_view
-from .palette import (
+from .canvas.palette import (
     FREE,
     OBSTACLE,
     PLAIN,
@@ -31,6 +30,7 @@ from .palette import (
     ramp,
     robot_color,
 )
+from .matrix import log_matrix, matrix_view
 from .patrol_dataset import check_measures, edge_shares, vertex_names
 from .patrol_game import log_game
 from .patrol_text import patrol_text

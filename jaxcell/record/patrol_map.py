@@ -20,9 +20,7 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .map_patrol import BASE_VIEW, MapPatrol
-from .outlines import log_outline_style, log_outlines, outlines
-from .palette import (
+from .canvas.palette import (
     CATEGORIES,
     CLEAR,
     FREE,
@@ -35,6 +33,8 @@ from .palette import (
     ramp,
     robot_color,
 )
+from .map_patrol import BASE_VIEW, MapPatrol
+from .outlines import log_outline_style, log_outlines, outlines
 from .patrol_attacks import attacks_layout, log_attacks, simulate_attacks
 from .patrol_map_text import cover_text, patrol_text, policies_text, regions_text
 from .patrol_target import log_target, log_vulnerability

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from .canvas.palette import robot_color
 from .map_patrol import MapPatrol
-from .palette import robot_color
 from .patrol_attacks import Attacks
 from .texts import made_with
 

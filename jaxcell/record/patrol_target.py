@@ -13,9 +13,7 @@ from .blueprint import (
     log_text,
     map_view,
 )
-from .map_patrol import BASE_VIEW, MapPatrol
-from .outlines import log_outline_style, log_outlines, outlines
-from .palette import (
+from .canvas.palette import (
     BELIEF,
     CATEGORIES,
     CLEAR,
@@ -29,6 +27,8 @@ from .palette import (
     mix,
     ramp,
 )
+from .map_patrol import BASE_VIEW, MapPatrol
+from .outlines import log_outline_style, log_outlines, outlines
 from .patrol_map_text import target_text, vulnerability_text
 from .pictures import on_squares
 from .plot import Plot, ticks

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Int, Integer, UInt8
 
 from ..space import CellSpace
-from .palette import (
+from .canvas.palette import (
     CATEGORIES,
     FREE,
     GROUP_CLASSES,

@@ -12,7 +12,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from .blueprint import log_classes
-from .palette import CLEAR, MARGIN, OBSTACLE, TEXT, Color, PictureClass
+from .canvas.palette import CLEAR, MARGIN, OBSTACLE, TEXT, Color, PictureClass
 
 
 _WIDTH, _HEIGHT = 160.0, 90.0

@@ -24,7 +24,7 @@ from .belief import (
     shades,
 )
 from .blueprint import extent, fixed, log_map, log_text, map_view, new_stream, recording_name
-from .palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
+from .canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
 from .robot_track import NOWHERE, RecordedRobot, Track, longer_trail
 from .texts import describe, made_with
 from .viewer import viewer_sink

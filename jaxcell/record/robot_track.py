@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int32
 
-from .palette import Color
+from .canvas.palette import Color
 
 
 # Seconds between two poses that are kept.

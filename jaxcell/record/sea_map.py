@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int, UInt8
 
 from .blueprint import legend_view, log_classes, log_legend_style, log_legends
-from .palette import FREE, OBSTACLE, PLAIN, TEXT, Color, LegendEntry, PictureClass
+from .canvas.palette import FREE, OBSTACLE, PLAIN, TEXT, Color, LegendEntry, PictureClass
 from .sea_drift import SeaDrift
 
 

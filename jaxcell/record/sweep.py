@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 import xarray as xr
 
 from .blueprint import log_text, recording, send_blueprint
-from .palette import BELIEF, PLAIN, TEXT, Color, mix
+from .canvas.palette import BELIEF, PLAIN, TEXT, Color, mix
 from .sweep_axes import QUANTILES, Axis, axes, means, pairs, statistics
 from .sweep_heat import heat_view, log_heat, log_pair
 from .sweep_text import sweep_text

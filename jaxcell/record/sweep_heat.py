@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from .blueprint import log_classes
-from .palette import OBSTACLE, PLAIN, TEXT, WALL, PictureClass, ramp
+from .canvas.palette import OBSTACLE, PLAIN, TEXT, WALL, PictureClass, ramp
 from .sweep_axes import Axis
 
 

@@ -19,7 +19,7 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
-from .palette import BELIEF, CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color
+from .canvas.palette import BELIEF, CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color
 from .pictures import on_squares
 from .team_dataset import check_team, first_visits
 from .texts import describe, made_with

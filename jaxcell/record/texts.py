@@ -7,8 +7,8 @@ from typing import Any
 from ..automata import Filter
 from ..bounce import Localization
 from ..space import CellSpace
+from .canvas.palette import cycle_color
 from .graph import Drawing
-from .palette import cycle_color
 from .tables import GroupTable
 
 

@@ -1,6 +1,7 @@
 """What a worker does: it computes one chunk, wherever it runs, and gives back plain arrays."""
 
 import dataclasses
+import functools
 import importlib
 import json
 import os
@@ -12,8 +13,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ..study import Study
+from ..study.loading import load_module
 from .design import LIST_DIMENSION
 from .spec import Spec
+from .studies import studies, study_task
 
 
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
@@ -83,12 +87,20 @@ def find_task(name: str) -> Task:
         reference = TASKS[name]
     module, _, function = reference.partition(":")
     try:
-        found = getattr(importlib.import_module(module), function)
+        found = getattr(load_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"task: {name!r}: {error}") from error
+    if isinstance(found, type) and issubclass(found, Study):
+        return functools.partial(study_task, found)
     if not callable(found):
         raise ValueError(f"task: {name!r}: expected a function, got {type(found).__name__}")
     return found
+
+
+def study_of(task: str) -> type[Study] | None:
+    """The class of a task that is a study."""
+    found = find_task(task)
+    return found.args[0] if isinstance(found, functools.partial) else None
 
 
 def check_parameters(spec: Spec) -> None:
@@ -98,7 +110,9 @@ def check_parameters(spec: Spec) -> None:
     take or lacks, or values that it cannot have.
     """
     task = find_task(spec.task)
-    if ":" not in spec.task:
+    if (study := study_of(spec.task)) is not None:
+        studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
+    elif ":" not in spec.task:
         from .tasks.parameters import members
 
         known = importlib.import_module(task.__module__).PARAMETERS

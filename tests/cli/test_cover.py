@@ -53,7 +53,7 @@ def test_prints_what_the_library_gives(capsys):
     ):
         assert one["persistent_groups"] == groups.count
         assert one["persistent_cells"] == int(groups.size.sum())
-        assert one["positions_visited"] == int((coverage > 0).sum())
+        assert one["positions_alone"] == int((coverage > 0).sum())
         assert one["stationarity_residual"] < 1e-10
 
 
@@ -66,8 +66,8 @@ def test_has_360_directions_by_default(capsys):
 def test_a_table_for_people(capsys):
     assert main(["cover", str(MAPS / "lab_a.json"), *map(str, ARGS)]) == 0
     out = capsys.readouterr().out
-    assert "45° ± 45°" in out
-    assert f"{float(policy().alpha[0]):.8f}" in out
+    assert "45°" in out
+    assert f"{100 * float(policy().alpha[1]):.4g} %" in out
 
 
 def test_an_image_as_target(capsys, tmp_path):
@@ -134,7 +134,7 @@ def assert_line(error, message):
         (("--bounces", 45, 405, *ARGS[3:]), "bounces: 405 deg comes twice"),
         ((*ARGS, "--error", 30), "error: 30 deg is not a whole number"),
         ((*ARGS, "--error", 180), r"error: \+-180 deg are 9 turns, more than the 8 directions"),
-        ((*ARGS, "--reliability", 0), "reliability: expected more than 0 and at most 1, got 0"),
+        ((*ARGS, "--reliability", 0), "reliability: expected above 0 and at most 1, got 0"),
         ((*ARGS, "--reliability", 1.5), "reliability: .* got 1.5"),
         ((*ARGS, "--error", 0), "reliability: 0.7 leaves a chance of an error"),
         ((*ARGS, "--target", "nowhere.png"), "--target nowhere.png: there is no such file"),
@@ -170,5 +170,5 @@ def test_writes_its_results(capsys, tmp_path):
     assert json.loads((tmp_path / "out" / "summary.json").read_text()) == found
     with xr.open_dataset(tmp_path / "out" / "coverage.nc") as dataset:
         assert dataset.alpha.values.tolist() == [p["alpha"] for p in found["policies"]]
-        assert json.loads(dataset.attrs["spec"])["bounce_deg"] == [45, 90]
+        assert json.loads(dataset.attrs["spec"])["bounces_deg"] == [45, 90]
     assert (tmp_path / "out" / "coverage.rrd").stat().st_size > 1000

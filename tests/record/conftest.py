@@ -5,58 +5,9 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from jaxcell.bounce import bounce_groups, bounce_map, localization_filter, localize
 from jaxcell.space import CellSpace, Workspace
-
-
-class Recording:
-    """What is in a recording, read back from its file."""
-
-    def __init__(self, path):
-        reader = RrdReader(path)
-        self.chunks = reader.stream().to_chunks()
-        self.blueprints = [reader.stream(store=store).to_chunks() for store in reader.blueprints()]
-        self.entities = {chunk.entity_path for chunk in self.chunks}
-        self.timelines = {name for chunk in self.chunks for name in chunk.timeline_names}
-
-    def static(self, entity, column):
-        """The one value of a column that has no time."""
-        ((value,),) = self._columns(entity, column, None)
-        return value
-
-    def over(self, timeline, entity, column):
-        """The values of a column by time."""
-        ((times, values),) = self._columns(entity, column, timeline)
-        return dict(zip(times, values, strict=True))
-
-    def pictures(self, timeline, entity):
-        """The pictures of an entity by time."""
-        buffers = self.over(timeline, entity, "SegmentationImage:buffer")
-        formats = self.over(timeline, entity, "SegmentationImage:format")
-        return {time: _picture(buffers[time], formats[time]) for time in buffers}
-
-    def classes(self, entity):
-        """The labels of the classes of pictures, in order."""
-        (context,) = self.static(entity, "AnnotationContext:context")
-        assert [one["class_id"] for one in context] == list(range(len(context)))
-        return [one["class_description"]["info"]["label"] for one in context]
-
-    def _columns(self, entity, column, timeline):
-        for chunk in self.chunks:
-            batch = chunk.to_record_batch()
-            if chunk.entity_path == entity and column in batch.schema.names:
-                values = batch.column(column).to_pylist()
-                if timeline is None and chunk.is_static:
-                    yield values
-                elif timeline in batch.schema.names:
-                    yield batch.column(timeline).to_pylist(), values
-
-
-def _picture(buffer, layout):
-    (layout,) = layout
-    return np.array(buffer[0], np.uint8).reshape(layout["height"], layout["width"])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,11 +42,6 @@ class Case:
 
 LAB = np.array(["........", ".##.###.", ".##.###.", "....###."])
 FREE = np.array([[square == "." for square in row] for row in LAB[::-1]])
-
-
-@pytest.fixture(scope="session")
-def read():
-    return Recording
 
 
 @pytest.fixture(scope="session")

@@ -66,19 +66,6 @@ PLAN = dataset(
     },
     spec=json.dumps({"keep": 1, "change": 100}),
 )
-COVERAGE = dataset(
-    {
-        "alpha": ("bounce", [0.25, 0.75]),
-        "limiting": ("bounce direction position", [[[0.5, 0.5]], [[1.0, 0.0]]]),
-        "group": ("bounce direction position", [[[0, 0]], [[0, -1]]]),
-        "group_weight": ("bounce group_index", [[1.0], [1.0]]),
-        "group_size": ("bounce group_index", [[2], [1]]),
-        "coverage": ("bounce position", [[0.5, 0.5], [1.0, 0.0]]),
-        "mixture": ("position", [0.875, 0.125]),
-        "residual": ("bounce", [0.0, 1e-17]),
-    },
-    duality_gap=0.0,
-)
 # Three positions, East and West; robot 0 goes on, robot 1 bumps, and then robot 1 is turned.
 TEAM = dataset(
     {
@@ -128,7 +115,6 @@ CHECKS = {
     "groups": (GROUPS, lambda data: checks.groups_checks(data, IMAGE)),
     "localization": (LOCALIZATION, checks.localization_checks),
     "navigation": (PLAN, checks.navigation_checks),
-    "coverage": (COVERAGE, checks.coverage_checks),
     "team": (TEAM, lambda data: checks.team_checks(data, 2, 3)),
     "patrol graph": (WALK, patrol_graph_checks),
     "patrol map": (PATROL, patrol_map_checks),
@@ -159,13 +145,6 @@ def test_what_is_right_passes(family):
         ("navigation", "goal", 4, {"ends_missed"}),
         ("navigation", "reaches", [[True] * 3, [False] * 3], {"cells_that_do_not_reach"}),
         ("navigation", "cost", 101, {"cost_minus_that_of_actions"}),
-        ("coverage", "alpha", [0.25, 0.5], {"alpha_sums_to_1", "mixture_is_of_coverage"}),
-        ("coverage", "mixture", [0.5, 0.5], {"mixture_is_of_coverage"}),
-        ("coverage", "coverage", [[0.5, 0.5], [0.0, 1.0]], {"coverage_is_of_limiting"}),
-        ("coverage", "group", [[[0, 0]], [[-1, 0]]], {"share_of_transient_cells"}),
-        ("coverage", "residual", [0.0, np.nan], {"stationarity_residual"}),
-        ("coverage", "group_weight", [[1.0], [0.9]], {"group_weights_sum_to_1"}),
-        ("coverage", "group_size", [[2], [2]], {"group_sizes"}),
         ("team", "cell", [[0, 2], [2, 5], [2, 2]], {"shared_positions"}),
         ("team", "cell", [[0, 2], [1, 5], [1, 5]], {"parts_that_begin_otherwise"}),
         ("team", "bumped", [[True, True], [False, False]], {"moves_against_the_rule"}),

@@ -1,15 +1,15 @@
+import dataclasses
 import json
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 
 from jaxcell.bounce.coverage import coverage_policy
-from jaxcell.record.coverage import heat_class, heat_classes, log_coverage
-from jaxcell.record.coverage_dataset import coverage_dataset
-from jaxcell.record.dataset import save_dataset
-from jaxcell.space import CellSpace
+from jaxcell.record import dataset, save_dataset, save_recording
+from jaxcell.record.bounce.coverage import heat_levels, heat_scale
 
 
 BOUNCES = np.radians([45, 90, 135])
@@ -27,41 +27,58 @@ def policy(cells):
 
 def test_the_dataset_holds_the_policy(cells, policy, tmp_path):
     file = tmp_path / "coverage.nc"
-    save_dataset(coverage_dataset(cells, policy, bounces=BOUNCES, spec={"map": "lab"}), file)
+    save_dataset(dataset(policy, spec={"map": "lab"}), file)
     with xr.open_dataset(file) as found:
         np.testing.assert_array_equal(found.alpha, policy.alpha)
         np.testing.assert_array_equal(found.mixture, policy.mixture)
         np.testing.assert_array_equal(found.target, policy.target)
-        np.testing.assert_allclose(found.limiting.sum("direction"), found.coverage, atol=1e-15)
+        np.testing.assert_allclose(found.share.sum("direction"), found.coverage, atol=1e-15)
         np.testing.assert_allclose(found.coverage.T @ found.alpha, found.mixture, atol=1e-15)
         np.testing.assert_allclose(found.bounce_deg, [45, 90, 135])
         for i, (groups, limiting) in enumerate(zip(policy.groups, policy.limiting, strict=True)):
-            assert int(found.groups[i]) == groups.count
+            assert int(found.persistent_groups[i]) == groups.count
             np.testing.assert_array_equal(found.group[i].values.ravel(), groups.group)
             weights = found.group_weight[i].values
             np.testing.assert_array_equal(weights[: groups.count], limiting.weights)
             assert not weights[groups.count :].any()
             assert int(found.group_size[i].sum()) == int((found.group[i] >= 0).sum())
-            assert float(found.residual[i]) < 1e-10
-        assert found.attrs["total_variation"] == policy.total_variation
+            assert float(found.stationarity_residual[i]) < 1e-10
+        assert found.total_variation == policy.total_variation
         assert json.loads(found.attrs["spec"]) == {"map": "lab"}
         picture = found.mixture.set_index(position=("y", "x")).unstack()
         assert picture.shape == cells.free.shape
 
 
-def test_a_policy_of_other_cells_is_refused(cells, policy, tmp_path):
-    finer = CellSpace.of_grid(cells.free, 16)
-    with pytest.raises(ValueError, match="of 304 cells, got 152"):
-        coverage_dataset(finer, policy, bounces=BOUNCES)
-    with pytest.raises(ValueError, match="2 angles and 19 positions, got 3 and 19"):
-        log_coverage(tmp_path / "one.rrd", cells, policy, bounces=BOUNCES[:2])
-    assert not (tmp_path / "one.rrd").exists()
+@pytest.mark.parametrize(
+    ("field", "wrong", "check"),
+    [
+        ("alpha", lambda alpha: alpha / 2, "alpha_sums_to_1"),
+        ("mixture", lambda mixture: mixture[::-1], "mixture_is_of_coverage"),
+        ("coverage", lambda coverage: coverage[:, ::-1], "coverage_is_of_share"),
+        ("target", lambda target: target - 1, "target_out_of_0_to_1"),
+    ],
+)
+def test_a_policy_that_contradicts_itself_is_refused(policy, field, wrong, check):
+    values = np.asarray(getattr(policy, field))
+    with pytest.raises(RuntimeError, match=check):
+        dataset(dataclasses.replace(policy, **{field: jnp.asarray(wrong(values))}))
+
+
+def test_time_in_transient_cells_is_refused(policy):
+    limiting = [
+        dataclasses.replace(one, value=jnp.full_like(one.value, 1 / one.value.size))
+        for one in policy.limiting
+    ]
+    assert (policy.group < 0).any()
+    with pytest.raises(RuntimeError, match="share_of_transient_cells"):
+        dataset(dataclasses.replace(policy, limiting=tuple(limiting)))
 
 
 def test_heat_has_two_classes_to_a_doubling():
-    classes = heat_classes(20.0)
+    scale = heat_scale(20.0)
+    classes = scale.classes
     heat = np.array([0.0, 1e-9, 1 / 16, 0.0885, 1.0, 1.42, 1.99, 2.0, 31.9])
-    labels = [classes[i].label for i in heat_class(heat, len(classes))]
+    labels = [classes[i].label for i in heat_levels(scale, heat)]
     assert labels == [
         "no time at all",
         "less than 1/16 of an even share",
@@ -78,17 +95,18 @@ def test_heat_has_two_classes_to_a_doubling():
 
 def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
     file = tmp_path / "coverage.rrd"
-    log_coverage(file, cells, policy, bounces=BOUNCES, spec={"map": "a map"})
+    save_recording(policy, file, spec={"map": "a map"})
     found = read(file)
     assert len(found.blueprints) == 1
     assert "direction" in found.timelines
 
     names = [*(f"coverage_{i}" for i in range(3)), "mixture", "target"]
     shares = [*np.asarray(policy.coverage), np.asarray(policy.mixture), np.asarray(policy.target)]
+    scale = heat_scale(max(float(share.max()) for share in shares) * cells.positions)
     for name, share in zip(names, shares, strict=True):
-        (picture,) = found.pictures("direction", f"/map/grid/{name}").values()
-        count = len(found.classes(f"/map/grid/{name}"))
-        expected = heat_class(share * cells.positions, count)
+        picture = found.picture(f"/map/grid/{name}")
+        assert found.classes(f"/map/grid/{name}") == [one.label for one in scale.classes]
+        expected = heat_levels(scale, share * cells.positions)
         np.testing.assert_array_equal(picture[cells.free], expected)
         assert (picture[~cells.free] == 0).all()
 
@@ -106,10 +124,10 @@ def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
         for number in range(groups.count):
             assert len(set(shown[group == number].tolist())) == 1
         pictures = found.pictures("direction", f"/map/grid/angle_{i}/limiting")
-        count = len(found.classes(f"/map/grid/angle_{i}/limiting"))
         heat = (np.asarray(limiting.value) * cells.size).reshape(cells.directions, -1)
+        scale = heat_scale(float(heat.max()))
         for k, picture in pictures.items():
-            np.testing.assert_array_equal(picture[cells.free], heat_class(heat[k], count))
+            np.testing.assert_array_equal(picture[cells.free], heat_levels(scale, heat[k]))
 
     bars = found.static("/alpha", "BarChart:values")
     assert bars
@@ -121,7 +139,7 @@ def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
 def test_of_many_angles_those_with_the_largest_shares_have_maps(cells, tmp_path, read):
     bounces = np.radians(np.arange(0, 360, 45))
     many = coverage_policy(cells, bounces, math.pi / 4, 0.6)
-    log_coverage(tmp_path / "many.rrd", cells, many, bounces=bounces)
+    save_recording(many, tmp_path / "many.rrd")
     found = read(tmp_path / "many.rrd")
     shown = {i for i in range(8) if f"/map/grid/coverage_{i}" in found.entities}
     assert len(shown) == 6
@@ -132,6 +150,6 @@ def test_of_many_angles_those_with_the_largest_shares_have_maps(cells, tmp_path,
 
 def test_one_angle(cells, tmp_path, read):
     one = coverage_policy(cells, BOUNCES[:1], math.pi / 4, 0.6)
-    log_coverage(tmp_path / "one.rrd", cells, one, bounces=BOUNCES[:1])
+    save_recording(one, tmp_path / "one.rrd")
     text = read(tmp_path / "one.rrd").static("/text", "TextDocument:text")[0]
     assert "there is one angle" in text

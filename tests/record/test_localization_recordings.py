@@ -5,7 +5,7 @@ import pytest
 
 from jaxcell.bounce import bounce_groups, bounce_map, localization_filter, localize
 from jaxcell.record import log_localization
-from jaxcell.record.palette import CURRENT, ROBOT
+from jaxcell.record.canvas.palette import CURRENT, ROBOT
 from jaxcell.space import CellSpace
 
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from jaxcell.bounce import plan
 from jaxcell.record import log_navigation, navigation_dataset, save_dataset
-from jaxcell.record.palette import BELIEF, KNOWN, ROBOT, TRAIL
+from jaxcell.record.canvas.palette import BELIEF, KNOWN, ROBOT, TRAIL
 from jaxcell.space import CellSpace
 
 

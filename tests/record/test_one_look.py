@@ -12,7 +12,7 @@ from wheels import bounce_filter, map_cells
 
 from jaxcell.cli import main
 from jaxcell.record import RecordedRobot, RobotRecording, log_sweep, palette
-from jaxcell.record.palette import robot_color
+from jaxcell.record.canvas.palette import robot_color
 
 
 pytestmark = pytest.mark.slow

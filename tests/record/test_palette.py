@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.record import palette
-from jaxcell.record.palette import (
+from jaxcell.record.canvas.palette import (
     CATEGORIES,
     GROUP_CLASSES,
     cycle_color,

@@ -12,9 +12,9 @@ from jaxcell.patrol import random_walk, walk_hitting_times
 from jaxcell.patrol.graph_files import load_graph
 from jaxcell.patrol.measures import measure
 from jaxcell.patrol.strategy_game import strategy_game
-from jaxcell.record.dataset import save_dataset
+from jaxcell.record.canvas.palette import ramp
+from jaxcell.record.data.files import save_dataset
 from jaxcell.record.matrix import log_matrix
-from jaxcell.record.palette import ramp
 from jaxcell.record.patrol_dataset import patrol_graph_dataset
 from jaxcell.record.patrol_graph import log_patrol_graph
 

@@ -21,7 +21,7 @@ from jaxcell.patrol import (
 )
 from jaxcell.patrol.share_game import share_game
 from jaxcell.record import MapPatrol, patrol_map_dataset, save_dataset
-from jaxcell.record.palette import CATEGORIES, KNOWN, PLAIN
+from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
 from jaxcell.record.patrol_attacks import (
     ATTACKING,
     CAUGHT,

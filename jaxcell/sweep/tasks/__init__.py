@@ -8,7 +8,7 @@ TASKS: dict[str, str] = {
     "groups": "jaxcell.sweep.tasks.groups:groups",
     "rooms": "jaxcell.sweep.tasks.rooms:rooms",
     "localize": "jaxcell.sweep.tasks.localize:localize",
-    "cover": "jaxcell.sweep.tasks.cover:cover",
+    "cover": "jaxcell.study:Cover",
     "plans": "jaxcell.sweep.tasks.plans:plans",
     "patrol": "jaxcell.sweep.tasks.patrol:patrol",
     "drift": "jaxcell.sweep.tasks.drift:drift",

@@ -1,4 +1,3 @@
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,7 +7,6 @@ from jaxtyping import Array, Float, Int
 
 from ..automata import Filter
 from ..bounce import Localization
-from ..files import replacing
 from ..mapping import PeriodicGroups
 from ..space import CellSpace
 from .checks import filter_checks, groups_checks, localization_checks, with_checks
@@ -205,36 +203,6 @@ def localization_dataset(
         ),
     )
     return with_checks(dataset, localization_checks(dataset))
-
-
-def save_dataset(dataset: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Writes a dataset as a NetCDF-4 file, compressed, whole or not at all.
-
-    **Arguments:**
-
-    - `dataset`: the dataset.
-    - `path`: the file to write or replace.
-
-    **Raises:** `FileNotFoundError` if the folder does not exist.
-
-    Any dataset, written and read again:
-
-        >>> import pathlib, tempfile
-        >>> import xarray as xr
-        >>> from jaxcell import record
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "result.nc")
-        ...     record.save_dataset(xr.Dataset({"steps": ("cell", [1, 2])}), path)
-        ...     xr.load_dataset(path).steps.values.tolist()
-        [1, 2]
-    """
-    encoding = {
-        name: {"zlib": True, "complevel": 1, "_FillValue": None}
-        for name, variable in dataset.variables.items()
-        if variable.ndim and variable.dtype.kind in "bif"
-    }
-    with replacing(path) as temporary:
-        dataset.to_netcdf(temporary, format="NETCDF4", engine="netcdf4", encoding=encoding)
 
 
 _OBSERVATION = {"long_name": "what the robot senses", "meaning": "0: it moved, 1: it bumped"}

@@ -1,4 +1,4 @@
-"""What a robot is to cover, as people name it on the command line."""
+"""What a robot is to cover, as people name it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ _LARGEST_COORDINATE = 1e9
 
 
 def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]:
-    """The share of each position that `--target` names.
+    """The share of each position that the parameter `target` names.
 
     **Arguments:**
 
@@ -26,7 +26,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
     - `text`: `uniform`; the name of an image, whose bright parts are worth more; or
         `FILE.nc:VARIABLE`, a variable over `position`, or over coordinates `x` and `y` in metres.
 
-    **Raises:** `ValueError` or `OSError` that names the option and what is wrong with it.
+    **Raises:** `ValueError` or `OSError` that names the parameter and what is wrong with it.
     """
     from ..bounce.coverage import coverage_target
 
@@ -43,7 +43,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
         return coverage_target(cells, worth)
     except (ValueError, OSError) as error:
         message = str(error).removeprefix("target: ")
-        raise type(error)(f"--target {text}: {message}") from None
+        raise type(error)(f"target {text}: {message}") from None
 
 
 def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:

@@ -1,0 +1,7 @@
+"""The commands of our studies."""
+
+from .. import study
+from .study import command
+
+
+Cover = command(study.Cover)

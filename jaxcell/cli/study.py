@@ -1,0 +1,127 @@
+"""The command of a study: its parameters are the options, its result is the output."""
+
+import dataclasses
+import json
+import re
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import tyro
+
+from ..study import Study
+from .options import write_text
+from .terminal import note, note_results, solver_on_stderr, status
+
+
+if TYPE_CHECKING:
+    from ..base.quantities import Result
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Command:
+    """What the commands of all studies take, and what they do."""
+
+    study: ClassVar[type[Study]]
+    called: ClassVar[str]
+
+    out: Path | None = None
+    """Directory for the results: NetCDF, a Rerun recording, summary.json."""
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+    verify: bool = False
+    """Compute small parts of the result again by another route; exit with 1 if they differ."""
+
+    def run(self) -> int:
+        from .. import record
+        from ..runtime import configure_jax
+
+        configure_jax()
+        asked = self.study(
+            **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
+        )
+        began = time.perf_counter()
+        try:
+            with solver_on_stderr(), status(f"{self.called}: reading") as shown:
+                result = asked.run(lambda doing: shown.update(f"{doing} ..."))
+        except RuntimeError as error:
+            print(f"jaxcell {self.called}: {error}", file=sys.stderr)
+            return 1
+        seconds = round(time.perf_counter() - began, 3)
+        spec = asked.spec(result)
+        summary = {"command": f"jaxcell {self.called}", **spec, **record.summary(result)}
+        summary["seconds"] = seconds
+        if self.out is not None:
+            with status(f"writing {self.out}"):
+                self.out.mkdir(parents=True, exist_ok=True)
+                dataset = record.dataset(result, spec=spec)
+                record.save_dataset(dataset, self.out / f"{asked.name}.nc")
+                record.save_recording(result, self.out / f"{asked.name}.rrd", spec=spec)
+                asked.write(result, self.out)
+        verified = _verified(asked, result) if self.verify else None
+        if verified is not None:
+            summary["verified"] = verified
+        if self.out is not None:
+            write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+        if self.json:
+            print(json.dumps(summary))
+        else:
+            from .tables import show
+
+            show(result, asked.heading(spec), seconds)
+            if self.out is not None:
+                note_results(self.out)
+        agrees = verified is None or _report(self.called, verified, quiet=self.json)
+        return 0 if agrees and result.answered else 1
+
+
+def command(study: type[Study], called: str | None = None) -> Any:
+    """The options and the run of a study's command.
+
+    **Arguments:**
+
+    - `study`: its class.
+    - `called`: what the command is called; by default after the class.
+    """
+    more = {
+        "__doc__": study.__doc__,
+        # The parameters are checked when the study is made, not when the options are read.
+        "__post_init__": lambda _: None,
+        "study": study,
+        "called": called or command_name(study),
+    }
+    return dataclasses.make_dataclass(
+        study.__name__, [], bases=(Command, study), namespace=more, frozen=True, kw_only=True
+    )
+
+
+def command_name(study: type) -> str:
+    """The name on the command line of a class: `patrol map` for `PatrolMap`."""
+    return re.sub("(?<=[a-z])(?=[A-Z])", " ", study.__name__).lower()
+
+
+def _verified(asked: Study, result: "Result") -> dict[str, Any]:
+    """What comes of computing parts of a result again."""
+    began = time.perf_counter()
+    with status("computing parts again by another route"):
+        found = asked.verify(result)
+    return {
+        "agrees": all(one.agrees for one in found),
+        "count": sum(one.count for one in found),
+        "seconds": round(time.perf_counter() - began, 3),
+        "comparisons": [one.as_json() for one in found],
+    }
+
+
+def _report(name: str, verified: dict[str, Any], quiet: bool) -> bool:
+    """Say on standard error what came of it."""
+    for one in verified["comparisons"]:
+        if not one["agrees"]:
+            print(f"jaxcell {name}: --verify: {one['what']}: {one['where']}", file=sys.stderr)
+    if verified["agrees"] and not quiet:
+        note(
+            f"Verified: {verified['count']:,} numbers agree with another route, in "
+            f"{verified['seconds']:g} s."
+        )
+    return bool(verified["agrees"])

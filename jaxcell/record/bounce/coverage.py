@@ -1,0 +1,239 @@
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float, Int, UInt8
+
+from ...bounce import CoveragePolicy
+from ..canvas.map import CellMap
+from ..canvas.page import log_tab
+from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.prose import counted, describe, made_with, table
+from ..canvas.scale import Scale
+from ..canvas.stream import recording, send_blueprint
+
+
+# So many angles have maps, those with the largest shares of time.
+_MAX_ANGLES = 6
+_MAX_ROWS = 24
+# Levels double every second class, from this power of two.
+_LOWEST = -4
+_NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
+
+
+def log_coverage(
+    policy: CoveragePolicy, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of a mixture of bouncing policies.
+
+    Heat maps of the coverage by each angle, by the mixture, and of the target, side by side, with
+    the shares of time as bars; and for each angle, over the timeline `direction`, its persistent
+    groups and its limiting distribution.
+
+    **Arguments:**
+
+    - `policy`: the mixture.
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `spec`: what was asked for, shown in the text.
+    """
+    cells = policy.cells
+    alpha = np.asarray(policy.alpha)
+    shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
+    coverage, mixture, target = (
+        np.asarray(x) * cells.positions for x in (policy.coverage, policy.mixture, policy.target)
+    )
+    titles = {
+        f"coverage_{i}": f"{policy.bounce_deg[i]:.6g}°, {100 * alpha[i]:.1f} % of the time"
+        for i in shown
+    }
+    heats = {f"coverage_{i}": coverage[i] for i in shown} | {"mixture": mixture, "target": target}
+    titles |= {"mixture": "The mixture", "target": "The target"}
+    scale = heat_scale(max(float(heat.max()) for heat in heats.values()))
+    with recording(path, "coverage") as stream:
+        map = CellMap(stream, cells)
+        views: list[rrb.View] = [
+            map.view(titles[name], [map.picture(name, scale.classes, heat_levels(scale, heat))])
+            for name, heat in heats.items()
+        ]
+        views.append(_log_shares(stream, policy.bounce_deg, alpha))
+        maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
+        text = _text(policy, len(shown), spec or {})
+        tabs = [
+            log_tab(stream, "", "Coverage", maps, text, heat_legend(scale), timeline="direction"),
+            *(_log_angle(map, policy, i) for i in shown),
+        ]
+        speed = max(2.0, cells.directions / 30)
+        send_blueprint(stream, rrb.Tabs(*tabs, active_tab=0), "direction", speed)
+
+
+def heat_scale(most: float) -> Scale:
+    """The scale of time spent, in multiples of an even share: two levels make a doubling."""
+    highest = max(1, math.ceil(math.log2(max(most, 1))))
+    bounds = 2.0 ** (np.arange(2 * _LOWEST, 2 * highest + 1) / 2)
+    special: dict[str, Color] = {_NONE: FREE, _LITTLE: (44, 44, 90)}
+    return Scale(bounds, "{} even shares".format, special)
+
+
+def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.ndarray, "*shape"]:
+    """The class of each multiple of an even share."""
+    return scale.levels(heat, {_LITTLE: heat < scale.bounds[0], _NONE: heat <= 0})
+
+
+def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
+    """What the colours mean: every second level, those that begin at a power of two."""
+    begins = zip(scale.bounds[:-1:2].tolist(), scale.colors[::2], strict=True)
+    levels = [(f"from {_shares(low)}", color) for low, color in begins]
+    return [*scale.special.items(), *levels]
+
+
+def _shares(power_of_two: float) -> str:
+    if power_of_two > 1:
+        return f"{power_of_two:g} even shares"
+    return "1 even share" if power_of_two == 1 else f"1/{1 / power_of_two:g} of an even share"
+
+
+def _log_shares(
+    stream: rr.RecordingStream,
+    degrees: Float[np.ndarray, "angles"],
+    alpha: Float[np.ndarray, "angles"],
+) -> rrb.View:
+    width = float(np.diff(np.sort(degrees)).min(initial=30.0))
+    bars = rr.BarChart(
+        alpha, abscissa=degrees, widths=np.full(alpha.size, 0.8 * width), color=BELIEF
+    )
+    stream.log("alpha", bars, static=True)
+    return rrb.BarChartView(
+        origin="alpha",
+        name="Share of time by bouncing angle (degrees)",
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
+    """Log the persistent groups and the limiting distribution of one angle, by direction."""
+    name, every = f"angle_{i}", np.arange(policy.cells.directions)
+    groups = _group_classes(policy.groups[i].count)
+    kind = _group_kinds(policy.group[i], np.asarray(policy.limiting[i].weights))
+    heat = policy.share[i] * policy.cells.size
+    scale = heat_scale(float(heat.max()))
+    pictures = [
+        map.picture(f"{name}/groups", groups, kind, "direction", every),
+        map.picture(
+            f"{name}/limiting", scale.classes, heat_levels(scale, heat), "direction", every
+        ),
+    ]
+    views = rrb.Vertical(
+        map.view("Persistent groups, one direction", pictures[:1]),
+        map.view("Time spent, one direction", pictures[1:]),
+    )
+    legend = heat_legend(scale) + [(one.label, one.color) for one in groups[1:]]
+    return log_tab(
+        map.stream,
+        name,
+        f"{policy.bounce_deg[i]:.6g}°",
+        views,
+        _angle_text(policy, i),
+        legend,
+        timeline="direction",
+        shares=(3, 2),
+        rows=(2, 3),
+    )
+
+
+def _group_classes(count: int) -> list[PictureClass]:
+    """What is not free, transient cells, and the groups; those past the colours are pale."""
+    colors = list(CATEGORIES.values())
+    classes = [PictureClass("not free", CLEAR), PictureClass("transient", FREE)]
+    for place in range(min(count, 2 * len(colors))):
+        color = colors[place % len(colors)]
+        if place >= len(colors):
+            classes.append(PictureClass("on a less likely group", mix(color, (255, 255, 255), 0.6)))
+        elif place:
+            classes.append(PictureClass(f"on the persistent group of rank {place + 1}", color))
+        else:
+            classes.append(PictureClass("on the likeliest persistent group", color))
+    return classes
+
+
+def _group_kinds(
+    group: Int[np.ndarray, "directions positions"], weights: Float[np.ndarray, "groups"]
+) -> UInt8[np.ndarray, "directions positions"]:
+    """The class of each cell; groups have ranks by their weights."""
+    colors = len(CATEGORIES)
+    rank = np.empty(weights.size, np.int64)
+    rank[np.argsort(-weights, kind="stable")] = np.arange(weights.size)
+    place = np.where(rank < colors, rank, colors + rank % colors)
+    return np.where(group < 0, 1, 2 + place[group]).astype(np.uint8)
+
+
+def _text(policy: CoveragePolicy, shown: int, spec: Mapping[str, Any]) -> str:
+    """What the heat maps of a mixture show."""
+    angles, cells = len(policy.bounce), policy.cells
+    if angles == 1:
+        divides = "Here there is one angle, so all the time goes to it."
+    else:
+        divides = (
+            f"The robot divides its time among **{angles}** angles so that together they "
+            "come as near as possible to the **target**."
+        )
+    left_out = f" (those of the {shown} largest shares)" if shown < angles else ""
+    return f"""# Covering a room without knowing where one is
+
+A robot runs straight. Where it bumps it turns by its bouncing angle, but not precisely, and runs
+on. In the long run each angle takes it to some places more than to others. {divides}
+
+{describe(cells)}
+
+{_share_table(policy)}
+
+The mixture spends **{100 * policy.total_variation:.1f} %** of its time elsewhere than wanted, and
+visits {policy.positions_visited:,} of {cells.positions:,} positions. No other mixture of these
+angles is nearer in Euclidean distance ({policy.distance:.4g}).
+
+## How to look
+
+- **The maps** show the share of time in each square, for each angle alone{left_out}, for the
+  mixture, and as it was wanted: in multiples of an even share, 1/{cells.positions:,}. Two colours
+  make a doubling. Hover over a square to read its class.
+- **The bars** are the shares of time of the angles.
+- The other tabs show, for one angle, its persistent groups and where the time goes, direction by
+  direction; press play, or drag the slider at the bottom.
+
+{made_with(spec)}"""
+
+
+def _angle_text(policy: CoveragePolicy, i: int) -> str:
+    """What the pictures of one angle show."""
+    groups, cells = policy.groups[i], policy.cells
+    which = "" if groups.count == 1 else "one of "
+    return f"""# Bouncing by {policy.bounce_deg[i]:.6g}°, imprecisely
+
+Sooner or later the robot is in {which}{counted(groups.count, "*persistent group*")},
+{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. All others are
+*transient*.
+
+Each map shows one direction at a time; the slider `direction` at the bottom goes through all
+{cells.directions}, from East (0) counter-clockwise.
+
+- **Persistent groups**: cells of one colour are of one group, the likeliest to end in first.
+- **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
+  One step changes it by {policy.stationarity_residual[i]:.1e} in all.
+"""
+
+
+def _share_table(policy: CoveragePolicy) -> str:
+    alpha = np.asarray(policy.alpha)
+    columns = (policy.bounce_deg, alpha, policy.persistent_groups, policy.persistent_cells)
+    rows: list[tuple[str, ...]] = [
+        (f"{angle:.6g}°", f"{share:.6f}", f"{groups:,}", f"{cells:,}")
+        for angle, share, groups, cells in zip(*columns, strict=True)
+    ]
+    more = rows[_MAX_ROWS:]
+    if more:
+        rest = f"{alpha[_MAX_ROWS:].sum():.6f}"
+        rows = [*rows[:_MAX_ROWS], (f"{len(more):,} more", rest, "", "")]
+    return table(("angle", "share of time", "persistent groups", "their cells"), rows)

@@ -1,0 +1,155 @@
+"""A map with y up, pictures of its cells, and views of it.
+
+Rerun's plane has y down. Everything on a map is under the entity `map`, which turns y over, and is
+logged in metres, y up. Pictures are under `map/grid`, which also stretches pixels to squares; their
+first row is the lowest.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+import shapely
+from jaxtyping import Float, Int, Integer, UInt8
+
+from ...space import CellSpace
+from .palette import FREE, MARGIN, OBSTACLE, WALL, PictureClass
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CellMap:
+    """The map of a cell space in a recording; making one logs its free squares and its walls."""
+
+    stream: rr.RecordingStream
+    cells: CellSpace
+
+    def __post_init__(self) -> None:
+        stream, side = self.stream, self.cells.cell
+        stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
+        stretch = rr.Transform3D(translation=[*self.cells.origin, 0], scale=[side, side, 1])
+        stream.log("map/grid", stretch, static=True)
+        classes = ("obstacle", OBSTACLE), ("free", FREE), ("too near a wall", MARGIN)
+        named = [PictureClass(*one) for one in classes]
+        log_pictures(stream, "map/grid/free", named, _squares(self.cells), order=-20.0)
+        walls = rr.LineStrips2D(
+            _walls(self.cells), colors=WALL, radii=rr.Radius.ui_points(1.2), draw_order=10
+        )
+        stream.log("map/walls", walls, static=True)
+
+    @functools.cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """The box around the squares of the cells, in metres: left, bottom, right, top."""
+        rows, columns = self.cells.free.shape
+        left, bottom = self.cells.origin
+        return left, bottom, left + columns * self.cells.cell, bottom + rows * self.cells.cell
+
+    @functools.cached_property
+    def extent(self) -> float:
+        """The larger side of the map: marks have at least a share of it, so that they are seen."""
+        left, bottom, right, top = self.bounds
+        return max(right - left, top - bottom)
+
+    @functools.cached_property
+    def frame(self) -> float:
+        """Half the side of a frame around a square, in metres."""
+        return max(0.5 * self.cells.cell, 0.02 * self.extent)
+
+    def xy(self, cell: Int[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape 2"]:
+        """The centres of cells or positions, in metres."""
+        x, y, _ = self.cells.centre(cell)
+        return np.stack([x, y], axis=-1)
+
+    def picture(
+        self,
+        name: str,
+        classes: Sequence[PictureClass],
+        kind: Integer[np.ndarray, "*pictures positions"],
+        timeline: str | None = None,
+        times: Int[np.ndarray, "pictures"] | None = None,
+    ) -> str:
+        """Log the class of each position as a picture, or one picture for each time.
+
+        **Returns:** the name of the entity, for [`CellMap.view`][].
+        """
+        pictures = on_squares(self.cells, kind)
+        log_pictures(self.stream, f"map/grid/{name}", classes, pictures, timeline, times)
+        return f"grid/{name}"
+
+    def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
+        """A view of entities on the map, with a margin around it."""
+        left, bottom, right, top = self.bounds
+        margin = 0.04 * self.extent
+        return rrb.Spatial2DView(
+            origin="/",
+            name=title,
+            contents=[f"+ /map/{one}" for one in ("walls", "grid/free", *contents)],
+            background=OBSTACLE,
+            visual_bounds=rrb.VisualBounds2D(
+                x_range=[left - margin, right + margin], y_range=[-top - margin, margin - bottom]
+            ),
+        )
+
+
+def on_squares(
+    cells: CellSpace, kind: Integer[np.ndarray, "*pictures positions"]
+) -> UInt8[np.ndarray, "*pictures rows columns"]:
+    """Classes of positions as pictures, with 0 for what is not free; the first row is lowest."""
+    pictures = np.zeros((*kind.shape[:-1], cells.free.size), np.uint8)
+    pictures[..., cells.square] = kind
+    return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
+
+
+def log_pictures(
+    stream: rr.RecordingStream,
+    path: str,
+    classes: Sequence[PictureClass],
+    pictures: UInt8[np.ndarray, "*pictures rows columns"],
+    timeline: str | None = None,
+    times: Int[np.ndarray, "pictures"] | None = None,
+    order: float = -10.0,
+) -> None:
+    """Log a picture of classes, or one for each time; higher orders lie on top."""
+    named = [(i, one.label, one.color) for i, one in enumerate(classes)]
+    stream.log(path, rr.AnnotationContext(named), static=True)
+    stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
+    if timeline is None or times is None:
+        stream.log(path, rr.SegmentationImage(pictures), static=True)
+        return
+    count, rows, columns = pictures.shape
+    layout = rr.components.ImageFormat(width=columns, height=rows, channel_datatype="U8")
+    stream.send_columns(
+        path,
+        [rr.TimeColumn(timeline, sequence=times)],
+        rr.SegmentationImage.columns(buffer=pictures.reshape(count, -1), format=[layout] * count),
+    )
+
+
+def _squares(cells: CellSpace) -> UInt8[np.ndarray, "rows columns"]:
+    """0 for squares in an obstacle, 1 for free ones, 2 for those that are too near a wall."""
+    squares = cells.free.astype(np.uint8)
+    if cells.workspace is not None and cells.workspace.robot_radius > 0:
+        row, column = np.nonzero(~cells.free)
+        x = cells.origin[0] + (column + 0.5) * cells.cell
+        y = cells.origin[1] + (row + 0.5) * cells.cell
+        environment = cells.workspace.environment
+        shapely.prepare(environment)
+        inside = shapely.intersects_xy(environment, x, y)
+        squares[row[inside], column[inside]] = 2
+    return squares
+
+
+def _walls(cells: CellSpace) -> list[Float[np.ndarray, "points 2"]]:
+    """The edges of the environment, or of the free squares where there are only these."""
+    if cells.workspace is not None:
+        rings = shapely.get_rings(shapely.get_parts(cells.workspace.environment))
+        return [shapely.get_coordinates(ring) for ring in rings]
+    padded = np.pad(cells.free, 1)
+    row, column = np.nonzero(padded[1:, 1:-1] != padded[:-1, 1:-1])
+    level = np.stack([column, row, column + 1, row], axis=-1)
+    row, column = np.nonzero(padded[1:-1, 1:] != padded[1:-1, :-1])
+    upright = np.stack([column, row, column, row + 1], axis=-1)
+    ends = np.concatenate([level, upright]).reshape(-1, 2, 2)
+    return list(np.array(cells.origin) + ends * cells.cell)

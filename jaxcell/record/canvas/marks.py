@@ -1,0 +1,154 @@
+"""Marks on maps and charts: labels, frames, dots, arrows, lines and trails.
+
+Marks lie over pictures; their `order` says which lies over which.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+from jaxtyping import Float, Int
+
+from .palette import TEXT, Color
+
+
+# Corners of the trail behind a robot; all of them would hide the map.
+_CORNERS = 6
+
+
+def points(width: float) -> Any:
+    """A width on the screen, in points, however far one looks from."""
+    return rr.Radius.ui_points(width)
+
+
+def log_labels(
+    stream: rr.RecordingStream,
+    path: str,
+    labels: Sequence[tuple[str, float, float]],
+    color: Color = TEXT,
+    order: float = 60.0,
+) -> None:
+    """Log texts at places; the viewer hangs each centred below its place."""
+    if labels:
+        text = rr.Points2D(
+            [(x, y) for _, x, y in labels],
+            labels=[text for text, _, _ in labels],
+            colors=color,
+            radii=0.001,
+            show_labels=True,
+            draw_order=order,
+        )
+        stream.log(path, text, static=True)
+
+
+def log_dots(
+    stream: rr.RecordingStream,
+    path: str,
+    xy: npt.ArrayLike,
+    radius: float,
+    color: Color | Sequence[Color],
+    order: float = 40.0,
+) -> None:
+    """Log round marks."""
+    stream.log(path, rr.Points2D(xy, colors=color, radii=radius, draw_order=order), static=True)
+
+
+def log_frame(
+    stream: rr.RecordingStream,
+    path: str,
+    xy: npt.ArrayLike,
+    half: float,
+    color: Color,
+    width: float = 3.0,
+    order: float = 40.0,
+) -> None:
+    """Log frames around squares of which half the side is given."""
+    centers = np.atleast_2d(np.asarray(xy, float))
+    frame = rr.Boxes2D(
+        centers=centers,
+        half_sizes=np.full(centers.shape, half),
+        colors=color,
+        radii=points(width),
+        draw_order=order,
+    )
+    stream.log(path, frame, static=True)
+
+
+def log_lines(
+    stream: rr.RecordingStream,
+    path: str,
+    strips: Sequence[npt.ArrayLike],
+    color: Color,
+    width: float = 1.5,
+    order: float = 20.0,
+) -> None:
+    """Log lines through points, so many points wide on the screen."""
+    lines = rr.LineStrips2D(list(strips), colors=color, radii=points(width), draw_order=order)
+    stream.log(path, lines, static=True)
+
+
+def log_arrows(
+    stream: rr.RecordingStream,
+    path: str,
+    xy: npt.ArrayLike,
+    vectors: npt.ArrayLike,
+    color: Color | Sequence[Color],
+    radius: float,
+    order: float = 30.0,
+) -> None:
+    """Log arrows from places."""
+    arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)
+    stream.log(path, arrows, static=True)
+
+
+def log_robot(
+    stream: rr.RecordingStream,
+    path: str,
+    poses: tuple[
+        Float[np.ndarray, "states"], Float[np.ndarray, "states"], Float[np.ndarray, "states"]
+    ],
+    length: float,
+    color: Color,
+    timeline: str = "step",
+    times: Int[np.ndarray, "times"] | None = None,
+    trail: str | None = None,
+    trail_color: Color | None = None,
+    corners: int | None = _CORNERS,
+) -> None:
+    """Log a robot as an arrow over time, and the trail behind it.
+
+    **Arguments:**
+
+    - `path`: the entity of the robot.
+    - `poses`: x, y and heading of each state, in metres and radians.
+    - `length`: of the arrow, whose middle is at the robot, so that it lies in its square in any
+        heading.
+    - `times`: the states that are shown; by default all.
+    - `trail`: the entity of the trail, if it is to have one.
+    - `corners`: how many corners of the trail are kept; `None` for all.
+    """
+    x, y, theta = poses
+    times = np.arange(x.size) if times is None else times
+    place = np.stack([x, y], axis=1)
+    heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    index = [rr.TimeColumn(timeline, sequence=times)]
+    arrows = rr.Arrows2D.columns(origins=place[times] - heading[times] / 2, vectors=heading[times])
+    stream.send_columns(path, index, arrows)
+    style = rr.Arrows2D.from_fields(colors=color, radii=length / 8, draw_order=30)
+    stream.log(path, style, static=True)
+    if trail is None:
+        return
+    corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
+    kept = corner.size if corners is None else corners
+    passed = np.searchsorted(corner, times, side="right").tolist()
+    strips = [
+        place[np.append(corner[max(0, past - kept) : past], time)]
+        for time, past in zip(times.tolist(), passed, strict=True)
+    ]
+    stream.send_columns(trail, index, rr.LineStrips2D.columns(strips=strips))
+    line = rr.LineStrips2D.from_fields(
+        colors=color if trail_color is None else trail_color, radii=points(1.5), draw_order=20
+    )
+    stream.log(trail, line, static=True)

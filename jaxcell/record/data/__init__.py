@@ -1,0 +1,1 @@
+"""Datasets and summaries that follow from what a result says of its quantities."""

@@ -1,0 +1,77 @@
+"""The recording of a result that has none of its own, from the descriptions of its quantities."""
+
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ..base.quantities import Quantity, Result, values
+from .canvas.curves import curve_view, log_curve
+from .canvas.map import CellMap
+from .canvas.page import legend_view, log_legend, log_tab
+from .canvas.prose import describe, made_with, table
+from .canvas.scale import Scale
+from .canvas.stream import recording, send_blueprint
+from .data.described import summary
+
+
+_LEGEND_ROWS = 5
+_ON_A_MAP = ("position",), ("direction", "position")
+
+
+def log_result(
+    result: Result, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a recording with maps and curves of whatever quantities a result has."""
+    cells = getattr(result, "cells", None)
+    described = values(result)
+    maps = {name: one for name, one in described.items() if one[0].dims in _ON_A_MAP}
+    curves = {name: one for name, one in described.items() if one[0].dims == ("step",)}
+    timeline = "step" if curves else "direction"
+    with recording(path, "result") as stream:
+        views: list[rrb.View | rrb.Container] = []
+        if cells is not None:
+            map = CellMap(stream, cells)
+            views += [_log_map(map, name, *one, timeline) for name, one in maps.items()]
+        for name, (about, value) in curves.items():
+            log_curve(stream, f"curves/{name}", np.asarray(value))
+            views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
+        grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
+        place = [describe(cells)] if cells is not None else []
+        text = "\n\n".join([f"# {result.title}", *place, _numbers(result), made_with(spec or {})])
+        tab = log_tab(stream, "", result.title, grid, text, [], timeline=timeline)
+        send_blueprint(stream, tab, timeline, speed=4.0)
+
+
+def _log_map(map: CellMap, name: str, about: Quantity, value: Any, timeline: str) -> rrb.Container:
+    numbers = np.asarray(value, float)
+    scale = Scale.over(numbers, f"{{}} {_unit(about)}".rstrip().format)
+    levels = scale.levels(np.where(np.isfinite(numbers), numbers, scale.bounds[-1]))
+    over_time = (timeline, np.arange(len(numbers))) if numbers.ndim == 2 else ()
+    picture = map.picture(name, scale.classes, levels, *over_time)
+    legend = scale.legend(_LEGEND_ROWS)
+    log_legend(map.stream, f"{name}/legend", legend, timeline)
+    return rrb.Vertical(
+        map.view(_titled(about), [picture]),
+        legend_view(f"{name}/legend", len(legend)),
+        row_shares=[4, 1],
+    )
+
+
+def _titled(about: Quantity) -> str:
+    units = f" ({_unit(about)})" if _unit(about) else ""
+    return about.meaning[:1].upper() + about.meaning[1:] + units
+
+
+def _unit(about: Quantity) -> str:
+    return "" if about.units in (None, "1") else str(about.units)
+
+
+def _numbers(result: Result) -> str:
+    single = {name: one for name, one in values(result).items() if not one[0].dims}
+    plain = summary(result)
+    rows = [(_titled(about), plain[name]) for name, (about, _) in single.items()]
+    return table(("quantity", "value"), rows) if rows else ""

@@ -1,0 +1,37 @@
+"""The recording of any result."""
+
+import importlib
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from ..base.quantities import Result
+
+
+# By the name of the class of a result, so that only one family is imported.
+_FAMILIES = {
+    "CoveragePolicy": "bounce.coverage:log_coverage",
+}
+
+
+def save_recording(
+    result: Result, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of a result.
+
+    A result that is not one of ours has a map for each quantity over positions, a curve for each
+    over steps, and a text with its numbers.
+
+    **Arguments:**
+
+    - `result`: what a study gave.
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `spec`: what was asked for, shown in the text.
+
+    **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if it cannot be written.
+    """
+    names = (kind.__name__ for kind in type(result).__mro__)
+    family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "described:log_result")
+    module, _, function = family.partition(":")
+    log = getattr(importlib.import_module(f".{module}", __package__), function)
+    log(result, path, spec=spec or {})

@@ -1,0 +1,31 @@
+"""Studies: one question a file, whose fields are its parameters and whose `run` gives the answer.
+
+A study is the options of its command, the parameters of its task in a sweep, the `spec` of its
+datasets and recordings, and what a program calls:
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxcell import study
+    >>> from jaxcell.bundled import bundled
+    >>> lab = bundled("maps/lab_a.json")
+    >>> asked = study.Cover(map=lab, bounces=(45, 90), error=45, reliability=0.7, directions=8)
+    >>> found = asked.run()
+    >>> found.mixture.shape, round(found.total_variation, 3)
+    ((19,), 0.06)
+
+A class of your own that derives from [`Study`][jaxcell.study.Study] is served like these by
+`jaxcell run FILE.py:CLASS` and as the task of a sweep.
+
+Studies know nothing of terminals, files and engines. Importing this imports no JAX.
+"""
+
+from .cover import Cover as Cover
+from .map_study import MapStudy as MapStudy
+from .study import (
+    Degrees as Degrees,
+    Metres as Metres,
+    Seconds as Seconds,
+    Study as Study,
+    require as require,
+    silent as silent,
+)

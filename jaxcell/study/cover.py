@@ -1,0 +1,73 @@
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from .map_study import MapStudy
+from .study import Degrees, Say, require, silent
+
+
+if TYPE_CHECKING:
+    from ..bounce import CoveragePolicy
+    from ..verify import Comparison
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Cover(MapStudy):
+    """Find the shares of time of bouncing angles with which an imprecise robot covers a map."""
+
+    name: ClassVar[str] = "coverage"
+
+    bounces: tuple[Degrees, ...]
+    """Bouncing angles in degrees, counter-clockwise."""
+    error: Degrees
+    """Largest error of a turn in degrees, a whole number of directions."""
+    reliability: float
+    """Probability of a turn without error, above 0 and at most 1."""
+    target: str = "uniform"
+    """What to cover: uniform, an image whose bright parts are worth more, or FILE.nc:VARIABLE."""
+    weights: Literal["basin", "size"] = "basin"
+    """What persistent groups of an angle weigh: the chance of ending there, or their cells."""
+    directions: int | None = 360
+    """Number of directions."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("reliability", self.reliability, "above 0 and at most 1", lambda x: 0 < x <= 1)
+
+    def run(self, say: Say = silent) -> "CoveragePolicy":
+        import numpy as np
+
+        from ..bounce import coverage_policy
+        from .target import read_target
+
+        cells = self.cells()
+        doing = (
+            f"covering {cells.positions:,} positions by {len(self.bounces)} angles, "
+            f"{cells.size:,} cells each"
+        )
+        say(doing)
+        return coverage_policy(
+            cells,
+            np.radians(self.bounces),
+            float(np.radians(self.error)),
+            self.reliability,
+            read_target(cells, self.target),
+            weights=self.weights,
+            **self.motion,
+            progress=lambda done: say(f"{doing}: {done} done"),
+        )
+
+    def verify(self, result: Any) -> "Sequence[Comparison]":
+        import math
+
+        from ..verify import compare_coverage
+
+        return compare_coverage(
+            result.cells,
+            result,
+            result.bounce,
+            math.radians(self.error),
+            self.reliability,
+            weights=self.weights,
+            **self.motion,
+        )

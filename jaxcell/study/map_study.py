@@ -1,0 +1,79 @@
+import dataclasses
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import tyro
+
+from ..base.quantities import Result
+from .study import Metres, Study, require
+
+
+if TYPE_CHECKING:
+    from ..space import CellSpace
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MapStudy(Study):
+    """A question about a robot on a map: what the cells and their images depend on."""
+
+    map: tyro.conf.Positional[Path]
+    """Map file: our .json, a ROS map_server .yaml, or an ASCII grid .txt."""
+    directions: int | None = None
+    """Number of directions; by default what the map suggests, or 8."""
+    cell: Metres | None = None
+    """Side of a cell in metres; by default what the map suggests."""
+    robot_radius: Metres | None = None
+    """Radius of a disc robot in metres; by default what the map says."""
+    step: Metres | None = None
+    """Length of a step in metres; by default one cell."""
+    collision: Literal["swept", "endpoint"] = "swept"
+    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
+
+    def __post_init__(self) -> None:
+        require("cell", self.cell, "more than 0 m", lambda x: x > 0)
+        require("robot_radius", self.robot_radius, "0 m or more", lambda x: x >= 0)
+        require("step", self.step, "more than 0 m", lambda x: x > 0)
+        require("directions", self.directions, "at least 1", lambda x: x >= 1)
+
+    def cells(self) -> "CellSpace":
+        """Read the map and cut it into cells."""
+        return _cells(self.map, self.cell, self.directions, self.robot_radius)
+
+    @property
+    def motion(self) -> dict[str, Any]:
+        """How the robot moves, for the functions of `jaxcell.bounce`."""
+        return {"step": self.step, "collision": self.collision}
+
+    def spec(self, result: Result) -> dict[str, Any]:
+        cells: CellSpace = result.cells  # type: ignore[attr-defined]
+        assert cells.workspace is not None
+        return {
+            **super().spec(result),
+            "name": cells.workspace.name,
+            "robot_radius_m": cells.workspace.robot_radius,
+            "cell_m": cells.cell,
+            "directions": cells.directions,
+            "positions": cells.positions,
+            "cells": cells.size,
+            "pieces": cells.workspace.pieces,
+            "step_m": cells.cell if self.step is None else self.step,
+        }
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        pieces = spec["pieces"]
+        return (
+            f"{spec['name'] or spec['map']}: {spec['positions']:,} positions x "
+            f"{spec['directions']} directions = {spec['cells']:,} cells"
+            + (f", {pieces} separate pieces" if pieces > 1 else "")
+        )
+
+
+# The cells of a map keep what has been found out about them, for the members of a sweep.
+@functools.lru_cache(maxsize=8)
+def _cells(
+    path: Path, cell: float | None, directions: int | None, robot_radius: float | None
+) -> "CellSpace":
+    from ..space import CellSpace
+
+    return CellSpace.load(path, cell=cell, directions=directions, robot_radius=robot_radius)

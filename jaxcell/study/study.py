@@ -1,0 +1,112 @@
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, get_type_hints
+
+from ..base.quantities import Result
+
+
+if TYPE_CHECKING:
+    from ..verify import Comparison
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """The unit of a parameter; its name in a specification ends in the suffix."""
+
+    suffix: str
+
+
+Degrees: TypeAlias = Annotated[float, Unit("deg")]
+Metres: TypeAlias = Annotated[float, Unit("m")]
+Seconds: TypeAlias = Annotated[float, Unit("s")]
+
+Say: TypeAlias = Callable[[str], None]
+"""Called with what is being done, when that changes."""
+
+
+def silent(_: str) -> None:
+    """Say nothing."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Study:
+    """One question: the fields are the parameters, each with its type, default and a line of doc.
+
+    A subclass says what it does in the first line of its docstring, gives itself a `name`, checks
+    its parameters in `__post_init__` (`ValueError`s that begin with the name of a field), and
+    answers in `run` with a [`Result`][jaxcell.base.quantities.Result].
+    """
+
+    name: ClassVar[str] = "result"
+    "What files with its results are called."
+    batch: ClassVar[str | None] = None
+    """A parameter that takes several values, along which the result has a dimension of that name: a
+    sweep runs members that differ in it alone as one study."""
+
+    def run(self, say: Say = silent) -> Result:
+        """Answer the question.
+
+        **Raises:** `ValueError` that begins with the name of a parameter, if no answer can be
+        sought; `RuntimeError` if there is none.
+        """
+        raise NotImplementedError
+
+    def spec(self, result: Result) -> dict[str, Any]:
+        """What determines a result: the parameters, with defaults that depend on the map filled in.
+
+        Names of parameters with a unit end in it, as `cell_m`.
+        """
+        return {
+            self.spec_name(name): _plain(getattr(self, name)) for name in parameters(type(self))
+        }
+
+    @classmethod
+    def spec_name(cls, parameter: str) -> str:
+        """The name of a parameter in a specification, which ends in its unit."""
+        suffix = unit(parameters(cls)[parameter])
+        return parameter if suffix is None else f"{parameter}_{suffix}"
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        """The line above the tables of a result."""
+        return self.name
+
+    def write(self, result: Any, out: Path) -> None:
+        """Write the files that a result has beside its dataset and its recording."""
+
+    def verify(self, result: Any) -> "Sequence[Comparison]":
+        """Compute parts of a result again with other libraries, and compare."""
+        return []
+
+
+def parameters(study: type[Study]) -> dict[str, Any]:
+    """The parameters of a study with their annotations, in their order."""
+    hints = get_type_hints(study, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(study)}
+
+
+def unit(annotation: Any) -> str | None:
+    """The suffix of the unit that an annotation names, within tuples and options too."""
+    for one in getattr(annotation, "__metadata__", ()):
+        if isinstance(one, Unit):
+            return one.suffix
+    inner = map(unit, getattr(annotation, "__args__", ()))
+    return next((suffix for suffix in inner if suffix is not None), None)
+
+
+def require(
+    parameter: str, value: int | float | None, expected: str, holds: Callable[[float], bool]
+) -> None:
+    """Refuse a number that is not finite, or that a condition does not hold for.
+
+    **Raises:** `ValueError` that names the parameter, what was expected, and the value.
+    """
+    if value is not None and not (math.isfinite(value) and holds(value)):
+        raise ValueError(f"{parameter}: expected {expected}, got {value:g}")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, Path) else value

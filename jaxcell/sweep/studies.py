@@ -1,0 +1,129 @@
+"""A study as the task of a sweep: its parameters are those of the members."""
+
+import dataclasses
+from collections.abc import Hashable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+import xarray as xr
+
+from ..base.quantities import Quantity, values
+from ..study import Study
+
+
+Asked = TypeVar("Asked", bound=Study)
+
+
+def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
+    """A study with parameters that a document gives.
+
+    **Arguments:**
+
+    - `study`: its class.
+    - `parameters`: by name; a single value will do where there may be several.
+
+    **Raises:** `ValueError` that names a parameter that is unknown, missing, or of another type.
+    """
+    known = {field.name: field for field in dataclasses.fields(study)}
+    named = ", ".join(known)
+    for name in parameters:
+        if name not in known:
+            raise ValueError(f"{name}: expected a parameter of {study.__name__}, one of {named}")
+    given = dict(parameters)
+    for name, field in known.items():
+        needed = (
+            dataclasses.MISSING is field.default and dataclasses.MISSING is field.default_factory
+        )
+        if name not in given and needed:
+            raise ValueError(f"{name}: {study.__name__} needs it; expected it among {named}")
+        if name in given and "tuple" in str(field.type) and not isinstance(given[name], list):
+            given[name] = [given[name]]
+    try:
+        return msgspec.convert(given, study, strict=True, dec_hook=_path)
+    except msgspec.ValidationError as error:
+        what, _, place = str(error).partition(" - at `$.")
+        name = place.rstrip("`").partition("[")[0]
+        if name in given:
+            lowered = what[:1].lower() + what[1:].replace("`", "")
+            raise ValueError(f"{name}: {lowered}: {given[name]!r}") from None
+        raise ValueError(str(error)) from None
+
+
+def study_task(
+    study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+) -> xr.Dataset:
+    """The single numbers of a study for each member of a batch.
+
+    Members that differ in the batched parameter of the study alone are answered together.
+    """
+    members = studies(study, batch, fixed, seed)
+    rows: list[dict[str, tuple[Quantity, Any]]] = [{}] * len(members)
+    for together in _together(study, members):
+        for i, row in zip(together, _rows([members[i] for i in together]), strict=True):
+            rows[i] = row
+    found = xr.Dataset()
+    for name, (about, _) in rows[0].items():
+        attributes = {"long_name": about.meaning, "units": about.units or "1"}
+        found[name] = ("member", np.array([row[name][1] for row in rows]), attributes)
+    return found
+
+
+def studies(
+    study: type[Asked], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
+) -> list[Asked]:
+    """The study of each member of a batch; one that has a seed and is not given it has the sweep's.
+
+    **Raises:** `ValueError` that names the parameter.
+    """
+    names = {field.name for field in dataclasses.fields(study)}
+    fixed = {"seed": seed, **fixed} if "seed" in names and "seed" not in batch else dict(fixed)
+    columns = [column.tolist() for column in batch.values()]
+    rows = zip(*columns, strict=True) if columns else [()]
+    return [read_study(study, {**fixed, **dict(zip(batch, row, strict=True))}) for row in rows]
+
+
+def _together(study: type[Study], members: Sequence[Study]) -> list[list[int]]:
+    """The numbers of members that are answered by one call."""
+    if study.batch is None:
+        return [[i] for i in range(len(members))]
+    alike: dict[Hashable, list[int]] = {}
+    for i, member in enumerate(members):
+        alike.setdefault(dataclasses.replace(member, **{study.batch: ()}), []).append(i)
+    return list(alike.values())
+
+
+def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
+    """The single numbers of each of some members that are answered together."""
+    batch = alike[0].batch
+    if batch is None:
+        return [_numbers(values(one.run()), ()) for one in alike]
+    several = tuple(value for one in alike for value in getattr(one, batch))
+    found = values(dataclasses.replace(alike[0], **{batch: several}).run())
+    return [
+        {
+            name: (about, value[i] if about.dims else value)
+            for name, (about, value) in _numbers(found, (batch,)).items()
+        }
+        for i in range(len(alike))
+    ]
+
+
+def _numbers(
+    described: Mapping[str, tuple[Quantity, Any]], dims: tuple[str, ...]
+) -> dict[str, tuple[Quantity, Any]]:
+    """Those quantities that are numbers, or numbers along a dimension."""
+    return {
+        name: (about, np.asarray(value))
+        for name, (about, value) in described.items()
+        if about.dims in ((), dims)
+        and about.kind != "coordinate"
+        and np.asarray(value).dtype.kind in "biuf"
+    }
+
+
+def _path(kind: type, value: Any) -> Any:
+    if kind is Path and isinstance(value, str):
+        return Path(value)
+    raise NotImplementedError
