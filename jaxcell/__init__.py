@@ -15,8 +15,8 @@ Packages, from the ground floor up; each says in its own page of help what it co
 - `markov`: what one asks of chains. `optimize`: weights, mixtures, covers and games.
 - `bounce`: bouncing robots (chapters 2 and 3). `patrol`: patrolling (chapter 4). `drift`: drifters
     in ocean currents (chapter 5).
-- `study`: questions, for programs, commands and sweeps. `record`: datasets and recordings. `robot`: real and emulated robots, without JAX. `sweep`: one
-    task for many parameters.
+- `study`: questions, for programs, commands and sweeps. `record`: datasets and recordings.
+    `robot`: real and emulated robots, without JAX. `sweep`: one study for many parameters.
 
 The command `jaxcell` does all of this without a program; `jaxcell.bundled.bundled` finds the maps,
 graphs and the small sea that come with it.

@@ -7,9 +7,9 @@ from jaxtyping import Float
 
 from .blueprint import log_classes, log_text
 from .canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, Color, PictureClass, mix
+from .canvas.plot import Plot, ticks
 from .drift_groups import group_classes, home_color
 from .drift_text import deployment_text, reach_text
-from .plot import Plot, ticks
 from .sea_map import LAND, SeaMap, log_legend, log_marks, tab
 
 

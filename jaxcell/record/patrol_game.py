@@ -5,9 +5,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..patrol.strategy_game import StrategyGame
-from .blueprint import legend_view, log_legend_style, log_legends, log_text
-from .canvas.palette import LegendEntry
-from .matrix import log_matrix, matrix_view
+from .canvas.matrix import log_matrix, matrix_view
+from .canvas.page import log_tab
+from .canvas.palette import Color
 from .patrol_text import cell
 
 
@@ -19,27 +19,17 @@ _MOST_ROWS = 60
 def log_game(stream: rr.RecordingStream, game: StrategyGame, names: Sequence[str]) -> rrb.Container:
     """Logs the payoffs as heat maps, and the mixture."""
     rows, shape = game.labels(names), game.patroller.shape
-    log_text(stream, "game/text", _text(game, names))
     views: list[rrb.View] = []
-    legend: list[LegendEntry] = []
+    legend: list[tuple[str, Color]] = []
     for who, payoff in (("patroller", game.patroller), ("adversary", game.adversary)):
         entries = log_matrix(
             stream, f"game/{who}", payoff, rows, names, f"for the {who}", _STRATEGY_MARGIN
         )
-        # A row is left free between the two legends.
-        below = len(legend) + 1 if legend else 0
-        legend += [entry._replace(row=below + entry.row) for entry in entries]
+        legend += entries
         title = f"What the {who} is paid"
         views.append(matrix_view(f"game/{who}", title, shape, _STRATEGY_MARGIN))
-    log_legend_style(stream, "game/legend")
-    log_legends(stream, "game/legend", "step", np.zeros(1, np.int64), [legend])
-    return rrb.Horizontal(
-        *views,
-        rrb.Vertical(
-            rrb.TextDocumentView(origin="game/text", name="What you see"),
-            legend_view("game/legend", legend[-1].row + 1),
-        ),
-        name="The game",
+    return log_tab(
+        stream, "game", "The game", rrb.Horizontal(*views), _text(game, names), legend, rows=(1, 1)
     )
 
 

@@ -18,6 +18,8 @@ from .blueprint import (
     recording,
     send_blueprint,
 )
+from .canvas.matrix import log_matrix, matrix_view
+from .canvas.page import log_legend
 from .canvas.palette import (
     FREE,
     OBSTACLE,
@@ -30,7 +32,6 @@ from .canvas.palette import (
     ramp,
     robot_color,
 )
-from .matrix import log_matrix, matrix_view
 from .patrol_dataset import check_measures, edge_shares, vertex_names
 from .patrol_game import log_game
 from .patrol_text import patrol_text
@@ -344,8 +345,7 @@ def _log_times(
     np.fill_diagonal(times, np.nan)
     table = np.concatenate([times, np.nanmean(times, axis=0, keepdims=True)])
     legend = log_matrix(stream, "times/matrix", table, [*names, "mean"], names, "steps")
-    log_legend_style(stream, "times/legend")
-    log_legends(stream, "times/legend", "step", _ONCE, [legend])
+    log_legend(stream, "times/legend", legend, "step")
     return rrb.Horizontal(
         matrix_view("times/matrix", "Expected steps from a row to a column", table.shape),
         legend_view("times/legend", len(legend)),

@@ -27,11 +27,11 @@ from .canvas.palette import (
     mix,
     ramp,
 )
+from .canvas.plot import Plot, ticks
 from .map_patrol import BASE_VIEW, MapPatrol
 from .outlines import log_outline_style, log_outlines, outlines
 from .patrol_map_text import target_text, vulnerability_text
 from .pictures import on_squares
-from .plot import Plot, ticks
 
 
 _ONCE = np.zeros(1, np.int64)

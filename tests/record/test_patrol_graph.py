@@ -12,9 +12,9 @@ from jaxcell.patrol import random_walk, walk_hitting_times
 from jaxcell.patrol.graph_files import load_graph
 from jaxcell.patrol.measures import measure
 from jaxcell.patrol.strategy_game import strategy_game
+from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
 from jaxcell.record.data.files import save_dataset
-from jaxcell.record.matrix import log_matrix
 from jaxcell.record.patrol_dataset import patrol_graph_dataset
 from jaxcell.record.patrol_graph import log_patrol_graph
 
@@ -151,7 +151,7 @@ def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
     picture = np.array(found.static("/times/matrix/heat", "SegmentationImage:buffer")[0])
     shown = picture.reshape(9, 8)
     times = measures.hitting_times
-    assert (np.diag(shown) == 0).all()
+    assert (np.diag(shown) == 1).all()
     off = ~np.eye(8, dtype=bool)
     order = np.argsort(times[off])
     assert (np.diff(shown[:8][off][order].astype(int)) >= 0).all()
@@ -255,6 +255,6 @@ def test_a_matrix_of_one_number(tmp_path, read):
 
     with recording(tmp_path / "one.rrd", "test") as stream:
         legend = log_matrix(stream, "m", np.array([[2.0, np.nan]]), ["a"], ["b", "c"], "steps")
-    assert {entry.label for entry in legend} == {"2 steps"}
+    assert [label for label, _ in legend] == ["2 steps"]
     found = read(tmp_path / "one.rrd")
     assert found.static("/m/labels", "Points2D:labels") == ["a", "b", "c", "2"]

@@ -22,6 +22,7 @@ from jaxcell.patrol import (
 from jaxcell.patrol.share_game import share_game
 from jaxcell.record import MapPatrol, patrol_map_dataset, save_dataset
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
+from jaxcell.record.canvas.plot import ticks
 from jaxcell.record.patrol_attacks import (
     ATTACKING,
     CAUGHT,
@@ -30,7 +31,6 @@ from jaxcell.record.patrol_attacks import (
     simulate_attacks,
 )
 from jaxcell.record.patrol_map import log_patrol_map
-from jaxcell.record.plot import ticks
 from jaxcell.space import CellSpace, Workspace, visibility_polygon, visible_cells
 
 

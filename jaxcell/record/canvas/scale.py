@@ -113,12 +113,13 @@ class Scale:
         """
         count = self.bounds.size - 1
         at = np.unique(np.linspace(0, count, rows).round().astype(int))[::-1].tolist()
-        entries = [
-            (self.label(self._written(float(self.bounds[i]))), self.colors[min(i, count - 1)])
+        # Levels of a range of nothing are written alike.
+        entries = {
+            self.label(self._written(float(self.bounds[i]))): self.colors[min(i, count - 1)]
             for i in at
-        ]
+        }
         names = self.special if shown is None else shown
-        return entries + [(name, self.special[name]) for name in names]
+        return list(entries.items()) + [(name, self.special[name]) for name in names]
 
     def _written(self, value: float) -> str:
         large = 1000 <= abs(value) < 1e9

@@ -11,8 +11,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
-from .blueprint import log_classes
-from .canvas.palette import CLEAR, MARGIN, OBSTACLE, TEXT, Color, PictureClass
+from .map import log_pictures
+from .marks import log_labels, log_lines
+from .palette import CLEAR, MARGIN, OBSTACLE, TEXT, Color, PictureClass
 
 
 _WIDTH, _HEIGHT = 160.0, 90.0
@@ -44,26 +45,18 @@ class Plot:
         labels = [(f"{one:g}", at, 6.0) for one, (at, _) in zip(x, across, strict=True)]
         labels += [(f"{one:g}", -8.0, at - 2.5) for one, (_, at) in zip(y, up, strict=True)]
         labels += [(about_x, _WIDTH / 2, 13.0), (about_y, 0.25 * _WIDTH, -_HEIGHT - 9.0)]
-        text = rr.Points2D(
-            [(a, b) for _, a, b in labels],
-            labels=[text for text, _, _ in labels],
-            colors=TEXT,
-            radii=0.001,
-            show_labels=True,
-            draw_order=40,
-        )
-        self.stream.log(f"{self.path}/labels", text, static=True)
+        log_labels(self.stream, f"{self.path}/labels", labels, order=40.0)
 
     def bars(
         self, name: str, heights: Float[np.ndarray, "bars"], last: float, color: Color
     ) -> None:
         """Logs bars of one width, side by side from 0 to a number."""
         path = f"{self.path}/{name}"
-        log_classes(self.stream, path, [PictureClass("", CLEAR), PictureClass(name, color)])
         # A picture, for the viewer does not fill boxes in a plane. Its first row is the highest.
         level = (np.arange(_ROWS, 0, -1) - 0.5) / _ROWS * self.most_y
         picture = (heights > level[:, None]).astype(np.uint8)
-        self.stream.log(path, rr.SegmentationImage(picture), static=True)
+        classes = [PictureClass("", CLEAR), PictureClass(name, color)]
+        log_pictures(self.stream, path, classes, picture)
         scale = [_WIDTH * last / self.most_x / heights.size, _HEIGHT / _ROWS, 1]
         stretch = rr.Transform3D(translation=[0, -_HEIGHT, 0], scale=scale)
         self.stream.log(path, stretch, static=True)
@@ -107,10 +100,7 @@ class Plot:
     def _lines(
         self, name: str, strips: Sequence[np.ndarray], color: Color, width: float, order: float
     ) -> None:
-        lines = rr.LineStrips2D(
-            list(strips), colors=color, radii=rr.Radius.ui_points(width), draw_order=order
-        )
-        self.stream.log(f"{self.path}/{name}", lines, static=True)
+        log_lines(self.stream, f"{self.path}/{name}", strips, color, width, order)
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:
