@@ -155,8 +155,8 @@ def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
     off = ~np.eye(8, dtype=bool)
     order = np.argsort(times[off])
     assert (np.diff(shown[:8][off][order].astype(int)) >= 0).all()
-    assert shown[:8][off].min() == 1
-    assert shown[:8][off].max() == 32
+    assert shown[:8][off].min() == 2
+    assert shown[:8][off].max() == 33
 
     text = found.static("/text", "TextDocument:text")[0]
     assert "there and back **18.626**" in text
