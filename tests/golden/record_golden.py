@@ -167,7 +167,7 @@ def _emulated():
     from jaxcell.space import Workspace
 
     body = Body(Workspace.load("data/maps/lab_a.json"), (0.5, 0.5, 0.0))
-    with Emulator(body, line=Line(speedup=20)) as robot:
+    with Emulator(body, line=Line(speedup=20.0)) as robot:
         yield robot.port
 
 
