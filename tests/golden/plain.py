@@ -1,0 +1,234 @@
+"""What commands print and write, as short JSON that is compared with a tolerance."""
+
+import csv
+import hashlib
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from rerun.chunk import RrdReader
+
+import jaxcell
+
+
+# Far above the noise between machines, far below what anybody would call another result.
+TOLERANCE = 1e-8
+_LISTED = 40
+_ROWS = 4
+# What differs from run to run or from machine to machine, and is only to be there.
+_VOLATILE = {
+    "application",
+    "back_m",
+    "battery_percent",
+    "bytes",
+    "created",
+    "difference",
+    "filter_seconds",
+    "forward_m",
+    "iterations",
+    "jax_version",
+    "jaxcell_version",
+    "pose",
+    "seconds",
+    "sha256",
+    "trace",
+    "voltage_V",
+    "where",
+}
+
+
+def plain(value):
+    """A JSON value with long lists summed up, and without what is different each time."""
+    if isinstance(value, dict):
+        return {
+            name: "*" if name in _VOLATILE else plain(one)
+            for name, one in value.items()
+            # There is none where the source is no checkout.
+            if name != "git_revision"
+        }
+    if isinstance(value, str):
+        return value if len(value) <= 2 * _LISTED or " " in value else text(value)
+    if isinstance(value, list):
+        if len(value) > _ROWS and all(isinstance(one, dict) for one in value):
+            names = sorted({name for one in value for name in one})
+            columns = {name: plain([one.get(name) for one in value]) for name in names}
+            return {"rows": len(value), "columns": columns}
+        array = _array(value)
+        return [plain(one) for one in value] if array is None else values(array)
+    return value if not isinstance(value, float) else _number(value)
+
+
+def _array(value):
+    """A list as an array, if it is one of numbers, or of many strings."""
+    try:
+        array = np.array(value)
+    except ValueError:
+        return None
+    many = array.dtype.kind == "U" and all(isinstance(one, str) for one in value)
+    return array if array.dtype.kind in "biuf" or (many and len(value) > _LISTED) else None
+
+
+def values(array):
+    """The values of an array, or what would be different if one of them were."""
+    array = np.asarray(array)
+    if array.size <= _LISTED:
+        listed = array.astype(str) if array.dtype.kind not in "biuf" else array
+        return _listed(listed.tolist())
+    found = {"shape": list(array.shape)}
+    if array.dtype.kind in "biu":
+        low, high = int(array.min()), int(array.max())
+        return {**found, "least": low, "most": high, "digest": _digest(array.astype("<i8"))}
+    if array.dtype.kind != "f":
+        return {**found, "digest": _digest("\n".join(map(str, array.ravel())).encode())}
+    flat = array.ravel().astype(float)
+    finite = np.isfinite(flat)
+    if not finite.all():
+        kinds = np.select([finite, np.isnan(flat), flat > 0], [0, 1, 2], 3).astype("<i1")
+        found |= {"finite": int(finite.sum()), "not_finite": _digest(kinds)}
+    rest = np.where(finite, flat, 0)
+    # Values at other places, too, give other sums.
+    place = np.arange(flat.size)
+    sums = [float(rest @ np.cos(place * step)) for step in (0, 1, math.sqrt(2))]
+    ends = [float(rest.min()), float(rest.max())]
+    return {**found, "ends": _listed(ends), "sums": _listed(sums)}
+
+
+def _listed(value):
+    return [_listed(one) for one in value] if isinstance(value, list) else _number(value)
+
+
+def _number(value):
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
+        return str(value)
+    # Noise about zero would make a new file each time.
+    return 0.0 if abs(value) < 1e-12 else float(f"{value:.10g}")
+
+
+def _digest(data):
+    return hashlib.sha256(np.ascontiguousarray(data) if len(data) else b"").hexdigest()[:16]
+
+
+def text(value):
+    """How long a text is, and a digest of it."""
+    value = value.replace(jaxcell.__version__, "VERSION")
+    return {"lines": value.count("\n") + 1, "digest": _digest(np.frombuffer(value.encode(), "u1"))}
+
+
+def file(path):
+    """What is in a file, by its suffix."""
+    read = {
+        ".nc": netcdf,
+        ".rrd": recording,
+        ".json": lambda path: plain(json.loads(path.read_text())),
+        ".geojson": lambda path: plain(json.loads(path.read_text())),
+        ".csv": lambda path: plain(list(csv.DictReader(path.read_text().splitlines()))),
+        # Commands that read them tell what is in them.
+        ".jxf": lambda path: "*",
+        ".jsonl": lambda path: "*",
+    }
+    return read.get(path.suffix, lambda path: text(path.read_text()))(path)
+
+
+def netcdf(path):
+    """Dimensions, variables and attributes of a NetCDF file."""
+    with xr.open_dataset(path, mask_and_scale=False, decode_times=False) as dataset:
+        attributes = dict(dataset.attrs)
+        if "spec" in attributes:
+            attributes["spec"] = json.loads(attributes["spec"])
+        return {
+            "dimensions": dict(dataset.sizes),
+            "attributes": plain(_python(attributes)),
+            "variables": {name: _variable(one) for name, one in dataset.variables.items()},
+            "coordinates": sorted(dataset.coords),
+        }
+
+
+def _variable(variable):
+    dtype = "str" if variable.dtype.kind in "OSU" else str(variable.dtype)
+    return {
+        "is": f"{dtype}({', '.join(variable.dims)})",
+        **plain(_python(variable.attrs)),
+        "values": values(variable.values),
+    }
+
+
+def _python(attributes):
+    return {
+        name: one.tolist() if isinstance(one, np.ndarray | np.generic) else one
+        for name, one in attributes.items()
+    }
+
+
+def recording(path):
+    """The entities of a recording with their timelines, and the views of its blueprint."""
+    reader = RrdReader(path)
+    entities = {}
+    for chunk in reader.stream().to_chunks():
+        known = entities.setdefault(chunk.entity_path, set())
+        known |= {"static"} if chunk.is_static else set(chunk.timeline_names)
+    views = []
+    for store in reader.blueprints():
+        for chunk in reader.stream(store=store).to_chunks():
+            batch = chunk.to_record_batch().to_pydict()
+            if "ViewBlueprint:class_identifier" in batch:
+                (kind,) = batch["ViewBlueprint:class_identifier"][-1]
+                (name,) = batch["ViewBlueprint:display_name"][-1]
+                views.append(f"{kind}: {name}")
+    return {
+        "entities": {entity: ", ".join(sorted(some)) for entity, some in entities.items()},
+        "timelines": sorted(set().union(*entities.values()) - {"static"}),
+        "views": sorted(views),
+    }
+
+
+def dump(value, indent=0):
+    """JSON with sorted keys and what is short in one line."""
+    line = json.dumps(value, sort_keys=True, ensure_ascii=False)
+    pad = " " * (indent + 1)
+    if isinstance(value, dict) and len(line) + indent > 90:
+        parts = [
+            f"{pad}{json.dumps(name, ensure_ascii=False)}: {dump(value[name], indent + 1)}"
+            for name in sorted(value)
+        ]
+        return "{\n" + ",\n".join(parts) + f"\n{' ' * indent}}}"
+    if isinstance(value, list) and any(isinstance(one, dict | list) for one in value):
+        parts = [pad + dump(one, indent + 1) for one in value]
+        return line if len(line) + indent <= 90 else "[\n" + ",\n".join(parts) + f"\n{pad[1:]}]"
+    return line
+
+
+def differences(expected, found, place=""):
+    """Where two values of plain JSON differ by more than noise, and how."""
+    if isinstance(expected, dict) and isinstance(found, dict):
+        for name in sorted({*expected, *found}):
+            here = f"{place} > {name}" if place else name
+            if name not in found:
+                yield f"{here}: is missing; it was {_short(expected[name])}"
+            elif name not in expected:
+                yield f"{here}: is new: {_short(found[name])}"
+            else:
+                yield from differences(expected[name], found[name], here)
+    elif isinstance(expected, list) and isinstance(found, list) and len(expected) == len(found):
+        for i, (one, other) in enumerate(zip(expected, found, strict=True)):
+            yield from differences(one, other, f"{place}[{i}]")
+    elif not _alike(expected, found):
+        yield f"{place}: was {_short(expected)}, is {_short(found)}"
+
+
+def _alike(one, other):
+    if any(type(x) not in (int, float) for x in (one, other)) or {type(one), type(other)} == {int}:
+        return one == other and isinstance(one, bool) == isinstance(other, bool)
+    return math.isclose(one, other, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
+
+
+def _short(value):
+    line = json.dumps(value, sort_keys=True, ensure_ascii=False)
+    return line if len(line) <= 200 else f"{line[:200]}..."
+
+
+def load(path: Path):
+    return json.loads(path.read_text(encoding="utf-8"))

@@ -1,0 +1,28 @@
+"""What users rely on is as it was; `record_golden.py` writes it down anew."""
+
+from itertools import islice
+
+import pytest
+from golden import record_golden
+from golden.plain import differences, load
+
+
+_SHOWN = 12
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in record_golden.SLOW else [])
+        for name in record_golden.NAMES
+    ],
+)
+def test_all_is_as_it_was(name):
+    expected = load(record_golden.GOLDEN / f"{name}.json")
+    found = list(differences(expected, record_golden.record(name)))
+    assert not found, "\n".join([f"{len(found)} differences:", *islice(found, _SHOWN)])
+
+
+def test_each_case_has_its_file_and_each_file_its_case():
+    names = {path.stem for path in record_golden.GOLDEN.glob("*.json")}
+    assert names == set(record_golden.NAMES)
