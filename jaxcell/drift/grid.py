@@ -52,8 +52,9 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
     - `axes`: of one of its velocities.
     - `bounds`: as for [`jaxcell.drift.open_currents`][].
 
-    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, and
-    for a grid of a single row or column, whose cells have no size.
+    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, for
+    a grid of a single row or column, whose cells have no size, and for an `angle` that is not the
+    angle of the grid.
     """
     sizes = {name: file.dataset.sizes.get(name, 0) for name in axes.rho}
     for name, size in sizes.items():
@@ -63,6 +64,9 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)
 
+
+# In degrees. That of a model is exact, and that from positions is of one cell to the next.
+_LARGEST_ERROR_OF_ANGLE = 5.0
 
 _Box = tuple[float, float, float, float]
 
@@ -128,9 +132,7 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         notes.append("rows turned, as y was to the right of x")
     angle_from = f"the angle of the grid, computed from {axes.lon} and {axes.lat}"
     if _on_grid(file, "angle", axes):
-        angle, angle_from = read("angle"), "the variable angle"
-        if str(file.dataset["angle"].attrs.get("units", "")).startswith("deg"):
-            angle = np.radians(angle)
+        angle, angle_from = _angle(file, axes, read("angle"), angle)
     with np.errstate(divide="ignore"):
         if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
             dx, dy = 1 / read("pm"), 1 / read("pn")
@@ -148,6 +150,44 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         rows, columns, lon[block], lat[block], dx[block], dy[block], angle[block], angle_from,
         tuple(notes),
     )  # fmt: skip
+
+
+def _angle(
+    file: OceanFile,
+    axes: Axes,
+    angle: Float[np.ndarray, "y x"],
+    computed: Float[np.ndarray, "y x"],
+) -> tuple[Float[np.ndarray, "y x"], str]:
+    """The variable `angle` in radians, and what it is called.
+
+    Its unit is the one in which it is nearer to the angle that the positions of the cells give:
+    files leave it out, and CROCO has files of radians that say degree.
+
+    **Raises:** `ValueError` if half of the cells are more than 5 degrees off in either unit.
+    """
+    known = np.isfinite(angle + computed)
+    if not known.any():
+        return angle, "the variable angle"
+    units = {"radians": angle, "degrees": np.radians(angle)}
+    off = {
+        unit: float(np.degrees(np.median(np.abs(_turn(values - computed)[known]))))
+        for unit, values in units.items()
+    }
+    unit = min(off, key=lambda unit: off[unit])
+    if off[unit] > _LARGEST_ERROR_OF_ANGLE:
+        raise file.error(
+            "angle",
+            f"expected the angle from East to the x axis within {_LARGEST_ERROR_OF_ANGLE:g} "
+            f"degrees of that from {axes.lon} and {axes.lat}; its median is off by "
+            f"{off['radians']:.3g} degrees if it is in radians, and by {off['degrees']:.3g} if it "
+            "is in degrees",
+        )
+    return units[unit], f"the variable angle, in {unit} as {axes.lon} and {axes.lat} show"
+
+
+def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:
+    """An angle in radians, from -pi up to pi."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _on_grid(file: OceanFile, name: str, axes: Axes) -> bool:
