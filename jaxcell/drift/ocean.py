@@ -40,7 +40,9 @@ def open_currents(
     that belongs to the grid must be in the same file.
 
     A cell is water where it has a velocity at every record that is read, so a gap in a radar map
-    takes its cell out; read fewer records to keep more cells.
+    takes its cell out; read fewer records to keep more cells. If the file has a mask, it must be
+    water by that too: 1 is water in what ROMS, CROCO and NEMO call their masks; elsewhere flags
+    or options such as `option_0` say it, or else a standard name of CF.
 
     **Arguments:**
 
@@ -49,11 +51,11 @@ def open_currents(
         hour being its midnight; UTC), a slice of indices, or the first and the last of the records
         as indices or moments, both included. A moment stands for the nearest record (the later of
         two), within half the time between records. All records if left out.
-    - `depths`: in metres below the surface, positive down. In a file of fixed depths they must be
-        among its levels, to the centimetre, and all levels that have water are read if they are
-        left out. In one whose levels follow the sea bed they may be any, and are 0 if left out;
-        the velocity of the highest level holds up to the surface, and that of the lowest down to
-        the bed, but no farther than a layer where a file has a part of the levels only.
+    - `depths`: in metres below the surface, positive down. In a file of fixed depths, of either
+        sign, they must be among its levels, to the centimetre, and all levels that have water are
+        read if they are left out. In one whose levels follow the sea bed they may be any, and are
+        0 if left out; the velocity of the highest level holds up to the surface, and that of the
+        lowest down to the bed, but no farther than a layer where a file lacks levels there.
     - `bounds`: `(west, south, east, north)` in degrees; longitudes of either kind, across the
         antimeridian if west is more than east. A grid that is turned or curved gives the block
         that holds all cells within them.

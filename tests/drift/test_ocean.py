@@ -598,6 +598,24 @@ def test_nordic_4km():
     np.testing.assert_allclose(currents.dx, 4120, rtol=5e-3)
 
 
+def test_nordic_4km_spoilt(tmp_path):
+    """The same file with its lowest level only, its mask exchanged, or its angle in degrees."""
+    path = tmp_path / "nordic.nc"
+    with xr.open_dataset(real("nordic4km_roms_native_s.nc"), decode_times=False) as whole:
+        whole = whole.isel(ocean_time=[0]).load().drop_encoding()
+    whole.isel(s_rho=slice(0, 1)).to_netcdf(path)
+    with pytest.raises(ValueError, match=r"depths: 0 m below the surface is \d+ m away from"):
+        open_currents(path)
+    whole.assign(mask_rho=1 - whole.mask_rho).to_netcdf(path)
+    message = r"mask_rho, mask_u, mask_v: none of the 185 cells .* of the 466 that are land have"
+    with pytest.raises(ValueError, match=message):
+        open_currents(path)
+    whole.assign(angle=np.degrees(whole.angle)).to_netcdf(path)
+    currents = open_currents(path)
+    assert float(currents.u[0, 0, 10, 5]) == pytest.approx(0.17056, abs=1e-4)
+    assert float(currents.v[0, 0, 10, 5]) == pytest.approx(0.13010, abs=1e-4)
+
+
 def test_norkyst_800m():
     currents = open_currents(real("norkyst800m_roms_zlevel.nc"), time=0)
     np.testing.assert_array_equal(currents.depth, [0, 1, 2, 3, 5, 7])
