@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ..files import name_in_results
 from .drift_summary import describe, show
 from .options import OutputOptions
 from .terminal import note, status
@@ -216,7 +217,7 @@ class Drift(OutputOptions):
     def _spec(self, drift: "SeaDrift") -> dict[str, Any]:
         """What determines the result."""
         spec: dict[str, Any] = {
-            "file": str(self.file),
+            "file": name_in_results(self.file),
             **({} if self.time is None else {"time": self.time}),
             "depths_m": drift.depths,
             **({} if self.bounds is None else {"bounds": list(self.bounds)}),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ..files import replacing
+from ..files import name_in_results, replacing
 from .terminal import note, note_results, status
 
 
@@ -57,7 +57,7 @@ class MapOptions:
         """What determines the cells and their images, for the provenance of results."""
         assert cells.workspace is not None
         return {
-            "map": str(self.map),
+            "map": name_in_results(self.map),
             "name": cells.workspace.name,
             "robot_radius_m": cells.workspace.robot_radius,
             "cell_m": cells.cell,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
+from ..files import name_in_results
 from .options import OutputOptions
 from .terminal import solver_on_stderr, status, table
 
@@ -186,7 +187,7 @@ class PatrolGraph(OutputOptions):
 
     def _spec(self, graph: "Graph") -> dict[str, Any]:
         """What determines the result."""
-        spec: dict[str, Any] = {"graph": str(self.file), "strategy": self.strategy}
+        spec: dict[str, Any] = {"graph": name_in_results(self.file), "strategy": self.strategy}
         if self.emphasis:
             spec |= {"emphasis": list(self.emphasis), "share": self.share}
         if self.vertex is not None:

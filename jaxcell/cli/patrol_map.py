@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from ..files import name_in_results
 from .options import MapOptions, OutputOptions
 from .patrol_map_summary import describe, show
 from .terminal import solver_on_stderr, status
@@ -245,7 +246,7 @@ class PatrolMap(OutputOptions):
         """What determines the result."""
         assert cells.workspace is not None
         spec: dict[str, Any] = {
-            "map": str(self.map),
+            "map": name_in_results(self.map),
             "name": cells.workspace.name,
             "cell_m": cells.cell,
             "positions": cells.positions,
