@@ -1,5 +1,4 @@
 import dataclasses
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -77,7 +76,7 @@ class Drift(OutputOptions):
                 )
             drift, counts = self._study(currents)
         except RuntimeError as error:
-            print(f"jaxcell drift: {error}", file=sys.stderr)
+            note(f"jaxcell drift: {error}")
             return 1
         spec = self._spec(drift)
         with status("telling where drifters end up"):
