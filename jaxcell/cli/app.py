@@ -1,6 +1,7 @@
 import functools
 import operator
 import os
+import re
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -55,6 +56,14 @@ _DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 
 
+def _line(error: ValueError | OSError) -> str:
+    """What an error says, as one line, which scripts read, without numbers of the system."""
+    text = str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror}"
+    return " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
+
+
 def run(args: Sequence[str]) -> int:
     if list(args) == ["--version"]:
         from .. import __version__
@@ -88,9 +97,8 @@ def run(args: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError) as error:
-        # One line, whatever the message: scripts read it.
         name = next(name for name, kind in _COMMANDS.items() if type(command) is kind)
-        print(f"jaxcell {name}: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"jaxcell {name}: {_line(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

@@ -1,10 +1,9 @@
 import dataclasses
-import sys
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
 from .options import MapOptions, OutputOptions
-from .terminal import count_cells, status, table
+from .terminal import count_cells, note, status, table
 
 
 if TYPE_CHECKING:
@@ -65,7 +64,7 @@ class Cover(MapOptions, OutputOptions):
                     progress=lambda done: shown.update(f"{doing}: {done} done ..."),
                 )
         except RuntimeError as error:
-            print(f"jaxcell cover: {error}", file=sys.stderr)
+            note(f"jaxcell cover: {error}")
             return 1
         seconds = time.perf_counter() - began
         summary = {**spec, **describe(self.bounces, policy), "seconds": round(seconds, 3)}

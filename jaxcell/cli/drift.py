@@ -1,11 +1,11 @@
 import dataclasses
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ..files import name_in_results
 from .drift_summary import describe, show
 from .options import OutputOptions
 from .terminal import note, status
@@ -76,7 +76,7 @@ class Drift(OutputOptions):
                 )
             drift, counts = self._study(currents)
         except RuntimeError as error:
-            print(f"jaxcell drift: {error}", file=sys.stderr)
+            note(f"jaxcell drift: {error}")
             return 1
         spec = self._spec(drift)
         with status("telling where drifters end up"):
@@ -216,7 +216,7 @@ class Drift(OutputOptions):
     def _spec(self, drift: "SeaDrift") -> dict[str, Any]:
         """What determines the result."""
         spec: dict[str, Any] = {
-            "file": str(self.file),
+            "file": name_in_results(self.file),
             **({} if self.time is None else {"time": self.time}),
             "depths_m": drift.depths,
             **({} if self.bounds is None else {"bounds": list(self.bounds)}),

@@ -3,7 +3,7 @@ import json
 import math
 import os
 import re
-import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ..files import replacing
-from .terminal import note, note_results, status
+from ..files import name_in_results, replacing
+from .terminal import note, note_results, say, status
 
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class MapOptions:
         """What determines the cells and their images, for the provenance of results."""
         assert cells.workspace is not None
         return {
-            "map": str(self.map),
+            "map": name_in_results(self.map),
             "name": cells.workspace.name,
             "robot_radius_m": cells.workspace.robot_radius,
             "cell_m": cells.cell,
@@ -105,7 +105,7 @@ class OutputOptions:
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
-            print(json.dumps(summary))
+            say(json.dumps(summary))
         else:
             show()
             if self.out is not None:
@@ -114,7 +114,7 @@ class OutputOptions:
             return 0
         for one in verified["comparisons"]:
             if not one["agrees"]:
-                print(f"jaxcell {name}: --verify: {one['what']}: {one['where']}", file=sys.stderr)
+                note(f"jaxcell {name}: --verify: {one['what']}: {one['where']}")
         if verified["agrees"] and not self.json:
             note(
                 f"Verified: {verified['count']:,} numbers agree with another route, in "
@@ -167,17 +167,31 @@ def cell_at(cells: "CellSpace", text: str, option: str) -> int:
         raise ValueError(f"{option} {text!r}: {error}") from None
 
 
-def check_out(out: Path, folder: bool) -> None:
+def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
     """Refuses a place for results where none can be written, before they are computed.
 
-    **Raises:** `NotADirectoryError` or `PermissionError`.
+    **Arguments:**
+
+    - `out`: the place.
+    - `folder`: whether it is to be a folder, or a file.
+    - `option`: what the message calls it.
+
+    **Raises:** `IsADirectoryError`, `NotADirectoryError` or `PermissionError`.
     """
-    places = [out.absolute(), *out.absolute().parents]
-    place = next(place for place in places if place.exists())
-    if not place.is_dir() and (folder or place != places[0]):
-        raise NotADirectoryError(f"--out {out}: {place} is no directory")
-    if not os.access(place, os.W_OK):
-        raise PermissionError(f"--out {out}: {place} cannot be written to")
+    wanted = out.absolute()
+    if not folder:
+        if wanted.is_dir():
+            raise IsADirectoryError(f"{option}{out}: expected a file, and this is a directory")
+        wanted = wanted.parent
+    place = next(place for place in (wanted, *wanted.parents) if os.path.lexists(place))
+    if not place.is_dir():
+        raise NotADirectoryError(f"{option}{out}: {place} is no directory")
+    try:
+        # Permissions tell only half of it: a disk may be full, or mounted to be read.
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise PermissionError(f"{option}{out}: {place} cannot be written to") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,6 +1,5 @@
 import dataclasses
 import math
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
+from ..files import name_in_results
 from .options import OutputOptions
-from .terminal import solver_on_stderr, status, table
+from .terminal import note, solver_on_stderr, status, table
 
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class PatrolGraph(OutputOptions):
                         emphasis = self._emphasis(names) or None
                         game = strategy_game(graph, emphasis, self.share, paths=self.paths)
         except RuntimeError as error:
-            print(f"jaxcell patrol graph: {error}", file=sys.stderr)
+            note(f"jaxcell patrol graph: {error}")
             return 1
         seconds = time.perf_counter() - began
         spec = self._spec(graph)
@@ -186,7 +186,7 @@ class PatrolGraph(OutputOptions):
 
     def _spec(self, graph: "Graph") -> dict[str, Any]:
         """What determines the result."""
-        spec: dict[str, Any] = {"graph": str(self.file), "strategy": self.strategy}
+        spec: dict[str, Any] = {"graph": name_in_results(self.file), "strategy": self.strategy}
         if self.emphasis:
             spec |= {"emphasis": list(self.emphasis), "share": self.share}
         if self.vertex is not None:

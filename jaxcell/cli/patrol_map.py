@@ -1,15 +1,15 @@
 import dataclasses
 import math
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from ..files import name_in_results
 from .options import MapOptions, OutputOptions
 from .patrol_map_summary import describe, show
-from .terminal import solver_on_stderr, status
+from .terminal import note, solver_on_stderr, status
 
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class PatrolMap(OutputOptions):
                 with status("comparing covers"):
                     described = describe(found)
         except RuntimeError as error:
-            print(f"jaxcell patrol map: {error}", file=sys.stderr)
+            note(f"jaxcell patrol map: {error}")
             return 1
         seconds = time.perf_counter() - began
         spec = self._spec(cells)
@@ -245,7 +245,7 @@ class PatrolMap(OutputOptions):
         """What determines the result."""
         assert cells.workspace is not None
         spec: dict[str, Any] = {
-            "map": str(self.map),
+            "map": name_in_results(self.map),
             "name": cells.workspace.name,
             "cell_m": cells.cell,
             "positions": cells.positions,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
+from ..files import name_in_results
 from .options import cell_at, command_name, write_text
 from .robot_emulation import emulate, seen_from
 from .robot_summary import show
@@ -129,7 +130,7 @@ class RobotRun:
             return 1
         summary = {
             "command": f"jaxcell {command_name(type(self))}",
-            "file": str(self.file),
+            "file": name_in_results(self.file),
             "port": self.port,
             **dataclasses.asdict(outcome),
         }
@@ -201,7 +202,7 @@ class RobotRun:
             filter=filter,
             filter_of_cells=same,
             viewer=self.live,
-            spec={"file": str(self.file), **about},
+            spec={"file": name_in_results(self.file), **about},
         )
 
     def _walker(

@@ -36,9 +36,14 @@ def own_command(name: str) -> str:
     return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
 
 
+def say(text: str) -> None:
+    """A line on standard output, in its place among tables and notes when all go to one file."""
+    print(text, flush=True)
+
+
 def note(text: str) -> None:
     """A remark for people."""
-    Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False)
+    Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
