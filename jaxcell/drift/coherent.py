@@ -178,7 +178,7 @@ def agreement(
         >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
         >>> label, ridge = np.tile(np.int32([0, 0, 0, 1, 1]), 3), np.tile(np.arange(5) == 2, 3)
         >>> drift.agreement(water, label, ridge, within=0).near
-        1.0
+        0.5
         >>> round(drift.agreement(water, label, ridge).ratio, 3)
         1.667
     """
@@ -187,7 +187,8 @@ def agreement(
     if not border.any():
         raise ValueError("label: expected two groups side by side or more, got no border")
     grid, beyond = water.on_grid(ridge, False), within if water.wraps else 0
-    grid = np.pad(grid, ((0, 0), (beyond, beyond)), mode="wrap")
-    grid = scipy.ndimage.binary_dilation(grid, np.ones((3, 3), bool), iterations=within)
+    if within:  # no iterations are endless ones to the function
+        grid = np.pad(grid, ((0, 0), (beyond, beyond)), mode="wrap")
+        grid = scipy.ndimage.binary_dilation(grid, np.ones((3, 3), bool), iterations=within)
     near = grid[water.row, water.column + beyond]
     return Agreement(float(near[border].mean()), float(near.mean()))

@@ -6,8 +6,8 @@ from jaxtyping import Bool, Float, Int
 
 EARTH_RADIUS = 6371000.0
 
-# A grid goes round the Earth if the spacing across its seam is that beside it, but for this part;
-# columns that differ by less than the second part of their spacing are the same.
+# A grid goes round the Earth if the spacing across its seam is between those on both sides of it,
+# but for this part; columns that differ by less than the second part of their spacing are the same.
 _SEAM, _SAME = 0.1, 0.01
 # So many columns are repeated at most; rows whose columns are no farther apart are at a pole.
 _MOST_REPEATED, _POLE = 4, 1e-9
@@ -30,7 +30,10 @@ def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
     same = _SAME * np.abs(steps).min(initial=np.inf)
     again = int((place >= 360 - same).sum())
     # One column at least must be left of each that is dropped.
-    if 2 * again > lon.size or not (np.abs(place[lon.size - again :] - 360 - place[:again]) <= same).all():
+    if (
+        2 * again > lon.size
+        or not (np.abs(place[lon.size - again :] - 360 - place[:again]) <= same).all()
+    ):
         return 0
     return again
 
@@ -68,13 +71,11 @@ def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> 
     before, seam, after = np.linalg.norm(
         np.diff(_on_sphere(lon[:, near], lat[:, near]), axis=2), axis=0
     ).T
-    usual = (before + after) / 2
-    known = np.isfinite(seam + usual) & (usual > _POLE)
-    return bool(
-        (np.abs(np.abs(turn) - 360) < 1e-6).any()
-        and known.any()
-        and (np.abs(seam - usual)[known] <= _SEAM * usual[known]).all()
-    )
+    least, most = np.minimum(before, after), np.maximum(before, after)
+    known = np.isfinite(before + seam + after) & (least > _POLE)
+    closes = (seam >= (1 - _SEAM) * least) & (seam <= (1 + _SEAM) * most)
+    once = np.abs(np.abs(turn) - 360) < 1e-6
+    return bool(once.any() and known.any() and closes[known].all())
 
 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
@@ -204,9 +205,7 @@ def _on_sphere(
 ) -> Float[np.ndarray, "3 y x"]:
     """The directions from the middle of the Earth, of length 1."""
     east, north = np.radians(lon), np.radians(lat)
-    return np.stack(
-        [np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)]
-    )
+    return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 
 
 def _around_break(values: np.ndarray, steps: np.ndarray) -> str:

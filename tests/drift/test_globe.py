@@ -39,8 +39,9 @@ def begun_at(currents, shift):
 def copies(currents):
     """The field several times side by side, as if each copy were elsewhere."""
     wide = xr.concat([currents] * COPIES, dim="x", data_vars="minimal", coords="minimal")
-    return wide.assign_coords(lon=(("y", "x"), np.broadcast_to(0.5 * np.arange(wide.sizes["x"]),
-                                                                (ROWS, wide.sizes["x"]))))
+    return wide.assign_coords(
+        lon=(("y", "x"), np.broadcast_to(0.5 * np.arange(wide.sizes["x"]), (ROWS, wide.sizes["x"])))
+    )
 
 
 def moved(water, other, shift):
@@ -136,6 +137,7 @@ def test_the_nearest_water_may_be_across_the_seam():
     assert water.column[landed[0]].tolist() == [1, COLUMNS - 1, 1, COLUMNS - 1, COLUMNS - 1]
 
 
+@pytest.mark.slow
 def test_voyages_do_not_know_where_columns_begin():
     def solve(currents, place):
         waters = [drift.Water.of(currents, layer) for layer in range(2)]
@@ -242,6 +244,9 @@ def test_a_flow_of_another_kind_is_refused():
     with pytest.raises(ValueError, match="flow: wraps: expected True as for this water, got False"):
         drift.drift_map(drift.Water.of(here), plain, 1.0)
     waters = [drift.Water.of(one) for one in (here, copies(here).isel(x=slice(COLUMNS)))]
-    both = [drift.drift_map(w, f, 1.0) for w, f in zip(waters, (drift.Flow.of(here), plain), strict=True)]
+    both = [
+        drift.drift_map(w, f, 1.0)
+        for w, f in zip(waters, (drift.Flow.of(here), plain), strict=True)
+    ]
     with pytest.raises(ValueError, match="layers 0 and 1: only one of them goes round the Earth"):
         drift.Sea.of(waters, both)
