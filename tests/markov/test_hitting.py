@@ -185,7 +185,7 @@ def slow_eddy(cells, leak, share):
     return Chain.from_scipy(P)
 
 
-@pytest.mark.parametrize("leak", [1e-6, 1e-7, 1e-9, 1e-11])
+@pytest.mark.parametrize("leak", [1e-7, 1e-9, 1e-11])
 def test_ends_of_an_eddy_that_holds_almost_for_ever(leak):
     chain = slow_eddy(30, leak, 0.3)
     found = absorption_probabilities(chain, persistent_groups(chain))
@@ -196,7 +196,7 @@ def test_ends_of_an_eddy_that_holds_almost_for_ever(leak):
 
 
 def test_the_only_end_is_sure(monkeypatch):
-    monkeypatch.setattr(Transient, "expect", None)  # nothing is solved
+    monkeypatch.setattr("jaxcell.markov.transient.Transient.expect", None)  # nothing is solved
     chain = slow_eddy(30, 1e-11, 1.0)
     found = absorption_probabilities(chain, persistent_groups(chain))
     assert found.value[0].tolist() == [1] * 31 + [0]
