@@ -37,6 +37,11 @@ def open_currents(
     A cell is water where it has a velocity at every record that is read, so a gap in a radar map
     takes its cell out; read fewer records to keep more cells.
 
+    Where the columns go round the Earth, so that the last is beside the first, columns that are
+    repeated at an end are left out; all that is computed from the currents goes on across the seam.
+    `notes` says so. With velocities on the sides of cells and no repeated column, that at the seam
+    is not in the file, and the cells beside it have the velocity of their other side.
+
     **Arguments:**
 
     - `path`: a NetCDF file, version 3 or 4.
@@ -51,7 +56,7 @@ def open_currents(
         the bed.
     - `bounds`: `(west, south, east, north)` in degrees; longitudes of either kind, across the
         antimeridian if west is more than east. A grid that is turned or curved gives the block
-        that holds all cells within them.
+        that holds all cells within them. A part of the globe has edges like any other.
     - `variables`: the names of the velocities towards the East and North (or along the grid, if
         they stand on the sides of its cells or their standard names say so), where the file
         leaves it open.

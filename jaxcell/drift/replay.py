@@ -19,8 +19,8 @@ class Replay:
     """Where simulated drifters were, step by step."""
 
     x: Float[Array, "steps drifters"]
-    "Column of each drifter after each step, in cells; those that left the grid stay where it ends."
-    " Around the Earth it goes on past the last column, turn after turn."
+    """Column of each drifter after each step, in cells; those that left the grid stay where it
+    ends, and around the Earth it goes on past the last column, turn after turn."""
     y: Float[Array, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
     "The cell, or the nearest one of those at a coast; -1 off the grid."
