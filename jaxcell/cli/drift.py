@@ -37,6 +37,8 @@ class Drift(OutputOptions):
     """Depths of the layers in metres; by default those of the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north of the part to read, in degrees."""
+    variables: tuple[str, str] | None = None
+    """Names of the velocities towards the East and North, where the file leaves it open."""
     duration: float | None = None
     """Seconds that a step takes; by default the time in which drifters of the slowest layer drift
     by one cell on average."""
@@ -73,6 +75,7 @@ class Drift(OutputOptions):
                     time=self._record(),
                     depths=self.depths or None,
                     bounds=self.bounds,
+                    variables=self.variables,
                 )
             drift, counts = self._study(currents)
         except RuntimeError as error:
@@ -80,7 +83,7 @@ class Drift(OutputOptions):
             return 1
         spec = self._spec(drift)
         with status("telling where drifters end up"):
-            described = describe(drift, counts)
+            described = describe(drift, counts, self.spread)
         seconds = time.perf_counter() - began
         summary = {**spec, **described, "seconds": round(seconds, 3)}
         if self.out is not None:
@@ -220,6 +223,7 @@ class Drift(OutputOptions):
             **({} if self.time is None else {"time": self.time}),
             "depths_m": drift.depths,
             **({} if self.bounds is None else {"bounds": list(self.bounds)}),
+            **({} if self.variables is None else {"variables": list(self.variables)}),
             "duration_s": drift.duration,
             "rho": self.rho,
             "spread": self.spread,

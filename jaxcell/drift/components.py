@@ -128,6 +128,9 @@ def component(
         first, last = int(cells[staggered][0]), int(cells[staggered][-1])
         outer = np.arange(max(first - 1, 0), min(last + 2, lengths[staggered]))
         inner = cells[staggered] - outer[0]
+        if grid.wraps and staggered == -1 and first == 0 and last + 1 < lengths[-1]:
+            # The western side of the first column is the eastern one of the last.
+            outer, inner = np.append(last, outer), inner + 1
         cells[staggered] = outer
     for k, dim in zip((-2, -1), dims, strict=True):
         # Files that were cut with equal index ranges have one more side than lies between centres.

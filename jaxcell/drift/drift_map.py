@@ -159,6 +159,7 @@ def periodic_drift_map(
     around = Flow(
         jnp.concatenate([flow.rate, flow.rate[:1]]),
         jnp.append(flow.time, flow.time[0] + length),
+        flow.wraps,
     )
     product = scipy.sparse.eye_array(water.cells, format="csr")
     for now, then in zip(around.time[:-1].tolist(), around.time[1:].tolist(), strict=True):

@@ -44,6 +44,11 @@ def open_currents(
     water by that too: 1 is water in what ROMS, CROCO and NEMO call their masks; elsewhere flags
     or options such as `option_0` say it, or else a standard name of CF.
 
+    Where the columns go round the Earth, so that the last is beside the first, columns that are
+    repeated at an end are left out; all that is computed from the currents goes on across the seam.
+    `notes` says so. With velocities on the sides of cells and no repeated column, that at the seam
+    is not in the file, and the cells beside it have the velocity of their other side.
+
     **Arguments:**
 
     - `path`: a NetCDF file, version 3 or 4.
@@ -58,7 +63,7 @@ def open_currents(
         lowest down to the bed, but no farther than a layer where a file lacks levels there.
     - `bounds`: `(west, south, east, north)` in degrees; longitudes of either kind, across the
         antimeridian if west is more than east. A grid that is turned or curved gives the block
-        that holds all cells within them.
+        that holds all cells within them. A part of the globe has edges like any other.
     - `variables`: the names of the velocities towards the East and North (or along the grid, if
         they stand on the sides of its cells or their standard names say so), where the file
         leaves it open.

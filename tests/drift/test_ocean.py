@@ -499,7 +499,7 @@ def folded(dataset):
     ("change", "message"),
     [
         (lambda d: d.rename(u_eastward="u", v_northward="v"), r"u: ambiguous: on the dimensions "
-         r"\(Y, X\) it may be towards the East or along the grid.*variables=\('u', 'v'\)"),
+         r"\(Y, X\) it may be towards the East or along the grid.*name u and v with variables"),
         (folded, r"lon: .* the grid folds at row"),
         (lambda d: d.assign(lon=0 * d.lon, lat=0 * d.lat), r"lon: the cell .* sides of 0 and 0 m"),
         (lambda d: d.assign(lon=d.lon.where(d.lon > -118)), r"lon: no longitude at row 0, column"),
