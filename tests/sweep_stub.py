@@ -44,6 +44,13 @@ def stub(batch, fixed, seed):
     )
 
 
+def chatty(batch, fixed, seed):
+    """Prints, as some do."""
+    print("from Python", flush=True)
+    os.write(1, b"from elsewhere\n")
+    return stub(batch, fixed, seed)
+
+
 def dies_twice(batch, fixed, seed):
     """Each member kills its process twice."""
     (x,) = batch["x"]

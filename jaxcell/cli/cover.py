@@ -4,7 +4,7 @@ import time
 from typing import TYPE_CHECKING, Any, Literal
 
 from .options import MapOptions, OutputOptions
-from .terminal import count_cells, status, table
+from .terminal import count_cells, status, steps, table
 
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Cover(MapOptions, OutputOptions):
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         try:
-            with status(doing) as shown:
+            with steps(doing, count) as show:
                 policy = coverage_policy(
                     cells,
                     np.radians(self.bounces),
@@ -62,7 +62,7 @@ class Cover(MapOptions, OutputOptions):
                     target,
                     weights=self.weights,
                     **self.motion,
-                    progress=lambda done: shown.update(f"{doing}: {done} done ..."),
+                    progress=lambda done: show(done, ""),
                 )
         except RuntimeError as error:
             print(f"jaxcell cover: {error}", file=sys.stderr)

@@ -74,6 +74,14 @@ def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
 
 
 def test_a_job_may_take_three_workers_with_it_and_no_more(tmp_path):
+    take, _ = jobs_of(1, kill=0, folder=str(tmp_path))
+    outcomes = [outcome for _, outcome in engine_named("processes", 1)(take)]
+    assert outcomes == [Failed("its worker died each of 3 times: out of memory?")]
+    assert len({path.name.partition("-")[0] for path in tmp_path.iterdir()}) == 3
+
+
+@slow
+def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     take, _ = jobs_of(3, kill=1, folder=str(tmp_path))
     outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1)(take)}
     assert outcomes[1] == Failed("its worker died each of 3 times: out of memory?")
@@ -105,9 +113,16 @@ def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
 
 
 def test_a_job_that_hangs_is_ended():
+    take, _ = jobs_of(1, hang=0)
+    outcomes = [outcome for _, outcome in engine_named("processes", 1, 0.5)(take)]
+    assert outcomes == [Failed("TimeoutError: it was not done after 0.5 s")]
+
+
+@slow
+def test_a_job_that_hangs_takes_no_other_with_it():
     take, _ = jobs_of(3, hang=1)
-    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 0.5)(take)}
-    assert outcomes[1] == Failed("TimeoutError: it was not done after 0.5 s")
+    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 10.0)(take)}
+    assert outcomes[1] == Failed("TimeoutError: it was not done after 10 s")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
 
 
@@ -115,11 +130,12 @@ def test_a_job_that_hangs_is_ended():
 def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
-    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 8}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=1.5)
+    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 4}")
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=10)
     assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 1.5 s"
-    assert found.done == 1
+    assert found.failures[0].message == "TimeoutError: it was not done after 10 s"
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.status.values.tolist() == [1, 2, 1, 1]
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
@@ -150,7 +166,7 @@ def test_workers_of_a_cluster_come_and_go(tmp_path):
 
 
 def test_a_timeout_that_is_none():
-    with pytest.raises(ValueError, match="the engine local .* cannot end a chunk"):
+    with pytest.raises(ValueError, match=r"the engine local .* cannot end a chunk"):
         engine_named("local", timeout=3.0)
     for timeout in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="timeout: expected more than 0 s, got"):
