@@ -53,7 +53,7 @@ class Cover(MapOptions, OutputOptions):
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         try:
-            with steps(doing, count) as show:
+            with steps(doing, count) as tell:
                 policy = coverage_policy(
                     cells,
                     np.radians(self.bounces),
@@ -62,7 +62,7 @@ class Cover(MapOptions, OutputOptions):
                     target,
                     weights=self.weights,
                     **self.motion,
-                    progress=lambda done: show(done, ""),
+                    progress=lambda done: tell(done, ""),
                 )
         except RuntimeError as error:
             print(f"jaxcell cover: {error}", file=sys.stderr)

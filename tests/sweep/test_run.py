@@ -3,6 +3,7 @@ import json
 import os
 import random
 import resource
+import socket
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from sweep_kills import tree
 
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
 from jaxcell.sweep.lock import locked
-from jaxcell.sweep.work import compute
+from jaxcell.sweep.work import compute, with_files_found
 
 
 def test_the_result_is_that_of_each_member_alone(stub_spec, tmp_path):
@@ -303,3 +304,40 @@ def test_parameters_that_a_task_does_not_take_are_refused_before_it_runs(lines, 
     with pytest.raises(ValueError, match=f"spec.toml: {told}"):
         run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_files_are_found_beside_the_specification_or_here(tmp_path, monkeypatch):
+    there, here = tmp_path / "specs", tmp_path / "here"
+    for path in (there / "a.json", there / "both.json", here / "both.json", here / "b.json"):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    monkeypatch.chdir(here)
+    maps = f'["a.json", "both.json", "../here/b.json", "b.json", "{tmp_path}/none.json"]'
+    (there / "spec.toml").write_text(
+        f'task = "groups"\n[fixed]\ncollision = "swept"\n[grid]\nbounce = [1]\nmap = {maps}\n'
+    )
+    spec = Spec.load("../specs/spec.toml")
+    found = with_files_found(spec)
+    assert found.batch(found.chunk(0))["map"].tolist() == [
+        *(f"{there}/{name}" for name in ("a.json", "both.json", "../here/b.json")),
+        f"{here}/b.json",
+        f"{tmp_path}/none.json",
+    ]
+    assert found.fixed == {"collision": "swept"}
+    text = (there / "spec.toml").read_text().replace('"b.json"', '"c.json"')
+    (there / "spec.toml").write_text(text)
+    with pytest.raises(
+        ValueError, match=rf"spec.toml: map: there is no file 'c.json' in {there} nor in {here}"
+    ):
+        run_sweep(Spec.load("../specs/spec.toml"), tmp_path / "out")
+
+
+def test_a_file_that_a_worker_has_not_is_told_with_its_machine(stub_spec, tmp_path, monkeypatch):
+    def lost(batch, fixed, seed):
+        raise FileNotFoundError("/maps/a.json: there is no such file")
+
+    monkeypatch.setattr(sweep_stub, "stub", lost)
+    first = run_sweep(stub_spec(), tmp_path / "out").failures[0]
+    where = f"(on {socket.gethostname()})"
+    assert first.message == f"FileNotFoundError: /maps/a.json: there is no such file {where}"
+    assert "in lost" in first.trace
