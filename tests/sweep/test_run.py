@@ -121,6 +121,17 @@ def test_a_member_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_pat
     assert mended.keys() == whole.keys()
 
 
+@pytest.mark.parametrize("bad", [8, 9])
+def test_a_member_fails_alone_where_others_stand_in_for_missing_ones(stub_spec, tmp_path, bad):
+    spec = stub_spec(f"fail = {bad}")
+    assert spec.chunk(2).shape != tuple(spec.lengths.values())
+    found = run_sweep(spec, tmp_path / "out")
+    assert [one.index for one in found.failures] == [{"y": 0, "x": bad}, {"y": 1, "x": bad}]
+    with open_sweep(tmp_path / "out") as dataset:
+        assert (dataset.status == xr.where(dataset.x == bad, 2, 1)).all()
+        assert (dataset["count"] == xr.where(dataset.x == bad, -1, dataset.x)).all()
+
+
 def test_where_every_chunk_fails_there_is_no_result(stub_spec, tmp_path):
     out = tmp_path / "out"
     found = run_sweep(stub_spec("fail = 5", text="[list]\nx = [5, 5]"), out)
