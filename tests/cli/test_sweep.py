@@ -151,12 +151,15 @@ def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
     def curious(batch, fixed, seed):
         found = sweep_status(out)
         seen.append((found.done, found.rate, found.left))
+        main(["sweep", "status", out])
         time.sleep(0.1)
         return kept(batch, fixed, seed)
 
     monkeypatch.setattr(sweep_stub, "stub", curious)
     assert main(["sweep", spec(grid="x = {count = 12}"), "--out", out, "--json"]) == 0
-    capsys.readouterr()
+    # Once there is a first chunk.
+    told = capsys.readouterr().err
+    assert told.count("members a second") == told.count("time left") == 2
     assert seen[0] == (0, None, None)
     done, rate, left = seen[2]
     assert done == 2
