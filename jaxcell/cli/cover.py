@@ -3,7 +3,7 @@ import time
 from typing import TYPE_CHECKING, Any, Literal
 
 from .options import MapOptions, OutputOptions
-from .terminal import count_cells, note, status, table
+from .terminal import count_cells, note, status, steps, table
 
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Cover(MapOptions, OutputOptions):
             f"covering {cells.positions:,} positions by {count} angles, {cells.size:,} cells each"
         )
         try:
-            with status(doing) as shown:
+            with steps(doing, count) as tell:
                 policy = coverage_policy(
                     cells,
                     np.radians(self.bounces),
@@ -61,7 +61,7 @@ class Cover(MapOptions, OutputOptions):
                     target,
                     weights=self.weights,
                     **self.motion,
-                    progress=lambda done: shown.update(f"{doing}: {done} done ..."),
+                    progress=lambda done: tell(done, ""),
                 )
         except RuntimeError as error:
             note(f"jaxcell cover: {error}")

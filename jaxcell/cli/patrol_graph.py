@@ -9,7 +9,7 @@ import tyro
 
 from ..files import name_in_results
 from .options import OutputOptions
-from .terminal import note, solver_on_stderr, status, table
+from .terminal import note, status, stdout_on_stderr, table
 
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class PatrolGraph(OutputOptions):
         began = time.perf_counter()
         game = None
         try:
-            with solver_on_stderr():
+            with stdout_on_stderr():
                 with status(f"seeking a walk on {graph.vertices:,} vertices"):
                     found = self._walk(graph, names)
                     measures = measure(found.chain)

@@ -9,7 +9,7 @@ import tyro
 from ..files import name_in_results
 from .options import MapOptions, OutputOptions
 from .patrol_map_summary import describe, show
-from .terminal import note, solver_on_stderr, status
+from .terminal import note, status, stdout_on_stderr
 
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class PatrolMap(OutputOptions):
         cells = MapOptions(map=self.map, cell=self.cell).cells()
         began = time.perf_counter()
         try:
-            with solver_on_stderr():
+            with stdout_on_stderr():
                 found = self._patrol(cells)
                 with status("comparing covers"):
                     described = describe(found)

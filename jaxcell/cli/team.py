@@ -51,7 +51,7 @@ class Team(MapOptions, OutputOptions):
             "part_steps": self.part_steps,
         }
         doing = f"covering {cells.positions:,} positions with {_count(len(starts))}"
-        with status(doing) as shown:
+        with status(doing) as tell:
             run = team_trajectory(
                 cells,
                 starts,
@@ -59,9 +59,7 @@ class Team(MapOptions, OutputOptions):
                 **self.motion,
                 max_parts=self.max_parts,
                 part_steps=self.part_steps,
-                progress=lambda parts, covered: shown.update(
-                    f"{doing}: {covered:,} in {parts:,} parts ..."
-                ),
+                progress=lambda parts, covered: tell(f"{doing}: {covered:,} in {parts:,} parts"),
             )
         summary = {**spec, **describe(cells, run)}
         if self.out is not None:
