@@ -11,8 +11,6 @@ from typing import Protocol, TypeVar, runtime_checkable
 
 from .open_interface import (
     BAUD,
-    MAX_SPEED,
-    RESET,
     SAFE,
     START,
     STOP,
@@ -22,6 +20,7 @@ from .open_interface import (
 )
 from .packets import Mode
 from .reading import STREAM, Reading
+from .speeds import wheel_speeds
 from .watchdog import Watchdog
 
 
@@ -188,9 +187,10 @@ class Driver:
 
         **Arguments:**
 
-        - `right`, `left`: metres per second, -0.5 to 0.5. A speed whose byte would be a command
-            if the line lost the one before it gives way to the next slower one; up to 0.082, and
-            from 0.174 to 0.248, none does.
+        - `right`, `left`: metres per second, -0.5 to 0.5. A pair of which a byte would be a command
+            if the line lost those before it gives way to the next slower one on the same arc, see
+            [`jaxcell.robot.speeds.wheel_speeds`][]. No turn on the spot does at 0.008 to 0.082 and
+            0.174 to 0.248, and no straight way forward up to 0.127 either.
         - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
           stay still until a call without it, or `stop`.
 
@@ -199,7 +199,7 @@ class Driver:
         **Raises:** [`RobotStopped`][] if the robot is not armed, or no more. `ValueError` for a
         speed out of range.
         """
-        wheels = _millimetres("right", right), _millimetres("left", left)
+        wheels = wheel_speeds(right=right, left=left)
         with self._news:
             self._stop_on_bump = stop_on_bump
             self._bumped = stop_on_bump and (self._bumped or self.sensors().bump)
@@ -361,20 +361,3 @@ class Driver:
 
 def _exit(number: int, _: FrameType | None) -> None:
     raise SystemExit(128 + number)
-
-
-def _millimetres(name: str, speed: float) -> int:
-    if not abs(speed) <= MAX_SPEED / 1000:
-        raise ValueError(f"{name} = {speed}: expected -0.5 to 0.5 m/s")
-    return _harmless(round(1000 * speed))
-
-
-def _harmless(speed: int) -> int:
-    """The speed, or the next slower one, in mm/s, whose low byte is no command.
-
-    Where the line loses the opcode of a drive command, the robot takes its data for commands, and
-    would clean, dock, switch off or reset.
-    """
-    while speed & 0xFF == RESET[0] or START[0] <= speed & 0xFF <= STOP[0]:
-        speed -= 1 if speed > 0 else -1
-    return speed
