@@ -34,8 +34,8 @@ _D = TypeVar("_D", bound="Driver")
 
 _UNARMED = "it is not armed"
 
-# Seconds between two ticks (see `Driver`).
-_TICK = 0.1
+TICK = 0.1
+"""Seconds between two ticks (see `Driver`)."""
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it says what happened, as StopIteration does)
@@ -81,8 +81,8 @@ class Driver:
     """
 
     def __init__(self, port: Port, *, patience: float = 0.5):
-        if not 2 * _TICK <= patience <= 10:
-            raise ValueError(f"patience = {patience}: expected {2 * _TICK} to 10 seconds")
+        if not 2 * TICK <= patience <= 10:
+            raise ValueError(f"patience = {patience}: expected {2 * TICK} to 10 seconds")
         self._port = port
         self._patience = patience
         # Guards the fields below and every write to the line.
@@ -177,7 +177,7 @@ class Driver:
         """
         with self._news:
             reading = self._reading
-            if reading is None or time.monotonic() - reading.time > self._patience:
+            if reading is None or self._now() - reading.time > self._patience:
                 known = self._reason not in (None, _UNARMED)
                 raise RobotStopped(self._reason if known else f"no reading for {self._patience} s")
             return reading
@@ -203,7 +203,7 @@ class Driver:
         with self._news:
             self._stop_on_bump = stop_on_bump
             self._bumped = stop_on_bump and (self._bumped or self.sensors().bump)
-            self._renewed = time.monotonic()
+            self._renewed = self._now()
             if self._reason is None:
                 self._roll((0, 0) if self._bumped else wheels)
             if self._reason is not None:
@@ -222,6 +222,10 @@ class Driver:
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
+    def _now(self) -> float:
+        """The time in seconds."""
+        return time.monotonic()
+
     def _in(self, mode: Mode) -> bool:
         return self._reading is not None and self._reading.mode is mode
 
@@ -235,7 +239,7 @@ class Driver:
                 if signal.getsignal(number) == signal.SIG_DFL:
                     signal.signal(number, _exit)
                     self._handled.append(number)
-        self._port.timeout = _TICK
+        self._port.timeout = TICK
         self._port.write_timeout = self._patience
         self._watchdog = Watchdog(
             self._port.fileno(),
@@ -264,7 +268,7 @@ class Driver:
         for command in (_HALT + STOP, START):
             with self._news:
                 self._write(command)
-            time.sleep(0.05)
+            self._wait(lambda: False, 0.05)
         with self._news:
             self._first_mode = 0
             self._reading = None
@@ -300,7 +304,7 @@ class Driver:
         with self._news:
             now = self._reading = Reading.of(
                 values,
-                time=time.monotonic(),
+                time=self._now(),
                 previous=self._reading,
                 first_mode=self._first_mode,
             )
@@ -317,23 +321,27 @@ class Driver:
             self._news.notify_all()
 
     def _tick(self, watchdog: Watchdog) -> None:
-        while not self._closing.wait(_TICK):
+        while not self._closing.wait(TICK):
             with self._news:
                 try:
                     watchdog.beat()
                 except OSError as error:
                     self._halt(f"the watchdog is gone: {error}")
-                now = time.monotonic()
-                if self._reason is None:
-                    if self._reading is None or now - self._reading.time > self._patience:
-                        self._halt(f"no reading for {self._patience} s")
-                    elif now - self._renewed > self._patience:
-                        self._wheels = (0, 0)
-                if self._reason is None:
-                    right, left = self._wheels
-                    self._write(drive_direct(right=right, left=left))
-                elif self._halting:
-                    self._write(_HALT)
+                self._repeat()
+
+    def _repeat(self) -> None:
+        """Sends the speeds again, unless they are out of date."""
+        now = self._now()
+        if self._reason is None:
+            if self._reading is None or now - self._reading.time > self._patience:
+                self._halt(f"no reading for {self._patience} s")
+            elif now - self._renewed > self._patience:
+                self._wheels = (0, 0)
+        if self._reason is None:
+            right, left = self._wheels
+            self._write(drive_direct(right=right, left=left))
+        elif self._halting:
+            self._write(_HALT)
 
     def _roll(self, wheels: tuple[int, int]) -> None:
         if wheels != self._wheels:

@@ -1,5 +1,7 @@
 """Speeds of a pair of wheels, whose bytes on the line are no commands."""
 
+import functools
+
 from .open_interface import MAX_SPEED, RESET, START, STOP
 
 
@@ -25,11 +27,15 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
         >>> wheel_speeds(right=0.118, left=-0.118)
         (82, -82)
     """
-    wanted = _millimetres("right", right), _millimetres("left", left)
-    fastest = max(map(abs, wanted))
+    return _pair(_millimetres("right", right), _millimetres("left", left))
+
+
+@functools.lru_cache(1024)
+def _pair(right: int, left: int) -> tuple[int, int]:
+    fastest = max(abs(right), abs(left))
     # Down to none, so that there always is one.
     for most in range(fastest, 0, -1):
-        pair = round(wanted[0] * most / fastest), round(wanted[1] * most / fastest)
+        pair = round(right * most / fastest), round(left * most / fastest)
         if all(map(_harmless, pair)):
             return pair
     return 0, 0
