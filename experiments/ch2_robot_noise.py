@@ -29,6 +29,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from jaxcell.robot.direct import DirectRobot
 from report import Rows, emit, say
 from rich.progress import track
 from scipy.stats import binomtest
@@ -37,7 +38,6 @@ from jaxcell.automata import Filter, subset_construction
 from jaxcell.record import save_dataset
 from jaxcell.robot import Walker, cell_strides, run_filter
 from jaxcell.robot.body import Body, Noise
-from jaxcell.robot.direct import DirectRobot
 from jaxcell.robot.driver import RobotStopped
 from jaxcell.space import CellSpace, Workspace, free_steps
 

@@ -1,6 +1,5 @@
 """Robots in maps, and the filters of maps, for the tests of `jaxcell.robot`."""
 
-import math
 from pathlib import Path
 
 import numpy as np

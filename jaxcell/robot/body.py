@@ -43,9 +43,10 @@ def bumper_give(cell: float) -> float:
 
     A step that goes less deep into a wall is no bump, against the model of bouncing robots. But
     with none, a robot that is beside its line by what its tolerances allow would meet corners that
-    the model's grazes. A two hundredth of a cell, and at most 2 cm, is between the two.
+    the model's grazes. Between the two are 2 cm where cells are of a metre, with walls along their
+    edges, and less as the square of the side.
     """
-    return min(0.02, 0.005 * cell)
+    return 0.02 * min(1.0, cell) ** 2
 
 
 class Body:

@@ -7,10 +7,10 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from types import FrameType
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
+from .line import Port as Port, open_line, plain
 from .open_interface import (
-    BAUD,
     SAFE,
     START,
     STOP,
@@ -40,21 +40,6 @@ TICK = 0.1
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it says what happened, as StopIteration does)
     """The driver has stopped the wheels. The message says why."""
-
-
-@runtime_checkable
-class Port(Protocol):
-    """What the driver needs of a serial line: a `serial.Serial` or the like of it."""
-
-    timeout: float | None
-    write_timeout: float | None
-
-    @property
-    def in_waiting(self) -> int: ...
-    def read(self, size: int = 1, /) -> bytes: ...
-    def write(self, data: bytes, /) -> int | None: ...
-    def fileno(self) -> int: ...
-    def close(self) -> None: ...
 
 
 class Driver:
@@ -115,9 +100,7 @@ class Driver:
 
         **Raises:** `OSError` if there is no such line, or another process has it.
         """
-        import serial
-
-        return cls(serial.serial_for_url(url, baudrate=BAUD, exclusive=True), patience=patience)
+        return cls(open_line(url), patience=patience)
 
     def __enter__(self: _D) -> _D:
         try:
@@ -295,7 +278,7 @@ class Driver:
                 data = self._port.read(max(1, self._port.in_waiting))
             except OSError as error:
                 with self._news:
-                    self._halt(f"the line is lost: {error}")
+                    self._halt(f"the line is lost: {plain(error)}")
                 return
             for values in parser.feed(data):
                 self._hear(values)
@@ -326,7 +309,7 @@ class Driver:
                 try:
                     watchdog.beat()
                 except OSError as error:
-                    self._halt(f"the watchdog is gone: {error}")
+                    self._halt(f"the watchdog is gone: {plain(error)}")
                 self._repeat()
 
     def _repeat(self) -> None:
@@ -364,7 +347,7 @@ class Driver:
         try:
             self._port.write(data)
         except OSError as error:
-            self._forbid(f"the line is lost: {error}")
+            self._forbid(f"the line is lost: {plain(error)}")
 
 
 def _exit(number: int, _: FrameType | None) -> None:
