@@ -44,9 +44,9 @@ def bumper_give(cell: float) -> float:
     A step that goes less deep into a wall is no bump, against the model of bouncing robots. But
     with none, a robot that is beside its line by what its tolerances allow would meet corners that
     the model's grazes. Between the two are 2 cm where cells are of a metre, with walls along their
-    edges, and less as the square of the side.
+    edges, and less as the square of the side, to half a millimetre.
     """
-    return 0.02 * min(1.0, cell) ** 2
+    return max(0.0005, 0.02 * min(1.0, cell) ** 2)
 
 
 class Body:
