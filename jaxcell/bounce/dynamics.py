@@ -71,12 +71,12 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     with jax.ensure_compile_time_eval():
         places = cells.square, cells.position_of_square
         if cells.gridded:
-            shape = stencil(cells.directions, length, collision)
+            shape = stencil(cells.directions, length, collision, cells.free.shape)
             order = line_orders(*cells.free.shape, shape.lines)
             on_grid = _grid_moves(cells.free, order, shape.way, shape.line, *shape.looks)
             return _free_positions(on_grid, *places)
         target, first, way = _unique_rows(free_steps(cells, length, collision))
-        shape = stencil(cells.directions, length, "endpoint")
+        shape = stencil(cells.directions, length, "endpoint", cells.free.shape)
         order = _order_of_positions(line_orders(*cells.free.shape, shape.lines), *places)
         line = jnp.asarray(shape.line[shape.way[first]])
         free = jnp.ones(cells.positions, bool)
@@ -116,7 +116,7 @@ def grid_moves(
     """
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
-    shape = stencil(directions, float(step), collision)
+    shape = stencil(directions, float(step), collision, free.shape)
     order = line_orders(*free.shape, shape.lines)
     return _grid_moves(free, order, shape.way, shape.line, *shape.looks)
 
