@@ -87,7 +87,7 @@ def run(args: Sequence[str]) -> int:
         # Whoever read the output has seen enough, as `head` does; nothing is lost.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, MemoryError) as error:
         # One line, whatever the message: scripts read it.
         name = next(name for name, kind in _COMMANDS.items() if type(command) is kind)
         print(f"jaxcell {name}: {' '.join(str(error).split())}", file=sys.stderr)

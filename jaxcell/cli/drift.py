@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from .drift_summary import describe, show
-from .options import OutputOptions
+from .options import OutputOptions, starting
 from .terminal import note, status
 
 
@@ -60,11 +60,9 @@ class Drift(OutputOptions):
     """Seed of the drifters that are recorded."""
 
     def run(self) -> int:
-        from ..drift import open_currents
-        from ..runtime import configure_jax
-
-        configure_jax()
         self._check()
+        with starting():
+            from ..drift import open_currents
         began = time.perf_counter()
         try:
             with status(f"reading {self.file}"):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from .options import OutputOptions
+from .options import OutputOptions, starting
 from .terminal import solver_on_stderr, status, table
 
 
@@ -56,12 +56,10 @@ class PatrolGraph(OutputOptions):
     """Seed of the walk that is recorded."""
 
     def run(self) -> int:
-        from ..patrol.graph_files import load_graph
-        from ..patrol.measures import measure
-        from ..patrol.strategy_game import strategy_game
-        from ..runtime import configure_jax
-
-        configure_jax()
+        with starting():
+            from ..patrol.graph_files import load_graph
+            from ..patrol.measures import measure
+            from ..patrol.strategy_game import strategy_game
         graph, names = load_graph(self.file)
         self._check(graph, names)
         began = time.perf_counter()

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +20,25 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-def status(text: str) -> Status:
-    """Shows on a terminal that work goes on."""
-    return Console(stderr=True).status(text + " ...")
+# Seconds without a word.
+_PATIENCE = 1.5
+
+
+@contextlib.contextmanager
+def status(text: str) -> Iterator[Status]:
+    """Shows on a terminal that work goes on; elsewhere says so in a line if it takes long."""
+    console = Console(stderr=True)
+    with console.status(text + " ...") as shown:
+        if console.is_terminal:
+            yield shown
+            return
+        line = threading.Timer(_PATIENCE, note, [text + " ..."])
+        line.daemon = True
+        line.start()
+        try:
+            yield shown
+        finally:
+            line.cancel()
 
 
 def note_results(results: Path) -> None:
