@@ -14,7 +14,7 @@ from .space.extent import Extent
 from .space.occupancy import cutting_bytes
 
 
-Need: TypeAlias = Callable[[Extent], float]
+Need: TypeAlias = Callable[[Extent], float | int]
 
 # Bytes of a cell: an image with groups and steps; a state of all cells with what makes the next;
 # a roadmap with what makes it; a branch of a chain with its matrix; a limiting distribution.
@@ -24,12 +24,12 @@ IMAGE, FILTER, ROADMAP, CHAIN, KEPT = 30, 150, 60, 34, 30
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
-def cutting(extent: Extent) -> float:
+def cutting(extent: Extent) -> float | int:
     """Bytes of the squares and the positions."""
     return cutting_bytes(extent.squares, extent.positions)
 
 
-def moves(extent: Extent, step: float | None, collision: str) -> float:
+def moves(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of where a step leads from every position, and of the runs to the walls."""
     ways, lines, looks = extent.steps(step, collision)
     any_shape = 0 if extent.gridded else 8 * extent.size + 50 * extent.near_walls(step)
@@ -37,19 +37,19 @@ def moves(extent: Extent, step: float | None, collision: str) -> float:
     return 30 * ways * extent.positions + (25 * lines + looks) * extent.squares + any_shape + listed
 
 
-def groups(extent: Extent, step: float | None, collision: str) -> float:
+def groups(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of the periodic groups, told on the section of bumps; [`moves`][] are among them."""
     ways, _, _ = extent.steps(step, collision)
     section = 40 * extent.bumps(step)
     return moves(extent, step, collision) + 35 * ways * extent.positions + section
 
 
-def images(extent: Extent, angles: int, step: float | None, collision: str) -> float:
+def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
     """Bytes of the groups, and of images and steps of all cells for some bouncing angles."""
     return groups(extent, step, collision) + IMAGE * angles * extent.size
 
 
-def localization(extent: Extent, step: float | None, collision: str) -> float:
+def localization(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of the groups and the images, and of the first few states of a filter.
 
     How many more states it has is not known before; they are watched while they are made.
@@ -57,7 +57,7 @@ def localization(extent: Extent, step: float | None, collision: str) -> float:
     return groups(extent, step, collision) + (IMAGE + FILTER) * extent.size
 
 
-def plans(extent: Extent, step: float | None, collision: str) -> float:
+def plans(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of a roadmap and the plan to one goal."""
     ways, _, _ = extent.steps(step, collision)
     kept = 20 * ways * extent.positions
@@ -66,12 +66,12 @@ def plans(extent: Extent, step: float | None, collision: str) -> float:
 
 def coverage(
     extent: Extent, step: float | None, collision: str, *, angles: int, branches: int
-) -> float:
+) -> float | int:
     """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them."""
     return moves(extent, step, collision) + extent.size * (CHAIN * branches + KEPT * angles)
 
 
-def check(extent: Extent, need: Need, doing: str, step: float | None) -> float:
+def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:
     """Refuses a study that takes more memory than is free.
 
     **Arguments:**

@@ -22,7 +22,7 @@ def free() -> int | None:
     return max(0, min(known)) if known else None
 
 
-def check(needed: float, doing: str, instead: str) -> None:
+def check(needed: float | int, doing: str, instead: str) -> None:
     """Refuses what takes more memory than is free, before it begins.
 
     What is free is not always known, and then nothing is refused.
@@ -43,7 +43,7 @@ def check(needed: float, doing: str, instead: str) -> None:
         )
 
 
-def gigabytes(count: float) -> str:
+def gigabytes(count: float | int) -> str:
     """Bytes as people read them."""
     return f"{count / 1e9:.1f} GB" if count < 1e11 else f"{count / 1e9:,.0f} GB"
 

@@ -23,7 +23,7 @@ class Extent:
     workspace: Workspace | None
     rows: int
     columns: int
-    positions: float
+    positions: float | int
     directions: int
     cell: float
     gridded: bool
@@ -77,7 +77,7 @@ class Extent:
         workspace: Workspace | None,
         walls: Float[np.ndarray, "walls 3 2"],
         shape: tuple[int, int],
-        positions: float,
+        positions: float | int,
         directions: int,
         cell: float,
     ) -> "Extent":
@@ -94,7 +94,7 @@ class Extent:
         return float(self.rows) * self.columns
 
     @property
-    def size(self) -> float:
+    def size(self) -> float | int:
         """Number of cells."""
         return self.positions * self.directions
 
@@ -108,22 +108,23 @@ class Extent:
         grid = (self.rows, self.columns)
         if self.gridded and collision == "swept" and length * directions > _MOST_CROSSED:
             ends = stencil(directions, length, "endpoint", grid)
-            crossed = 2 * length * (len(ends.offset) - 1)
-            return self.directions, len(ends.lines), int(min(crossed, 4 * length**2))
+            inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
+            ways = int(np.count_nonzero(inside)) + (not inside.all())
+            return ways, len(ends.lines), int(min(2 * length * ways, 4 * self.squares))
         shape = stencil(directions, length, collision if self.gridded else "endpoint", grid)
         ways = len(shape.offset)
         if not self.gridded:
             # Slanted walls part directions that do the same on a grid; not all, as measured.
-            ways = min(self.directions, 64 + self.directions // 3)
+            ways = min(self.directions, 32 + round(0.45 * self.directions))
         return ways, len(shape.lines), len(shape.square) if self.gridded else 0
 
-    def bumps(self, step: float | None) -> float:
+    def bumps(self, step: float | None) -> float | int:
         """In about how many cells a step is not possible."""
         length = 1.0 if step is None else step / self.cell
         return self.directions * min(self.positions, self.wall_length * length / 2)
 
-    def near_walls(self, step: float | None) -> float:
+    def near_walls(self, step: float | None) -> float | int:
         """How many pairs there are of a position and a wall that a step from it may reach."""
         length = 1.0 if step is None else step / self.cell
         around = 2 * length * self.wall_length + self.walls * math.pi * length**2
-        return 0 if self.gridded else min(around, self.walls * self.positions)
+        return 0.0 if self.gridded else min(around, self.walls * self.positions)

@@ -118,6 +118,6 @@ def rasterise(
     return np.stack([~shapely.intersects_xy(environment, x, level) for level in y])
 
 
-def cutting_bytes(squares: float, positions: float) -> float:
+def cutting_bytes(squares: float, positions: float | int) -> float:
     """The memory that a grid and its positions take while cells are cut, as measured."""
     return 6 * squares + 16 * positions
