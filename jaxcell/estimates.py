@@ -6,7 +6,7 @@ and its libraries take themselves.
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
 from . import memory
@@ -16,9 +16,9 @@ from .space.occupancy import cutting_bytes
 
 Need: TypeAlias = Callable[[Extent], float | int]
 
-# Bytes of a cell: an image with groups and steps; a state of all cells with what makes the next;
-# a roadmap with what makes it; a branch of a chain with its matrix; a limiting distribution.
-IMAGE, FILTER, ROADMAP, CHAIN, KEPT = 30, 150, 60, 34, 30
+# Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a branch of a chain
+# with its matrix; a limiting distribution.
+IMAGE, ROADMAP, CHAIN, KEPT = 30, 60, 34, 30
 
 # Sides of cells that people choose.
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -50,11 +50,13 @@ def images(extent: Extent, angles: int, step: float | None, collision: str) -> f
 
 
 def localization(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the groups and the images, and of the first few states of a filter.
+    """Bytes of the groups, the images and a filter.
 
-    How many more states it has is not known before; they are watched while they are made.
+    How many states a filter has is not known before: that it takes the longer to localize the
+    larger the map was measured. States are watched while they are made too.
     """
-    return groups(extent, step, collision) + (IMAGE + FILTER) * extent.size
+    filter = 250 + 1.2 * (extent.rows + extent.columns)
+    return groups(extent, step, collision) + (IMAGE + filter) * extent.size
 
 
 def plans(extent: Extent, step: float | None, collision: str) -> float | int:
@@ -69,6 +71,28 @@ def coverage(
 ) -> float | int:
     """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them."""
     return moves(extent, step, collision) + extent.size * (CHAIN * branches + KEPT * angles)
+
+
+def drift(cells: Sequence[int]) -> float | int:
+    """Bytes of the maps of a drifter in some layers, and of the solves for one at a time.
+
+    **Arguments:**
+
+    - `cells`: cells of water of each layer.
+    """
+    return 200 * sum(cells) + 1500 * max(cells)
+
+
+def walk(vertices: int, edges: int, weighted: bool) -> float | int:
+    """Bytes of a walk on a graph with what is measured between all pairs of vertices.
+
+    **Arguments:**
+
+    - `vertices`, `edges`: their numbers.
+    - `weighted`: whether weights of edges are sought for short commutes, by a matrix of all pairs
+        of edges.
+    """
+    return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
 
 
 def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from .drift_summary import describe, show
-from .options import OutputOptions, starting
+from .options import OutputOptions, say_memory, starting
 from .terminal import note, status
 
 
@@ -125,11 +125,15 @@ class Drift(OutputOptions):
 
     def _study(self, currents: "xr.Dataset") -> tuple["SeaDrift", dict[str, Any] | None]:
         """All that is asked for; and the numbers of groups for other steps."""
-        from .. import drift
+        from .. import drift, estimates, memory
         from ..record import SeaDrift
 
         layers = range(currents.sizes["layer"])
         waters = [drift.Water.of(currents, layer) for layer in layers]
+        needed = estimates.drift([water.cells for water in waters])
+        doing = f"drift in {sum(water.cells for water in waters):,} cells of water"
+        memory.check(needed, doing, "choose less with --bounds, or fewer --depths")
+        say_memory(needed, doing)
         flows = [drift.Flow.of(currents, layer).mean() for layer in layers]
         start = None if self.start is None else self._start(waters[0])
         goal = None if self.goal is None else self._goal(waters)

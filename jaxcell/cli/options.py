@@ -54,16 +54,13 @@ class MapOptions:
         **Raises:** `MemoryError` if it does not fit.
         """
         from .. import estimates
-        from ..memory import gigabytes
         from ..space import CellSpace
         from ..space.cells import suggested
         from ..space.extent import Extent
 
         chosen = suggested(self.map, self.cell, self.directions, self.robot_radius)
         if (extent := Extent.about(*chosen)) is not None:
-            needed = estimates.check(extent, need, doing, self.step)
-            if needed > _MUCH:
-                note(f"{doing} needs about {gigabytes(needed)} of memory")
+            say_memory(estimates.check(extent, need, doing, self.step), doing)
         with status(f"cutting {self.map} into cells"):
             return CellSpace.of(*chosen)
 
@@ -87,6 +84,14 @@ class MapOptions:
             "step_m": cells.cell if self.step is None else self.step,
             "collision": self.collision,
         }
+
+
+def say_memory(needed: float, doing: str) -> None:
+    """Tells people how much memory something needs, if it is much."""
+    from ..memory import gigabytes
+
+    if needed > _MUCH:
+        note(f"{doing} needs about {gigabytes(needed)} of memory")
 
 
 @contextlib.contextmanager

@@ -70,7 +70,8 @@ def open_currents(
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
     a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
     or not; coordinates out of order; missing parameters of the levels; times, depths or bounds
-    that the file does not have; no water; a current above 10 m/s; and more data than 4 GiB.
+    that the file does not have; no water; a current above 10 m/s; and more data than 4 GiB;
+    `MemoryError` for more than fits the free memory.
 
     The surface of the bundled sea at its first record:
 
