@@ -86,7 +86,7 @@ class MapOptions:
         }
 
 
-def say_memory(needed: float, doing: str) -> None:
+def say_memory(needed: float | int, doing: str) -> None:
     """Tells people how much memory something needs, if it is much."""
     from ..memory import gigabytes
 
