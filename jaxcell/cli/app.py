@@ -56,7 +56,7 @@ _DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 
 
-def _line(error: ValueError | OSError) -> str:
+def _line(error: ValueError | OSError | MemoryError) -> str:
     """What an error says, as one line, which scripts read, without numbers of the system."""
     text = str(error)
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
@@ -96,7 +96,7 @@ def run(args: Sequence[str]) -> int:
         # Whoever read the output has seen enough, as `head` does; nothing is lost.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, MemoryError) as error:
         name = next(name for name, kind in _COMMANDS.items() if type(command) is kind)
         print(f"jaxcell {name}: {_line(error)}", file=sys.stderr)
         return 2

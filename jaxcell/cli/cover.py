@@ -1,8 +1,9 @@
 import dataclasses
+import math
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
-from .options import MapOptions, OutputOptions
+from .options import MapOptions, OutputOptions, starting
 from .terminal import count_cells, note, status, steps, table
 
 
@@ -29,14 +30,20 @@ class Cover(MapOptions, OutputOptions):
     """Number of directions."""
 
     def run(self) -> int:
-        import numpy as np
+        from .. import estimates
 
-        from ..bounce import coverage_policy
-        from ..runtime import configure_jax
-        from .target import read_target
+        angles = len(self.bounces)
+        cells = self.cells(
+            lambda e: estimates.coverage(
+                e, **self.motion, angles=angles, branches=self._branches(e.directions)
+            ),
+            "coverage",
+        )
+        with starting():
+            import numpy as np
 
-        configure_jax()
-        cells = self.cells()
+            from ..bounce import coverage_policy
+            from .target import read_target
         target = read_target(cells, self.target)
         spec = {
             **self.spec(cells),
@@ -91,6 +98,11 @@ class Cover(MapOptions, OutputOptions):
                 **self.motion,
             ),
         )
+
+    def _branches(self, directions: int) -> int:
+        """How many turns there are at a wall; no more than directions, whatever the error."""
+        bins = self.error * directions / 360
+        return 1 + 2 * round(min(max(bins, 0), directions)) if math.isfinite(bins) else 1
 
 
 def describe(bounces: tuple[float, ...], policy: "CoveragePolicy") -> dict[str, Any]:

@@ -7,7 +7,7 @@ import tyro
 
 from ..files import name_in_results
 from .drift_summary import describe, show
-from .options import OutputOptions
+from .options import OutputOptions, say_memory, starting
 from .terminal import note, status
 
 
@@ -62,11 +62,9 @@ class Drift(OutputOptions):
     """Seed of the drifters that are recorded."""
 
     def run(self) -> int:
-        from ..drift import open_currents
-        from ..runtime import configure_jax
-
-        configure_jax()
         self._check()
+        with starting():
+            from ..drift import open_currents
         began = time.perf_counter()
         try:
             with status(f"reading {self.file}"):
@@ -130,11 +128,15 @@ class Drift(OutputOptions):
 
     def _study(self, currents: "xr.Dataset") -> tuple["SeaDrift", dict[str, Any] | None]:
         """All that is asked for; and the numbers of groups for other steps."""
-        from .. import drift
+        from .. import drift, estimates, memory
         from ..record import SeaDrift
 
         layers = range(currents.sizes["layer"])
         waters = [drift.Water.of(currents, layer) for layer in layers]
+        needed = estimates.drift([water.cells for water in waters])
+        doing = f"drift in {sum(water.cells for water in waters):,} cells of water"
+        memory.check(needed, doing, "choose less with --bounds, or fewer --depths")
+        say_memory(needed, doing)
         flows = [drift.Flow.of(currents, layer).mean() for layer in layers]
         start = None if self.start is None else self._start(waters[0])
         goal = None if self.goal is None else self._goal(waters)

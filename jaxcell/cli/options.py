@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import json
 import math
@@ -5,7 +6,7 @@ import os
 import re
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,8 +17,13 @@ from .terminal import note, note_results, say, status
 
 
 if TYPE_CHECKING:
+    from ..estimates import Need
     from ..space import CellSpace
     from ..verify import Comparison
+
+
+# Bytes above which people are told.
+_MUCH = 1e9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -37,16 +43,26 @@ class MapOptions:
     collision: Literal["swept", "endpoint"] = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
 
-    def cells(self) -> "CellSpace":
-        """Reads the map and cuts it into cells."""
-        from ..space import CellSpace
+    def cells(self, need: "Need", doing: str) -> "CellSpace":
+        """Reads the map, and cuts it into cells if what is done with them fits the memory.
 
-        return CellSpace.load(
-            self.map,
-            cell=self.cell,
-            directions=self.directions,
-            robot_radius=self.robot_radius,
-        )
+        **Arguments:**
+
+        - `need`: the bytes that this takes.
+        - `doing`: what it is called.
+
+        **Raises:** `MemoryError` if it does not fit.
+        """
+        from .. import estimates
+        from ..space import CellSpace
+        from ..space.cells import suggested
+        from ..space.extent import Extent
+
+        chosen = suggested(self.map, self.cell, self.directions, self.robot_radius)
+        if (extent := Extent.about(*chosen)) is not None:
+            say_memory(estimates.check(extent, need, doing, self.step), doing)
+        with status(f"cutting {self.map} into cells"):
+            return CellSpace.of(*chosen)
 
     @property
     def motion(self) -> dict[str, Any]:
@@ -68,6 +84,24 @@ class MapOptions:
             "step_m": cells.cell if self.step is None else self.step,
             "collision": self.collision,
         }
+
+
+def say_memory(needed: float | int, doing: str) -> None:
+    """Tells people how much memory something needs, if it is much."""
+    from ..memory import gigabytes
+
+    if needed > _MUCH:
+        note(f"{doing} needs about {gigabytes(needed)} of memory")
+
+
+@contextlib.contextmanager
+def starting() -> Iterator[None]:
+    """Sets JAX up for a command, around the imports that take seconds."""
+    with status("loading JAX"):
+        from ..runtime import configure_jax
+
+        configure_jax()
+        yield
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from ..files import name_in_results
-from .options import OutputOptions
+from .options import OutputOptions, say_memory, starting
 from .terminal import note, status, stdout_on_stderr, table
 
 
@@ -56,12 +56,10 @@ class PatrolGraph(OutputOptions):
     """Seed of the walk that is recorded."""
 
     def run(self) -> int:
-        from ..patrol.graph_files import load_graph
-        from ..patrol.measures import measure
-        from ..patrol.strategy_game import strategy_game
-        from ..runtime import configure_jax
-
-        configure_jax()
+        with starting():
+            from ..patrol.graph_files import load_graph
+            from ..patrol.measures import measure
+            from ..patrol.strategy_game import strategy_game
         graph, names = load_graph(self.file)
         self._check(graph, names)
         began = time.perf_counter()
@@ -102,11 +100,18 @@ class PatrolGraph(OutputOptions):
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
+        from .. import estimates, memory
+
         if graph.vertices > _MOST_VERTICES:
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {_MOST_VERTICES:,}"
             )
+        weighted = self.strategy == "commute" or self.game
+        needed = estimates.walk(graph.vertices, len(graph.edges), weighted)
+        doing = f"a walk on {graph.vertices:,} vertices and {len(graph.edges):,} edges"
+        memory.check(needed, doing, "expected a smaller graph, or another --strategy")
+        say_memory(needed, doing)
         hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
         apart = np.flatnonzero(np.isinf(hops[0]))
         if apart.size:

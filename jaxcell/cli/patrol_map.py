@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ..files import name_in_results
-from .options import MapOptions, OutputOptions
+from .options import MapOptions, OutputOptions, starting
 from .patrol_map_summary import describe, show
 from .terminal import note, status, stdout_on_stderr
 
@@ -58,11 +58,12 @@ class PatrolMap(OutputOptions):
     """Seed of the simulation, and of the patrol that is recorded."""
 
     def run(self) -> int:
-        from ..runtime import configure_jax
+        from .. import estimates
 
-        configure_jax()
         self._check()
-        cells = MapOptions(map=self.map, cell=self.cell).cells()
+        cells = MapOptions(map=self.map, cell=self.cell).cells(estimates.cutting, "the cells")
+        with starting():
+            from .. import patrol  # noqa: F401
         began = time.perf_counter()
         try:
             with stdout_on_stderr():

@@ -114,12 +114,13 @@ def _costliest(parameters: Mapping[str, Any]) -> dict[str, int]:
     """The start and the goal of a plan that costs the most of all."""
     import numpy as np
 
+    from .. import estimates
     from ..bounce import all_plans
     from ..runtime import configure_jax
 
     configure_jax()
     command = _command(Navigate, "plans", {**parameters, "start": 0, "goal": 0})
-    cells = command.cells()
+    cells = command.cells(lambda e: estimates.plans(e, **command.motion), "plans")
     with status(f"planning among all pairs of {cells.size:,} cells"):
         found = all_plans(
             cells, np.radians(command.bounces), command.keep, command.change, **command.motion

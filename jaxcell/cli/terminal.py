@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 # Away from a terminal nothing is said of work that does not last.
-_FIRST_LINE, _LINES = 2.0, 60.0
+_FIRST_LINE, _LINES = 1.5, 60.0
 
 
 @contextlib.contextmanager

@@ -84,7 +84,7 @@ def open_currents(
     or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid in
     radians or degrees; missing parameters of the levels; times, depths or bounds that the file does
     not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and more
-    data than 4 GiB.
+    data than 4 GiB; `MemoryError` for more than fits the free memory.
 
     The surface of the bundled sea at its first record:
 
