@@ -4,7 +4,7 @@ import pytest
 
 from jaxcell import memory
 from jaxcell.bundled import bundled
-from jaxcell.cli import main, terminal
+from jaxcell.cli import main
 from jaxcell.space import CellSpace
 
 
@@ -61,16 +61,3 @@ def test_much_memory_is_told_and_json_stays_clean(capsys, monkeypatch):
     told = capsys.readouterr()
     assert json.loads(told.out)["positions"] == 19
     assert told.err == "groups needs about 0.0 GB of memory\n"
-
-
-def test_work_that_takes_long_is_told_away_from_a_terminal(capsys, monkeypatch):
-    with terminal.status("mapping"):
-        pass
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(terminal, "_FIRST_LINE", 0.0)
-    kept = terminal.note
-    told = terminal.threading.Event()
-    monkeypatch.setattr(terminal, "note", lambda text: (kept(text), told.set()))
-    with terminal.status("mapping"):
-        assert told.wait(10)
-    assert capsys.readouterr() == ("", "mapping ...\n")
