@@ -1,6 +1,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
+# As users have it: types of arguments are not checked.
+UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" \
+	tests/space tests/cli/test_cli.py tests/cli/test_output.py tests/record/test_group_recordings.py
+
 .PHONY: demo test test-all fuzz lint bench pictures clean
 
 demo: .venv/.runtime
@@ -9,6 +13,7 @@ demo: .venv/.runtime
 test: .venv/.dev
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz --ignore tests/test_without_x64.py
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(UNCHECKED)
 
 test-all: .venv/.dev
 	$(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile --ignore tests/test_without_x64.py

@@ -1,4 +1,4 @@
-"""How results are written: whole, or not at all."""
+"""How results are written, whole or not at all, and how they name other files."""
 
 import contextlib
 import os
@@ -25,3 +25,15 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def name_in_results(path: str | os.PathLike[str]) -> str:
+    """How results name a file: from the working directory down, or where it is not there, by its
+    own name.
+
+    Results are passed on, and what leads to a file from elsewhere may name who made them.
+    """
+    absolute, here = Path(os.path.abspath(path)), Path.cwd()
+    if absolute.is_relative_to(here) and here not in Path(os.path.expanduser("~")).parents:
+        return str(absolute.relative_to(here))
+    return absolute.name

@@ -21,6 +21,14 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def no_lines_of_progress():
+    """Tests compare what commands say, which is not to depend on how fast this machine is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxcell.cli.terminal._FIRST_LINE", 3600.0)
+        yield
+
+
 @pytest.fixture
 def getkey():
     """A function that gives a new PRNG key at each call."""

@@ -14,17 +14,20 @@ def stub(batch, fixed, seed):
 
     `fixed` may have `seconds` that a chunk takes, and `folder`, where each call leaves a file.
     Members with `x == fixed["fail"]` fail; those with `x == fixed["kill"]` kill their process,
-    and with `fixed["once"]` only the first time.
+    and with `fixed["once"]` only the first time; those with `x == fixed["hang"]` take minutes.
     """
     x = np.asarray(batch["x"], float)
     time.sleep(fixed.get("seconds", 0))
     if "folder" in fixed:
         folder = Path(fixed["folder"])
-        (folder / f"{os.getpid()}-{time.monotonic_ns()}").touch()
+        numbers = "_".join(f"{each:g}" for each in x)
+        (folder / f"{os.getpid()}-{time.monotonic_ns()}-{numbers}").touch()
     if (x == fixed.get("fail")).any():
         raise RuntimeError(f"x is {fixed['fail']}")
     if (x == fixed.get("kill")).any() and not _seen(fixed):
         os.kill(os.getpid(), signal.SIGKILL)
+    if (x == fixed.get("hang")).any():
+        time.sleep(300)
     value = x**2 + seed
     if "y" in batch:
         value = value + np.asarray(batch["y"], float)
@@ -39,6 +42,32 @@ def stub(batch, fixed, seed):
         },
         {"exponent": np.arange(3)},
     )
+
+
+def chatty(batch, fixed, seed):
+    """Prints, as some do."""
+    print("from Python", flush=True)
+    os.write(1, b"from elsewhere\n")
+    return stub(batch, fixed, seed)
+
+
+def dies_twice(batch, fixed, seed):
+    """Each member kills its process twice."""
+    (x,) = batch["x"]
+    for time_of in ("first", "second"):
+        path = Path(fixed["folder"], f"{x}-{time_of}")
+        if not path.exists():
+            path.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return xr.Dataset({"x2": ("member", np.asarray(batch["x"]) ** 2)})
+
+
+def who(batch, fixed, seed):
+    """The name of the worker of Dask that computes it."""
+    from distributed import get_worker
+
+    time.sleep(fixed["seconds"])
+    return xr.Dataset({"name": ("member", [int(get_worker().name)])})
 
 
 def _seen(fixed):

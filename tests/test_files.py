@@ -1,6 +1,8 @@
+import os
+
 import pytest
 
-from jaxcell.files import replacing
+from jaxcell.files import name_in_results, replacing
 
 
 def test_replaces_a_file(tmp_path):
@@ -38,3 +40,24 @@ def test_names_a_missing_folder(tmp_path):
         replacing(tmp_path / "nowhere" / "a.txt"),
     ):
         pass
+
+
+@pytest.mark.parametrize(
+    ("here", "path", "name"),
+    [
+        ("home/me/work", "maps/a.json", "maps/a.json"),
+        ("home/me/work", "./maps/../a.json", "a.json"),
+        ("home/me/work", "{root}/home/me/work/maps/a.json", "maps/a.json"),
+        ("home/me/work", "{root}/home/me/a.json", "a.json"),
+        ("home/me/work", "{root}/home/me/workshop/a.json", "a.json"),
+        ("home/me/work", "../secret/a.json", "a.json"),
+        ("home/me", "work/a.json", "work/a.json"),
+        ("home", "me/work/a.json", "a.json"),
+        (".", "{root}/home/you/a.json", "a.json"),
+    ],
+)
+def test_results_do_not_say_where_files_are_kept(tmp_path, monkeypatch, here, path, name):
+    (tmp_path / "home" / "me" / "work").mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(tmp_path / "home" / "me"))
+    monkeypatch.chdir(tmp_path / here)
+    assert name_in_results(path.format(root=tmp_path)).split(os.sep) == name.split("/")

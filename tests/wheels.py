@@ -1,15 +1,13 @@
-"""A robot without a serial line, and the filters of maps, for the tests of `jaxcell.robot`."""
+"""Robots in maps, and the filters of maps, for the tests of `jaxcell.robot`."""
 
-import math
 from pathlib import Path
 
 import numpy as np
 
 from jaxcell.automata import Filter, subset_construction
-from jaxcell.robot.body import Body
-from jaxcell.robot.create import Moved
-from jaxcell.robot.driver import RobotStopped
-from jaxcell.robot.packets import WHEEL_BASE
+from jaxcell.robot.body import Body, bumper_give
+from jaxcell.robot.simulated import SimulatedCreate
+from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 
@@ -37,35 +35,27 @@ def bounce_filter(cells: CellSpace, bounce_deg: float, **fields) -> Filter:
     return Filter.of(subset_construction(*bounce_tables(cells, bounce_deg)), **fields)
 
 
-class Wheels:
-    """Drives a body itself, tick by tick, as `Create` does through the line."""
+def pose_of(cells: CellSpace, cell: int) -> tuple[float, float, float]:
+    x, y, theta = cells.centre(cell)
+    return float(x), float(y), float(theta)
 
-    def __init__(self, body: Body, seconds: float = 0.02) -> None:
-        self.body, self._seconds = body, seconds
 
-    def forward(self, distance: float, *, tolerance: float) -> Moved:
-        start = self._sensed()
-        while abs(rest := distance - (self._sensed()[0] - start[0])) > tolerance / 2:
-            speed = math.copysign(min(1.0, max(0.002, 20 * abs(rest))), rest)
-            before = self._sensed()
-            self.body.advance(speed, speed, self._seconds)
-            if distance < 0 and self._sensed() == before:
-                raise RobotStopped("it has backed into a wall")
-            if distance > 0 and (self.body.bump_left or self.body.bump_right):
-                return self._moved(start, True)
-        return self._moved(start, False)
+def body_in(cells: CellSpace, cell: int, **fields) -> Body:
+    """A body as `jaxcell robot run --simulate` makes it, unless said otherwise."""
+    return Body(cells.workspace, pose_of(cells, cell), **{"give": bumper_give(cells.cell)} | fields)
 
-    def turn(self, angle: float, *, tolerance: float) -> Moved:
-        start = self._sensed()
-        while abs(rest := angle - (self._sensed()[1] - start[1])) > tolerance / 2:
-            speed = math.copysign(min(0.5, max(0.002, 3 * abs(rest))), rest)
-            self.body.advance(-speed, speed, self._seconds)
-        return self._moved(start, False)
 
-    def _sensed(self) -> tuple[float, float]:
-        left, right = self.body.travelled
-        return (left + right) / 2, (right - left) / WHEEL_BASE
+def walker_in(cells: CellSpace, cell: int, **fields) -> tuple[Walker, Body]:
+    """A walker with the driver and the emulated robot, and the body that this moves."""
+    body = body_in(cells, cell, **fields)
+    strides = cell_strides(cells.directions, cells.cell, cells.cell)
+    direction = cell // cells.positions
+    return Walker(SimulatedCreate(body), cells.cell, strides=strides, direction=direction), body
 
-    def _moved(self, start: tuple[float, float], bumped: bool) -> Moved:
-        distance, angle = self._sensed()
-        return Moved(distance - start[0], angle - start[1], bumped)
+
+def place_of(cells: CellSpace, body: Body) -> int | None:
+    """The cell where a body is, if any."""
+    try:
+        return int(cells.index(*body.pose))
+    except ValueError:
+        return None

@@ -4,6 +4,8 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Int32, Int64, Integer, UInt64
 
+from ..memory import check
+
 
 # Below this many cells in a whole level, plain Python costs less than the fixed price of some
 # twenty NumPy calls.
@@ -52,7 +54,7 @@ def subset_construction(
     **Returns:** [`jaxcell.automata.Automaton`][].
 
     **Raises:** `ValueError` if an image is not a cell, there are no cells, or the sets outgrow
-    `limit`.
+    `limit`; `MemoryError` once they outgrow the free memory.
 
     Three cells in a ring, with a bump on the way from cell 2 to cell 0. The states are the sets
     {0, 1, 2}, {1, 2}, {0}, {2} and {1}:
@@ -127,9 +129,15 @@ class _Subsets:
                 f"more than the limit of {self.limit}"
             )
         if end > self.members.size:
+            size = max(end, self.members.size * 5 // 4)
+            check(
+                (size - self.members.size) * self.members.itemsize,
+                f"a filter of more than {len(self)} states",
+                "use larger cells or fewer directions",
+            )
             # The system's realloc moves pages, not bytes; nothing else holds a view of this buffer
             # here.
-            self.members.resize(max(end, self.members.size * 5 // 4), refcheck=False)
+            self.members.resize(size, refcheck=False)
         np.concatenate(sets, out=self.members[begin:end])
 
 

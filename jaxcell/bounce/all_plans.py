@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array, Float, Int, Integer, Shaped
 
+from .. import memory
 from ..space import CellSpace
 from .dynamics import Collision
 from .navigate import Plan, read_plan
@@ -145,7 +146,8 @@ def all_plans(
 
     **Returns:** [`jaxcell.bounce.AllPlans`][].
 
-    **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `FileNotFoundError` if the folder of the
+    **Raises:** `ValueError` as [`jaxcell.bounce.plan`][]; `MemoryError` where the plans would not
+    fit the free memory and there is no file; `FileNotFoundError` if the folder of the
     file does not exist.
 
     What the plans from all six cells of a corridor to cell 0 cost:
@@ -161,6 +163,15 @@ def all_plans(
     roadmap = Roadmap.of(
         cells, bounces, keep, change, step=step, collision=collision, method=method
     )
+
+    if file is None:
+        # Costs, layers and turns, and once more where the parts are joined.
+        state = roadmap.number.itemsize + roadmap.small.itemsize * (1 + len(roadmap.bounces))
+        memory.check(
+            2.0 * state * roadmap.entry.size * roadmap.walls,
+            f"plans from {roadmap.walls:,} walls to {roadmap.entry.size:,} entries",
+            "write them to a file, or use larger cells or fewer directions",
+        )
 
     def solved() -> Iterator[Ways]:
         for some in _blocks(roadmap):

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
+from .. import estimates
 from ..base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ..certificate import Certificate
 from ..mapping import Chain, PersistentGroups, persistent_groups
@@ -16,6 +17,7 @@ from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
 from ..precision import require_x64
 from ..space import CellSpace
+from ..space.extent import Extent
 from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
 
 
@@ -304,7 +306,8 @@ def coverage_policy(
     **Returns:** [`CoveragePolicy`][].
 
     **Raises:** `ValueError` for no angles, two that are the same, a bad target, or as
-    [`noisy_bounce_map`][]; `RuntimeError` if a solve stalls, or where JAX is set to 32 bits.
+    [`noisy_bounce_map`][]; `RuntimeError` if a solve stalls, or where JAX is set to 32 bits;
+    `MemoryError` where the noisy maps would not fit the free memory.
 
     A room of two by two squares is covered evenly by any policy:
 
@@ -328,6 +331,14 @@ def coverage_policy(
                 f"{shifts.index(shift)}"
             )
     wanted = coverage_target(cells, target)
+    estimates.check(
+        Extent.of(cells),
+        lambda e: estimates.coverage(
+            e, step, collision, angles=len(turns), branches=len(turns[0][0])
+        ),
+        "coverage",
+        step,
+    )
     possible = moves_of(cells, step=step, collision=collision)
     groups, limiting, coverage = [], [], []
     for turn, probability in turns:

@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import estimates
 from ..mapping import SimpleMap
 from ..space import CellSpace, free_steps, line_orders, stencil
+from ..space.extent import Extent
 
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
@@ -51,7 +53,7 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     **Returns:** [`Moves`][].
 
     **Raises:** `ValueError` for a step that is too short or not finite, or an unknown collision
-    rule.
+    rule; `MemoryError` where the moves would not fit the free memory.
 
     A corridor of three squares, with the directions East and West:
 
@@ -67,16 +69,19 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
     if collision not in ("swept", "endpoint"):
         raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
+    estimates.check(
+        Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
+    )
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         places = cells.square, cells.position_of_square
         if cells.gridded:
-            shape = stencil(cells.directions, length, collision)
+            shape = stencil(cells.directions, length, collision, cells.free.shape)
             order = line_orders(*cells.free.shape, shape.lines)
             on_grid = _grid_moves(cells.free, order, shape.way, shape.line, *shape.looks)
             return _free_positions(on_grid, *places)
         target, first, way = _unique_rows(free_steps(cells, length, collision))
-        shape = stencil(cells.directions, length, "endpoint")
+        shape = stencil(cells.directions, length, "endpoint", cells.free.shape)
         order = _order_of_positions(line_orders(*cells.free.shape, shape.lines), *places)
         line = jnp.asarray(shape.line[shape.way[first]])
         free = jnp.ones(cells.positions, bool)
@@ -116,7 +121,7 @@ def grid_moves(
     """
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
-    shape = stencil(directions, float(step), collision)
+    shape = stencil(directions, float(step), collision, free.shape)
     order = line_orders(*free.shape, shape.lines)
     return _grid_moves(free, order, shape.way, shape.line, *shape.looks)
 
@@ -259,8 +264,8 @@ def bounce_map(
 
     **Returns:** [`jaxcell.mapping.SimpleMap`][] with arrays over the cells.
 
-    **Raises:** `ValueError` for an angle that is not a whole number of directions; else as
-    [`moves`][].
+    **Raises:** `ValueError` for an angle that is not a whole number of directions; `MemoryError`
+    where the images would not fit the free memory; else as [`moves`][].
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -274,6 +279,12 @@ def bounce_map(
     """
     shift = bounce_shift(bounce, cells.directions)
     possible = moves(cells, step=step, collision=collision)
+    estimates.check(
+        Extent.of(cells),
+        lambda e: estimates.IMAGE * e.size * shift.size,
+        "images of all cells",
+        step,
+    )
     function = functools.partial(bounce_image, possible)
     for _ in range(shift.ndim):
         function = jax.vmap(function)

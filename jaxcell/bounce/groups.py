@@ -6,9 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import estimates
 from ..mapping import GroupSummary, PeriodicGroups, Section, SectionGroups, section_groups
 from ..mapping.section import bucket
 from ..space import CellSpace
+from ..space.extent import Extent
 from .dynamics import Collision, Moves, bounce_shift, count_before, moves as moves_of
 
 
@@ -225,6 +227,9 @@ def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
 def _straight(
     cells: CellSpace, step: float | None, collision: Collision
 ) -> tuple[Moves, Runs, int]:
+    estimates.check(
+        Extent.of(cells), lambda e: estimates.groups(e, step, collision), "groups of cells", step
+    )
     with jax.ensure_compile_time_eval():
         possible = moves_of(cells, step=step, collision=collision)
         straight = runs(possible)
@@ -261,7 +266,7 @@ def bounce_groups(
 
     **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
 
-    **Raises:** `ValueError` as [`jaxcell.bounce.bounce_map`][].
+    **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.bounce_map`][].
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -274,6 +279,10 @@ def bounce_groups(
         (1, [6, 6, 6, 6, 6, 6])
     """
     possible, straight, groups = _section_groups(cells, bounce, step, collision)
+    batch = groups.count.size
+    estimates.check(
+        Extent.of(cells), lambda e: estimates.IMAGE * e.size * batch, "groups of all cells", step
+    )
     expand = functools.partial(expand_groups, possible, straight)
     for _ in range(groups.count.ndim):
         expand = jax.vmap(expand)

@@ -85,8 +85,8 @@ def plan(
 
     **Raises:** `ValueError` for a cell that does not exist; for no angles, one that is not a whole
     number of directions, one that turns the robot to the same direction as another or not at all;
-    for costs that are not finite and above 0, or a change that costs less than none; and as
-    [`jaxcell.bounce.moves`][].
+    for costs that are not finite and above 0, or a change that costs less than none; `MemoryError`
+    where the roadmap would not fit the free memory; and as [`jaxcell.bounce.moves`][].
 
     A corridor of three squares, whose cells 0, 1, 2 look East and 3, 4, 5 West; to turn takes one
     bump:

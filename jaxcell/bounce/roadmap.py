@@ -7,7 +7,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import estimates
 from ..space import CellSpace
+from ..space.extent import Extent
 from .dynamics import Collision, bounce_shift, moves as moves_of
 from .groups import runs
 
@@ -74,13 +76,16 @@ class Roadmap:
 
         **Arguments:** as for [`jaxcell.bounce.plan`][].
 
-        **Raises:** `ValueError` as [`jaxcell.bounce.plan`][].
+        **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.plan`][].
         """
         angles = np.asarray(bounces, float)
         shift = _shifts(angles, cells.directions)
         keep, change = _weights(keep, change)
         if method not in ("exact", "layered"):
             raise ValueError(f"method: expected 'exact' or 'layered', got {method!r}")
+        estimates.check(
+            Extent.of(cells), lambda e: estimates.plans(e, step, collision), "a roadmap", step
+        )
         possible = moves_of(cells, step=step, collision=collision)
         straight = runs(possible)
         way = np.asarray(possible.way)

@@ -60,7 +60,7 @@ def walls(
     """
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
-    shape = stencil(directions, float(step), collision)
+    shape = stencil(directions, float(step), collision, free.shape[1:])
     lines = _lines(*free.shape[1:], shape.lines)
     rooms = [
         _walls_of(one.ravel(), _still(one, directions, float(step), collision), shape.line, *lines)
@@ -170,7 +170,7 @@ def _still(
     free: Bool[np.ndarray, "rows columns"], directions: int, step: float, collision: Collision
 ) -> Bool[np.ndarray, "ways rows columns"]:
     """Whether no step in a way is possible from a square, or the square is not free."""
-    shape = stencil(directions, step, collision)
+    shape = stencil(directions, step, collision, free.shape)
     rows, columns = free.shape
     margin = int(np.abs(shape.square).max())
     framed = np.pad(free, margin)

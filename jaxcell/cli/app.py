@@ -59,6 +59,14 @@ _DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 
 
+def _line(error: ValueError | OSError | MemoryError) -> str:
+    """What an error says, as one line, which scripts read, without numbers of the system."""
+    text = str(error)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        text = f"{error.filename}: {error.strerror}"
+    return " ".join(re.sub(r"\[Errno -?\d+\] ", "", text).split())
+
+
 def run(args: Sequence[str]) -> int:
     if list(args) == ["--version"]:
         from .. import __version__
@@ -78,10 +86,8 @@ def run(args: Sequence[str]) -> int:
         # Whoever read the output has seen enough, as `head` does; nothing is lost.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, OSError) as error:
-        # One line, whatever the message: scripts read it.
-        message = " ".join(str(error).split())
-        print(f"jaxcell {name}: {_as_options(message, type(command))}", file=sys.stderr)
+    except (ValueError, OSError, MemoryError) as error:
+        print(f"jaxcell {name}: {_as_options(_line(error), type(command))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

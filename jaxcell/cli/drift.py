@@ -1,13 +1,13 @@
 import dataclasses
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ..files import name_in_results
 from .drift_summary import describe, show
-from .options import OutputOptions
+from .options import OutputOptions, say_memory, starting
 from .terminal import note, status
 
 
@@ -37,6 +37,8 @@ class Drift(OutputOptions):
     """Depths of the layers in metres; by default those of the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north of the part to read, in degrees."""
+    variables: tuple[str, str] | None = None
+    """Names of the velocities towards the East and North, where the file leaves it open."""
     duration: float | None = None
     """Seconds that a step takes; by default the time in which drifters of the slowest layer drift
     by one cell on average."""
@@ -60,11 +62,9 @@ class Drift(OutputOptions):
     """Seed of the drifters that are recorded."""
 
     def run(self) -> int:
-        from ..drift import open_currents
-        from ..runtime import configure_jax
-
-        configure_jax()
         self._check()
+        with starting():
+            from ..drift import open_currents
         began = time.perf_counter()
         try:
             with status(f"reading {self.file}"):
@@ -73,14 +73,15 @@ class Drift(OutputOptions):
                     time=self._record(),
                     depths=self.depths or None,
                     bounds=self.bounds,
+                    variables=self.variables,
                 )
             drift, counts = self._study(currents)
         except RuntimeError as error:
-            print(f"jaxcell drift: {error}", file=sys.stderr)
+            note(f"jaxcell drift: {error}")
             return 1
         spec = self._spec(drift)
         with status("telling where drifters end up"):
-            described = describe(drift, counts)
+            described = describe(drift, counts, self.spread)
         seconds = time.perf_counter() - began
         summary = {**spec, **described, "seconds": round(seconds, 3)}
         if self.out is not None:
@@ -127,11 +128,15 @@ class Drift(OutputOptions):
 
     def _study(self, currents: "xr.Dataset") -> tuple["SeaDrift", dict[str, Any] | None]:
         """All that is asked for; and the numbers of groups for other steps."""
-        from .. import drift
+        from .. import drift, estimates, memory
         from ..record import SeaDrift
 
         layers = range(currents.sizes["layer"])
         waters = [drift.Water.of(currents, layer) for layer in layers]
+        needed = estimates.drift([water.cells for water in waters])
+        doing = f"drift in {sum(water.cells for water in waters):,} cells of water"
+        memory.check(needed, doing, "choose less with --bounds, or fewer --depths")
+        say_memory(needed, doing)
         flows = [drift.Flow.of(currents, layer).mean() for layer in layers]
         start = None if self.start is None else self._start(waters[0])
         goal = None if self.goal is None else self._goal(waters)
@@ -216,10 +221,11 @@ class Drift(OutputOptions):
     def _spec(self, drift: "SeaDrift") -> dict[str, Any]:
         """What determines the result."""
         spec: dict[str, Any] = {
-            "file": str(self.file),
+            "file": name_in_results(self.file),
             **({} if self.time is None else {"time": self.time}),
             "depths_m": drift.depths,
             **({} if self.bounds is None else {"bounds": list(self.bounds)}),
+            **({} if self.variables is None else {"variables": list(self.variables)}),
             "duration_s": drift.duration,
             "rho": self.rho,
             "spread": self.spread,

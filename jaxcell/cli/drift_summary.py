@@ -14,15 +14,17 @@ if TYPE_CHECKING:
 
 
 _MOST_LISTED = 20
+_REMEDIES = {"duration": "a longer --duration", "spread": "--spread sampled"}
 
 
-def describe(drift: "SeaDrift", counts: dict[str, Any] | None) -> dict[str, Any]:
+def describe(drift: "SeaDrift", counts: dict[str, Any] | None, spread: str) -> dict[str, Any]:
     """The numbers of a sea.
 
     **Arguments:**
 
     - `drift`: what was found.
     - `counts`: the numbers of persistent groups for other steps, if there are any.
+    - `spread`: that of the maps.
     """
     currents = drift.currents
     times = np.datetime_as_string(currents.time.values, unit="s").tolist()
@@ -32,7 +34,7 @@ def describe(drift: "SeaDrift", counts: dict[str, Any] | None) -> dict[str, Any]
         "north_from": currents.attrs["north_from"],
         "notes": currents.attrs["notes"].splitlines(),
         "records": times,
-        "layers": [_layer(drift, layer) for layer in range(len(drift.waters))],
+        "layers": [_layer(drift, layer, spread) for layer in range(len(drift.waters))],
         "sensitivity": counts,
         "deployment": [
             {
@@ -56,7 +58,7 @@ def describe(drift: "SeaDrift", counts: dict[str, Any] | None) -> dict[str, Any]
     }
 
 
-def _layer(drift: "SeaDrift", layer: int) -> dict[str, Any]:
+def _layer(drift: "SeaDrift", layer: int, spread: str) -> dict[str, Any]:
     from ..certificate import Outcome
 
     water, behaviour = drift.waters[layer], drift.behaviours[layer]
@@ -68,7 +70,6 @@ def _layer(drift: "SeaDrift", layer: int) -> dict[str, Any]:
     smallest = np.flatnonzero(group >= 0)[first]
     size = np.asarray(transient.size)
     transient_hours = hours[group < 0] if (group < 0).any() else np.zeros(1)
-    ends = drift.ends[layer]
     return {
         "depth_m": water.depth,
         "cells": water.cells,
@@ -76,6 +77,7 @@ def _layer(drift: "SeaDrift", layer: int) -> dict[str, Any]:
         "mean_shift_cells": diagnosis.mean_shift,
         "self_image_share": diagnosis.self_image,
         "warning": diagnosis.warning,
+        "remedies": [_REMEDIES[name] for name in diagnosis.remedies(spread)],
         "persistent_groups": [
             {
                 "cells": int(count),
@@ -105,7 +107,7 @@ def _layer(drift: "SeaDrift", layer: int) -> dict[str, Any]:
         "longest_hours": _finite(transient_hours.max()),
         "times_certified": behaviour.absorption.certificate.outcome is Outcome.CONVERGED,
         "almost_for_ever_cells": int(drift.almost_for_ever(layer).sum()),
-        "leaving": None if ends is None else float(np.asarray(ends.leaving).mean()),
+        "leaving": _finite(drift.leaving(layer).mean()),
     }
 
 
@@ -194,7 +196,10 @@ def show(summary: dict[str, Any]) -> None:
     _show_voyage(summary)
     for layer in summary["layers"]:
         if layer["warning"]:
-            note(f"At {layer['depth_m']:g} m: {layer['warning']}.")
+            told = f"At {layer['depth_m']:g} m: {layer['warning']}"
+            if layer["remedies"]:
+                told += f"; take {' or '.join(layer['remedies'])}"
+            note(f"{told}.")
         if layer["almost_for_ever_cells"]:
             note(
                 f"At {layer['depth_m']:g} m: from {layer['almost_for_ever_cells']:,} transient "
@@ -343,7 +348,7 @@ def _show_voyage(summary: dict[str, Any]) -> None:
     if not all(one["policy_certified"] and one["times_certified"] for one in overall):
         note(
             "What is not certified is beyond 64-bit numbers somewhere: an eddy holds drifters "
-            "almost for ever. It may be right elsewhere; simulate it, or take another step."
+            "almost for ever. It may be right elsewhere; --duration takes another step."
         )
 
 

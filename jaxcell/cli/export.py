@@ -19,7 +19,7 @@ class Export:
 
     def run(self) -> int:
         from .. import automata
-        from .options import write_text
+        from .options import check_out, write_text
 
         formats = {
             ".dot": automata.to_dot,
@@ -29,6 +29,7 @@ class Export:
         }
         if self.file.suffix not in formats:
             raise ValueError(f"{self.file}: expected a suffix among {', '.join(formats)}")
+        check_out(self.file, folder=False, option="")
         filter = automata.Filter.load(self.filter)
         if self.minimal:
             filter = automata.minimize(filter)

@@ -1,7 +1,7 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from .options import MapOptions, OutputOptions
+from .options import MapOptions, OutputOptions, starting
 from .terminal import count_cells, status, table
 
 
@@ -19,15 +19,22 @@ class Groups(MapOptions, OutputOptions):
     """Bouncing angles in degrees, counter-clockwise; several make one batched run."""
 
     def run(self) -> int:
-        import numpy as np
+        from .. import estimates
 
-        from ..bounce import bounce_groups, bounce_map, group_summary
-        from ..runtime import configure_jax
-
-        configure_jax()
         if not self.bounce:
             raise ValueError("--bounce: expected at least one angle in degrees")
-        cells = self.cells()
+        cells = self.cells(
+            lambda e: (
+                estimates.images(e, len(self.bounce), **self.motion)
+                if self.verify or self.out is not None
+                else estimates.groups(e, **self.motion)
+            ),
+            "groups",
+        )
+        with starting():
+            import numpy as np
+
+            from ..bounce import bounce_groups, bounce_map, group_summary
         angles = np.radians(self.bounce)
         with status(f"mapping {len(angles)} x {cells.size:,} cells"):
             found = group_summary(cells, angles, **self.motion)

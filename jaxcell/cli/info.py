@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from .terminal import table
+from . import info_exports
+from .terminal import say, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,7 @@ class Info:
     def run(self) -> int:
         found = describe(self.file)
         if self.json:
-            print(json.dumps(found))
+            say(json.dumps(found))
         else:
             rows = [(name.replace("_", " "), _shown(value)) for name, value in found.items()]
             table(str(self.file), ("", ""), rows)
@@ -161,6 +162,8 @@ def _json(path: Path) -> dict[str, Any]:
         return _map(path)
     if fields.get("format") == "jaxcell-robot-task":
         return _robot_task(path)
+    if fields.get("format") == "jaxcell filter":
+        return _exported_filter(path, fields)
     if "nodes" in fields:
         return _graph(path)
     if "command" in fields:
@@ -200,6 +203,19 @@ def _graph(path: Path) -> dict[str, Any]:
 
     graph, names = load_graph(path)
     return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
+
+
+def _exported_filter(path: Path, fields: dict[str, Any]) -> dict[str, Any]:
+    try:
+        targets = [target for row in fields["transition"] for target in row]
+        return {
+            "what": "a filter, for other programs",
+            "states": len(fields["transition"]),
+            "transitions": sum(target >= 0 for target in targets),
+            "knowledge_cycles": len(fields["cycles"]),
+        }
+    except (KeyError, TypeError):
+        raise ValueError(f"{path}: expected a filter, as `jaxcell export` writes it") from None
 
 
 def _robot_task(path: Path) -> dict[str, Any]:
@@ -276,6 +292,13 @@ _KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".yaml": _map,
     ".yml": _map,
     ".txt": _map_or_graph,
+    ".pgm": info_exports.picture,
+    ".dot": info_exports.dot,
+    ".jff": info_exports.jflap,
+    ".h": info_exports.c_header,
+    ".ino": info_exports.sketch,
+    ".csv": info_exports.points_csv,
+    ".geojson": info_exports.geojson,
     ".edges": _graph,
     ".graphml": _graph,
 }

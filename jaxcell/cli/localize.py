@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import MapOptions, OutputOptions, cell_at
+from .options import MapOptions, OutputOptions, cell_at, starting
 from .terminal import configuration, count_cells, status, table
 
 
@@ -32,13 +32,13 @@ class Localize(MapOptions, OutputOptions):
     """Give the filter a trap for observations that cannot occur on the map."""
 
     def run(self) -> int:
-        import numpy as np
+        from .. import estimates
 
-        from ..bounce import bounce_groups, bounce_map, localization_filter, localize
-        from ..runtime import configure_jax
+        cells = self.cells(lambda e: estimates.localization(e, **self.motion), "localization")
+        with starting():
+            import numpy as np
 
-        configure_jax()
-        cells = self.cells()
+            from ..bounce import bounce_groups, bounce_map, localization_filter, localize
         if self.start is None:
             start = int(np.random.default_rng(self.seed).integers(cells.size))
         else:

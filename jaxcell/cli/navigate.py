@@ -3,7 +3,7 @@ import math
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from .options import MapOptions, OutputOptions, cell_at
+from .options import MapOptions, OutputOptions, cell_at, starting
 from .terminal import configuration, count_cells, status, table
 
 
@@ -31,13 +31,13 @@ class Navigate(MapOptions, OutputOptions):
     """What a bump with another angle costs."""
 
     def run(self) -> int:
-        import numpy as np
+        from .. import estimates
 
-        from ..bounce import plan
-        from ..runtime import configure_jax
+        cells = self.cells(lambda e: estimates.plans(e, **self.motion), "a plan")
+        with starting():
+            import numpy as np
 
-        configure_jax()
-        cells = self.cells()
+            from ..bounce import plan
         start, goal = cell_at(cells, self.start, "--start"), cell_at(cells, self.goal, "--goal")
         weights: dict[str, Any] = {"keep": _whole(self.keep), "change": _whole(self.change)}
         with status(f"planning among {cells.size:,} cells"):

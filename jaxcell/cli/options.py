@@ -1,23 +1,29 @@
+import contextlib
 import dataclasses
 import json
 import math
 import os
 import re
-import sys
+import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ..files import replacing
-from .terminal import note, note_results, status
+from ..files import name_in_results, replacing
+from .terminal import note, note_results, say, status
 
 
 if TYPE_CHECKING:
+    from ..estimates import Need
     from ..space import CellSpace
     from ..verify import Comparison
+
+
+# Bytes above which people are told.
+_MUCH = 1e9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -37,16 +43,26 @@ class MapOptions:
     collision: Literal["swept", "endpoint"] = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
 
-    def cells(self) -> "CellSpace":
-        """Reads the map and cuts it into cells."""
-        from ..space import CellSpace
+    def cells(self, need: "Need", doing: str) -> "CellSpace":
+        """Reads the map, and cuts it into cells if what is done with them fits the memory.
 
-        return CellSpace.load(
-            self.map,
-            cell=self.cell,
-            directions=self.directions,
-            robot_radius=self.robot_radius,
-        )
+        **Arguments:**
+
+        - `need`: the bytes that this takes.
+        - `doing`: what it is called.
+
+        **Raises:** `MemoryError` if it does not fit.
+        """
+        from .. import estimates
+        from ..space import CellSpace
+        from ..space.cells import suggested
+        from ..space.extent import Extent
+
+        chosen = suggested(self.map, self.cell, self.directions, self.robot_radius)
+        if (extent := Extent.about(*chosen)) is not None:
+            say_memory(estimates.check(extent, need, doing, self.step), doing)
+        with status(f"cutting {self.map} into cells"):
+            return CellSpace.of(*chosen)
 
     @property
     def motion(self) -> dict[str, Any]:
@@ -57,7 +73,7 @@ class MapOptions:
         """What determines the cells and their images, for the provenance of results."""
         assert cells.workspace is not None
         return {
-            "map": str(self.map),
+            "map": name_in_results(self.map),
             "name": cells.workspace.name,
             "robot_radius_m": cells.workspace.robot_radius,
             "cell_m": cells.cell,
@@ -68,6 +84,24 @@ class MapOptions:
             "step_m": cells.cell if self.step is None else self.step,
             "collision": self.collision,
         }
+
+
+def say_memory(needed: float | int, doing: str) -> None:
+    """Tells people how much memory something needs, if it is much."""
+    from ..memory import gigabytes
+
+    if needed > _MUCH:
+        note(f"{doing} needs about {gigabytes(needed)} of memory")
+
+
+@contextlib.contextmanager
+def starting() -> Iterator[None]:
+    """Sets JAX up for a command, around the imports that take seconds."""
+    with status("loading JAX"):
+        from ..runtime import configure_jax
+
+        configure_jax()
+        yield
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,7 +139,7 @@ class OutputOptions:
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
-            print(json.dumps(summary))
+            say(json.dumps(summary))
         else:
             show()
             if self.out is not None:
@@ -114,7 +148,7 @@ class OutputOptions:
             return 0
         for one in verified["comparisons"]:
             if not one["agrees"]:
-                print(f"jaxcell {name}: --verify: {one['what']}: {one['where']}", file=sys.stderr)
+                note(f"jaxcell {name}: --verify: {one['what']}: {one['where']}")
         if verified["agrees"] and not self.json:
             note(
                 f"Verified: {verified['count']:,} numbers agree with another route, in "
@@ -167,17 +201,31 @@ def cell_at(cells: "CellSpace", text: str, option: str) -> int:
         raise ValueError(f"{option} {text!r}: {error}") from None
 
 
-def check_out(out: Path, folder: bool) -> None:
+def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
     """Refuses a place for results where none can be written, before they are computed.
 
-    **Raises:** `NotADirectoryError` or `PermissionError`.
+    **Arguments:**
+
+    - `out`: the place.
+    - `folder`: whether it is to be a folder, or a file.
+    - `option`: what the message calls it.
+
+    **Raises:** `IsADirectoryError`, `NotADirectoryError` or `PermissionError`.
     """
-    places = [out.absolute(), *out.absolute().parents]
-    place = next(place for place in places if place.exists())
-    if not place.is_dir() and (folder or place != places[0]):
-        raise NotADirectoryError(f"--out {out}: {place} is no directory")
-    if not os.access(place, os.W_OK):
-        raise PermissionError(f"--out {out}: {place} cannot be written to")
+    wanted = out.absolute()
+    if not folder:
+        if wanted.is_dir():
+            raise IsADirectoryError(f"{option}{out}: expected a file, and this is a directory")
+        wanted = wanted.parent
+    place = next(place for place in (wanted, *wanted.parents) if os.path.lexists(place))
+    if not place.is_dir():
+        raise NotADirectoryError(f"{option}{out}: {place} is no directory")
+    try:
+        # Permissions tell only half of it: a disk may be full, or mounted to be read.
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise PermissionError(f"{option}{out}: {place} cannot be written to") from error
 
 
 def write_text(path: Path, text: str) -> None:

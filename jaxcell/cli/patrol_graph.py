@@ -1,6 +1,5 @@
 import dataclasses
 import math
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from .options import OutputOptions
-from .terminal import solver_on_stderr, status, table
+from ..files import name_in_results
+from .options import OutputOptions, say_memory, starting
+from .terminal import note, status, stdout_on_stderr, table
 
 
 if TYPE_CHECKING:
@@ -56,18 +56,16 @@ class PatrolGraph(OutputOptions):
     """Seed of the walk that is recorded."""
 
     def run(self) -> int:
-        from ..patrol.graph_files import load_graph
-        from ..patrol.measures import measure
-        from ..patrol.strategy_game import strategy_game
-        from ..runtime import configure_jax
-
-        configure_jax()
+        with starting():
+            from ..patrol.graph_files import load_graph
+            from ..patrol.measures import measure
+            from ..patrol.strategy_game import strategy_game
         graph, names = load_graph(self.file)
         self._check(graph, names)
         began = time.perf_counter()
         game = None
         try:
-            with solver_on_stderr():
+            with stdout_on_stderr():
                 with status(f"seeking a walk on {graph.vertices:,} vertices"):
                     found = self._walk(graph, names)
                     measures = measure(found.chain)
@@ -76,7 +74,7 @@ class PatrolGraph(OutputOptions):
                         emphasis = self._emphasis(names) or None
                         game = strategy_game(graph, emphasis, self.share, paths=self.paths)
         except RuntimeError as error:
-            print(f"jaxcell patrol graph: {error}", file=sys.stderr)
+            note(f"jaxcell patrol graph: {error}")
             return 1
         seconds = time.perf_counter() - began
         spec = self._spec(graph)
@@ -102,11 +100,18 @@ class PatrolGraph(OutputOptions):
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
+        from .. import estimates, memory
+
         if graph.vertices > _MOST_VERTICES:
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {_MOST_VERTICES:,}"
             )
+        weighted = self.strategy == "commute" or self.game
+        needed = estimates.walk(graph.vertices, len(graph.edges), weighted)
+        doing = f"a walk on {graph.vertices:,} vertices and {len(graph.edges):,} edges"
+        memory.check(needed, doing, "expected a smaller graph, or another --strategy")
+        say_memory(needed, doing)
         hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
         apart = np.flatnonzero(np.isinf(hops[0]))
         if apart.size:
@@ -186,7 +191,7 @@ class PatrolGraph(OutputOptions):
 
     def _spec(self, graph: "Graph") -> dict[str, Any]:
         """What determines the result."""
-        spec: dict[str, Any] = {"graph": str(self.file), "strategy": self.strategy}
+        spec: dict[str, Any] = {"graph": name_in_results(self.file), "strategy": self.strategy}
         if self.emphasis:
             spec |= {"emphasis": list(self.emphasis), "share": self.share}
         if self.vertex is not None:

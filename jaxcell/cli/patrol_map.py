@@ -1,15 +1,15 @@
 import dataclasses
 import math
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from .options import MapOptions, OutputOptions
+from ..files import name_in_results
+from .options import MapOptions, OutputOptions, starting
 from .patrol_map_summary import describe, show
-from .terminal import solver_on_stderr, status
+from .terminal import note, status, stdout_on_stderr
 
 
 if TYPE_CHECKING:
@@ -58,19 +58,20 @@ class PatrolMap(OutputOptions):
     """Seed of the simulation, and of the patrol that is recorded."""
 
     def run(self) -> int:
-        from ..runtime import configure_jax
+        from .. import estimates
 
-        configure_jax()
         self._check()
-        cells = MapOptions(map=self.map, cell=self.cell).cells()
+        cells = MapOptions(map=self.map, cell=self.cell).cells(estimates.cutting, "the cells")
+        with starting():
+            from .. import patrol  # noqa: F401
         began = time.perf_counter()
         try:
-            with solver_on_stderr():
+            with stdout_on_stderr():
                 found = self._patrol(cells)
                 with status("comparing covers"):
                     described = describe(found)
         except RuntimeError as error:
-            print(f"jaxcell patrol map: {error}", file=sys.stderr)
+            note(f"jaxcell patrol map: {error}")
             return 1
         seconds = time.perf_counter() - began
         spec = self._spec(cells)
@@ -245,7 +246,7 @@ class PatrolMap(OutputOptions):
         """What determines the result."""
         assert cells.workspace is not None
         spec: dict[str, Any] = {
-            "map": str(self.map),
+            "map": name_in_results(self.map),
             "name": cells.workspace.name,
             "cell_m": cells.cell,
             "positions": cells.positions,

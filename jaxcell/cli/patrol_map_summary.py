@@ -3,7 +3,7 @@
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from .terminal import table
+from .terminal import say, table
 
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def show(summary: dict[str, Any]) -> None:
         ],
     )
     if summary["fit_failure"] is not None:
-        print(f"No law was fitted: {summary['fit_failure']}")
+        say(f"No law was fitted: {summary['fit_failure']}")
     table(
         "Probability of capture, where the adversary chooses",
         ("steps", "weakest cell", "caught there", "mean over cells"),
@@ -140,7 +140,7 @@ def show(summary: dict[str, Any]) -> None:
             for one in game["strategies"]
         ],
     )
-    print(
+    say(
         f"It catches with probability {game['value']:.4f} at {_at(game['attacked'])}, where the "
         f"adversary attacks: {game['improvement']:.4f} more than the best share alone."
     )
@@ -169,7 +169,7 @@ def _show_policies(summary: dict[str, Any]) -> None:
     table("Policies: covers in cells, tours and commutes in steps", columns, rows)
     for one in summary["policies"]:
         if one["uncovered"]:
-            print(f"Robot {one['robot']} cannot see cells {_some(one['uncovered'])}")
+            say(f"Robot {one['robot']} cannot see cells {_some(one['uncovered'])}")
 
 
 def _show_reassignment(summary: dict[str, Any]) -> None:

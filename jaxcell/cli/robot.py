@@ -2,14 +2,17 @@ import contextlib
 import dataclasses
 import json
 import math
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
+from ..files import name_in_results
 from .options import cell_at, command_name, write_text
 from .robot_emulation import emulate, seen_from
+from .robot_replay import replayed
 from .robot_summary import show
 from .terminal import note, note_results, status
 
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
     from .robot_emulation import Emulation
 
     _Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], Outcome]]
+
+
+_LOG = "run.jsonl"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -96,6 +102,11 @@ class RobotRun:
             raise ValueError("expected one of --port and --simulate")
         if self.live is not None and self.out is None:
             raise ValueError("--live: expected --out as well, for the recording")
+        if self.out is not None and (self.out / _LOG).exists():
+            raise FileExistsError(
+                f"--out {self.out}: {_LOG} of another run is there, and no log is replaced; "
+                "expected another directory"
+            )
         task = load_task(self.file, self.robot)
         rng = np.random.default_rng(self.seed)
         emulation = None
@@ -113,23 +124,25 @@ class RobotRun:
         runner = self._runner(task, emulation, heading)
         # Before the robot is there: what it needs takes seconds to load.
         recording = None if self.out is None else self._recording(task, emulation)
-        try:
-            with contextlib.ExitStack() as stack:
-                port = self.port
-                if emulation is not None:
-                    port = stack.enter_context(emulation.robot).port
-                assert port is not None
-                robot = stack.enter_context(Create.open(port))
-                robot.arm()
-                outcome = self._run(
-                    self._walker(robot, task, emulation, heading), runner, recording
-                )
-        except RobotStopped as error:
-            note(f"jaxcell robot run: the robot was stopped: {error}")
-            return 1
+        code = None
+        with contextlib.ExitStack() as kept:
+            place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
+            try:
+                with contextlib.ExitStack() as stack:
+                    port = self.port
+                    if emulation is not None:
+                        port = stack.enter_context(emulation.robot).port
+                    assert port is not None
+                    robot = stack.enter_context(Create.open(port))
+                    robot.arm()
+                    walker = self._walker(robot, task, emulation, heading)
+                    outcome = self._run(walker, runner, place / _LOG, recording)
+            except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
+                outcome, code = _stopped(error, place / _LOG)
+                note(f"jaxcell robot run: {outcome.reason}")
         summary = {
             "command": f"jaxcell {command_name(type(self))}",
-            "file": str(self.file),
+            "file": name_in_results(self.file),
             "port": self.port,
             **dataclasses.asdict(outcome),
         }
@@ -143,6 +156,8 @@ class RobotRun:
             show(self.file.name, summary, emulation)
             if self.out is not None:
                 note_results(self.out)
+        if code is not None:
+            return code
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
     def _heading(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:
@@ -201,7 +216,7 @@ class RobotRun:
             filter=filter,
             filter_of_cells=same,
             viewer=self.live,
-            spec={"file": str(self.file), **about},
+            spec={"file": name_in_results(self.file), **about},
         )
 
     def _walker(
@@ -265,22 +280,34 @@ class RobotRun:
         return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
 
     def _run(
-        self, walker: "Walker", runner: "_Runner", recording: "RobotRecording | None"
+        self, walker: "Walker", runner: "_Runner", path: Path, recording: "RobotRecording | None"
     ) -> "Outcome":
         from ..robot.run_log import RunLog
 
         header, run = runner
-        log: RunLog | None = None
-        if self.out is not None:
-            # First, for it refuses to replace what is there.
-            log = RunLog(self.out / "run.jsonl", header)
         with contextlib.ExitStack() as stack:
-            if log is not None and recording is not None:
+            if recording is not None:
                 stack.enter_context(recording)
+            log = stack.enter_context(RunLog(path, header))
+            if recording is not None:
                 log.on_event = recording.event
-                stack.enter_context(log)
             stack.enter_context(status(f"running {self.file.name}"))
             return run(walker, log)
+
+
+def _stopped(error: BaseException, log: Path) -> "tuple[Outcome, int]":
+    """How a run stands that was stopped, by its log if there is one, and the exit status."""
+    from ..robot.outcome import Outcome
+    from ..robot.run_log import read_log, why_stopped
+
+    code = 1
+    if isinstance(error, KeyboardInterrupt):
+        code = 130
+    elif isinstance(error, SystemExit):
+        code = int(error.code or 0)
+    if log.exists():
+        return replayed(read_log(log)), code
+    return Outcome("stopped", "", why_stopped(error)), code
 
 
 def _cross_look(source: str) -> "CrossLook":

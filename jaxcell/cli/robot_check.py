@@ -56,13 +56,11 @@ class RobotCheck:
         return 0 if found["danger"] is None else 1
 
     def _firmware(self) -> str:
-        import serial
-
         from ..robot.firmware import firmware
-        from ..robot.open_interface import BAUD
+        from ..robot.line import open_line
 
         with (
-            contextlib.closing(serial.serial_for_url(self.port, BAUD, exclusive=True)) as line,
+            contextlib.closing(open_line(self.port)) as line,
             status("waiting for the robot to reboot"),
         ):
             return firmware(line)

@@ -16,13 +16,6 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-# How far the emulated bumper goes in before it is felt: 2 cm, or where cells are small a fiftieth
-# of one. A step that goes less deep into a wall is no bump, against the model; with less, a robot
-# that is beside its line by what its tolerances allow meets corners that the model's grazes.
-_GIVE = 0.02
-_GIVE_OF_A_CELL = 0.02
-
-
 @dataclasses.dataclass(frozen=True)
 class Emulation:
     """An emulated robot, and the cells of its map."""
@@ -61,7 +54,7 @@ def emulate(
     rng: Any,
 ) -> Emulation:
     """An emulated robot in a map, at the start of a task, or at that of an option."""
-    from ..robot.body import Body, Noise
+    from ..robot.body import Body, Noise, bumper_give
     from ..robot.emulator import Emulator, Line
     from ..space import CellSpace, Workspace
 
@@ -75,7 +68,7 @@ def emulate(
     body = Body(
         workspace,
         (float(x), float(y), float(theta)),
-        give=min(_GIVE, _GIVE_OF_A_CELL * task.cell),
+        give=bumper_give(task.cell),
         noise=Noise(distance=noise, rotation=noise, veer=noise),
         rng=rng,
     )

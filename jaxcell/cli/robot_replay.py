@@ -29,7 +29,7 @@ class RobotReplay:
 
         run = read_log(self.log)
         try:
-            outcome = self._replay(run)
+            outcome = replayed(run, self.file)
         except KeyError as error:
             raise ValueError(f"{self.log}: line 1: {error} is missing") from error
         except ValueError as error:
@@ -41,26 +41,34 @@ class RobotReplay:
             show(self.log.name, summary)
         return 0
 
-    def _replay(self, run: "LoggedRun") -> "Outcome":
-        from ..automata import Filter
-        from ..robot.patrol import replay_patrol
-        from ..robot.patrol_task import PatrolTask
-        from ..robot.runner import plan_outcome, replay
-        from ..robot.task import digest
-        from ..robot.tasks import load_task
-        from ..robot.team import replay_member
 
-        kind = run.header["kind"]
-        if kind == "plan":
-            return plan_outcome(run.header["actions"], run.observations)
-        if kind == "team":
-            return replay_member(run)
-        path = Path(run.header["file"]) if self.file is None else self.file
-        if digest(path) != run.header["sha256"]:
-            raise ValueError(f"it is of another {kind} than {path} is now")
-        if kind == "filter":
-            return replay(run, Filter.load(path))
-        task = load_task(path, run.header["robot"])
-        if not isinstance(task, PatrolTask):
-            raise ValueError(f"kind: expected filter, plan, team or patrol, got {kind!r}")
-        return replay_patrol(run, task)
+def replayed(run: "LoggedRun", file: Path | None = None) -> "Outcome":
+    """How a logged run ended, or stands, with what stopped it; `file` is what was run."""
+    from ..robot.run_log import stopped
+
+    return stopped(_replayed(run, file), run)
+
+
+def _replayed(run: "LoggedRun", file: Path | None) -> "Outcome":
+    from ..automata import Filter
+    from ..robot.patrol import replay_patrol
+    from ..robot.patrol_task import PatrolTask
+    from ..robot.runner import plan_outcome, replay
+    from ..robot.task import digest
+    from ..robot.tasks import load_task
+    from ..robot.team import replay_member
+
+    kind = run.header["kind"]
+    if kind == "plan":
+        return plan_outcome(run.header["actions"], run.observations)
+    if kind == "team":
+        return replay_member(run)
+    path = Path(run.header["file"]) if file is None else file
+    if digest(path) != run.header["sha256"]:
+        raise ValueError(f"it is of another {kind} than {path} is now")
+    if kind == "filter":
+        return replay(run, Filter.load(path))
+    task = load_task(path, run.header["robot"])
+    if not isinstance(task, PatrolTask):
+        raise ValueError(f"kind: expected filter, plan, team or patrol, got {kind!r}")
+    return replay_patrol(run, task)

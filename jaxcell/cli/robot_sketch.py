@@ -48,7 +48,7 @@ class RobotSketch:
                 raise ValueError("--bounce: expected --step in metres with it")
             text = bounce_sketch(math.radians(self.bounce), self.step)
         if self.out is None:
-            print(text, end="")
+            print(text, end="", flush=True)
         else:
             write_text(self.out, text)
             note(f"{self.out}: {len(text.splitlines()):,} lines; the wiring is at its top")

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -11,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 
 from ..study import Study
-from .options import write_text
-from .terminal import note, note_results, solver_on_stderr, status
+from .options import say_memory, starting, write_text
+from .terminal import note, note_results, say as print_line, status, stdout_on_stderr, telling
 
 
 if TYPE_CHECKING:
@@ -34,19 +33,19 @@ class Command:
     """Compute small parts of the result again by another route; exit with 1 if they differ."""
 
     def run(self) -> int:
-        from .. import record
-        from ..runtime import configure_jax
-
-        configure_jax()
         asked = self.study(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
         )
+        with status(f"reading for {self.called}"):
+            say_memory(asked.memory(), self.called)
+        with starting():
+            from .. import record
         began = time.perf_counter()
         try:
-            with solver_on_stderr(), status(f"{self.called}: reading") as shown:
-                result = asked.run(lambda doing: shown.update(f"{doing} ..."))
+            with stdout_on_stderr(), telling(self.called) as say:
+                result = asked.run(say)
         except RuntimeError as error:
-            print(f"jaxcell {self.called}: {error}", file=sys.stderr)
+            note(f"jaxcell {self.called}: {error}")
             return 1
         seconds = round(time.perf_counter() - began, 3)
         spec = asked.spec(result)
@@ -65,7 +64,7 @@ class Command:
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
-            print(json.dumps(summary))
+            print_line(json.dumps(summary))
         else:
             from .tables import show
 
@@ -118,7 +117,7 @@ def _report(name: str, verified: dict[str, Any], quiet: bool) -> bool:
     """Say on standard error what came of it."""
     for one in verified["comparisons"]:
         if not one["agrees"]:
-            print(f"jaxcell {name}: --verify: {one['what']}: {one['where']}", file=sys.stderr)
+            note(f"jaxcell {name}: --verify: {one['what']}: {one['where']}")
     if verified["agrees"] and not quiet:
         note(
             f"Verified: {verified['count']:,} numbers agree with another route, in "

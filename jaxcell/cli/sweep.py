@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ..files import replacing
-from .terminal import note, status, table
+from .terminal import duration, note, status, stdout_on_stderr, steps, table
 
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _MOST_FAILURES = 10
 class Sweep:
     """Run a task for many parameters, in chunks that survive crashes; --resume goes on.
 
-    Exit status: 0 all done, 1 some chunks failed, 2 bad input, or no room on the disk."""
+    Exit status: 0 all done, 1 some members failed, 2 bad input, or no room on the disk."""
 
     spec: tyro.conf.Positional[Path]
     """TOML file: the task, its parameters, the seed, the size of chunks."""
@@ -38,6 +38,11 @@ class Sweep:
     """Number of processes of the engines processes and dask; by default that of processors."""
     resume: bool = False
     """Go on with the sweep in the folder, if there is one."""
+    timeout: float | None = None
+    """Seconds after which a chunk is ended and computed again in halves, until the members that
+    take so long alone have failed. Not for the engine local, which cannot end a chunk."""
+    max_failures: int | None = None
+    """Stop when more members than this have failed; by default others go on however many do."""
     out: Path | None = None
     """Folder for the result; by default runs/ and the name of the specification."""
     netcdf: bool = False
@@ -56,13 +61,15 @@ class Sweep:
         out = Path("runs") / self.spec.stem if self.out is None else self.out
         began = time.perf_counter()
         try:
-            with _terminated_like_interrupted(), _shown(spec) as show:
+            with _terminated_like_interrupted(), stdout_on_stderr(), _shown(spec) as show:
                 found = run_sweep(
                     spec,
                     out,
                     engine=self.engine,
                     workers=self.workers,
                     resume=self.resume,
+                    timeout=self.timeout,
+                    max_failures=self.max_failures,
                     progress=show,
                 )
         except KeyboardInterrupt:
@@ -77,14 +84,16 @@ class Sweep:
             print(json.dumps({"out": str(out), **_described(found), "seconds": round(seconds, 3)}))
         else:
             _show(out, found)
+        if self.max_failures is not None and len(found.failures) > self.max_failures:
+            note(f"Stopped: more than {self.max_failures:,} members failed")
         return 0 if found.complete else 1
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepState:
-    """Show how far a sweep is, while it runs too, and which chunks failed with which parameters.
+    """Show how far a sweep is, while it runs too, and which members failed with which parameters.
 
-    Exit status: 0 all done, 1 not yet, or some chunks failed."""
+    Exit status: 0 all done, 1 not yet, or some members failed."""
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
@@ -115,6 +124,8 @@ def _described(found: "SweepStatus") -> dict[str, Any]:
             for one in found.failures
         ],
         "running": found.running,
+        "members_per_second": found.rate,
+        "seconds_left": found.left,
     }
 
 
@@ -122,57 +133,42 @@ def _show(folder: Path, found: "SweepStatus") -> None:
     rows = [
         ("members", " x ".join(f"{size:,} {name}" for name, size in found.dimensions.items())),
         ("chunks done", f"{found.done:,} of {found.chunks:,}"),
-        ("chunks failed", f"{len(found.failures):,}"),
+        ("members failed", f"{len(found.failures):,}"),
     ]
     if found.running is not None:
         rows.append(("at work", found.running))
+    if found.rate is not None and found.left is not None:
+        rows += [
+            ("members a second", f"{found.rate:,.3g}"),
+            ("time left", duration(found.left)),
+        ]
     table(f"{folder}: {found.task}", ("the sweep", ""), rows)
     for failure in found.failures[:_MOST_FAILURES]:
-        note(_told(failure))
+        note(failure_told(failure))
     if len(found.failures) > _MOST_FAILURES:
         note(f"... and others: all are in {folder / 'failures'}")
     if found.done:
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
 
-def _told(failure: "Failure") -> str:
+def failure_told(failure: "Failure") -> str:
     """A failure in a line."""
-    parts = []
-    for name, values in failure.parameters.items():
-        ends = f"{values[0]} to {values[-1]}" if len(values) > 1 else str(values[0])
-        parts.append(f"{name} {ends}")
-    return f"chunk {failure.chunk} failed ({', '.join(parts)}): {failure.message}"
+    parameters = ", ".join(f"{name} {value}" for name, value in failure.parameters.items())
+    return f"a member of chunk {failure.chunk} failed ({parameters}): {failure.message}"
 
 
 @contextlib.contextmanager
 def _shown(spec: "Spec") -> "Iterator[Callable[[Progress], None]]":
-    """Progress on a terminal: chunks, failures, members a second, time left."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[told]}"),
-    )
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        shown = bar.add_task(f"sweep of {spec.task}", total=spec.chunk_count, told="")
+    """Progress: chunks, failures, members a second, time left."""
+    with steps(f"sweep of {spec.task}", spec.chunk_count) as tell:
 
         def show(progress: "Progress") -> None:
-            told = f"{progress.failed} failed, "
+            told = f"{progress.failed:,} members failed"
             if math.isfinite(progress.left):
-                told += f"{progress.rate:,.3g} members/s, {_duration(progress.left)} left"
-            bar.update(shown, completed=progress.done + progress.failed, told=told)
+                told += f", {progress.rate:,.3g} members/s"
+            tell(progress.done, told)
 
         yield show
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}"
 
 
 @contextlib.contextmanager

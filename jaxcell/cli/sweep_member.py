@@ -18,7 +18,7 @@ from .localize import Localize
 from .navigate import Navigate
 from .options import OutputOptions, command_name
 from .patrol_graph import PatrolGraph
-from .terminal import status, table
+from .terminal import status, table, telling
 
 
 # The command of a task, whose options are the parameters of the task, and its recording.
@@ -96,8 +96,8 @@ def _study(
 
     configure_jax()
     (asked,) = studies(study, {}, parameters, seed)
-    with status(command_name(study)) as shown:
-        result = asked.run(lambda doing: shown.update(f"{doing} ..."))
+    with telling(command_name(study)) as say:
+        result = asked.run(say)
     spec = asked.spec(result)
     show(result, asked.heading(spec))
     with status(f"writing {out}"):
@@ -136,12 +136,13 @@ def _costliest(parameters: Mapping[str, Any]) -> dict[str, int]:
     """The start and the goal of a plan that costs the most of all."""
     import numpy as np
 
+    from .. import estimates
     from ..bounce import all_plans
     from ..runtime import configure_jax
 
     configure_jax()
     command = _command(Navigate, "plans", {**parameters, "start": 0, "goal": 0})
-    cells = command.cells()
+    cells = command.cells(lambda e: estimates.plans(e, **command.motion), "plans")
     with status(f"planning among all pairs of {cells.size:,} cells"):
         found = all_plans(
             cells, np.radians(command.bounces), command.keep, command.change, **command.motion

@@ -9,6 +9,7 @@ import numpy as np
 import tyro
 
 from ..display import has_display
+from .sweep import failure_told
 from .terminal import note, own_command, status, table
 from .view import View
 
@@ -16,7 +17,7 @@ from .view import View
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..sweep import Spec
+    from ..sweep import Failure, Spec
 
 
 _MOST_LISTED = 6
@@ -45,13 +46,13 @@ class SweepView:
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
         found = sweep_status(self.folder)
         spec = Spec.load(self.folder / "spec.toml")
-        failures = [f"chunk {one.chunk}: {one.message}" for one in found.failures]
         if self.select:
-            return self._member(spec, failures)
+            return self._member(spec, found.failures)
         from .. import record
         from ..sweep import open_sweep
         from ..sweep.store import reading
 
+        failures = [failure_told(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
         with open_sweep(self.folder) as dataset, status(f"writing {out}"):
             with reading(self.folder):
@@ -59,7 +60,7 @@ class SweepView:
             record.log_sweep(out, dataset, failures=failures)
         return _open(out)
 
-    def _member(self, spec: "Spec", failures: Sequence[str]) -> int:
+    def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
         from ..sweep import open_sweep
         from ..sweep.store import reading
         from .sweep_member import check_detail, member_detail
@@ -73,8 +74,7 @@ class SweepView:
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:
-            number = _chunk(spec, places)
-            told = [one for one in failures if one.startswith(f"chunk {number}:")]
+            told = [one.message for one in failures if one.index == places]
             why = "; ".join(told) if state == 2 else "it is not computed yet"
             note(f"There is no result of the member {name}: {why}")
             return 1
@@ -156,12 +156,6 @@ def _listed(values: Sequence[Any]) -> str:
     if len(values) <= _MOST_LISTED:
         return ", ".join(map(str, values))
     return f"{', '.join(map(str, values[: _MOST_LISTED - 2]))}, ..., {values[-1]}"
-
-
-def _chunk(spec: "Spec", places: Mapping[str, int]) -> int:
-    """The number of the chunk of a member."""
-    index = [places[name] // length for name, length in spec.lengths.items()]
-    return int(np.ravel_multi_index(index, spec.chunk_grid))
 
 
 def _show(name: str, member: "xr.Dataset") -> None:

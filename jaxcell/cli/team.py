@@ -2,7 +2,7 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
-from .options import MapOptions, OutputOptions, cell_at
+from .options import MapOptions, OutputOptions, cell_at, starting
 from .terminal import configuration, count_cells, note, status, table
 
 
@@ -32,15 +32,15 @@ class Team(MapOptions, OutputOptions):
     """Most steps of a part; by default the number of cells, but no more than 100,000."""
 
     def run(self) -> int:
-        import numpy as np
+        from .. import estimates
 
-        from ..bounce import team_trajectory
-        from ..runtime import configure_jax
-
-        configure_jax()
         if not self.bounce:
             raise ValueError("--bounce: expected at least one angle in degrees")
-        cells = self.cells()
+        cells = self.cells(lambda e: estimates.moves(e, **self.motion), "a team")
+        with starting():
+            import numpy as np
+
+            from ..bounce import team_trajectory
         starts = self._cells_of_robots(cells)
         spec = {
             **self.spec(cells),
@@ -51,7 +51,7 @@ class Team(MapOptions, OutputOptions):
             "part_steps": self.part_steps,
         }
         doing = f"covering {cells.positions:,} positions with {_count(len(starts))}"
-        with status(doing) as shown:
+        with status(doing) as tell:
             run = team_trajectory(
                 cells,
                 starts,
@@ -59,9 +59,7 @@ class Team(MapOptions, OutputOptions):
                 **self.motion,
                 max_parts=self.max_parts,
                 part_steps=self.part_steps,
-                progress=lambda parts, covered: shown.update(
-                    f"{doing}: {covered:,} in {parts:,} parts ..."
-                ),
+                progress=lambda parts, covered: tell(f"{doing}: {covered:,} in {parts:,} parts"),
             )
         summary = {**spec, **describe(cells, run)}
         if self.out is not None:

@@ -6,12 +6,13 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.status import Status
 from rich.table import Table
 
 
@@ -19,9 +20,100 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-def status(text: str) -> Status:
-    """Shows on a terminal that work goes on."""
-    return Console(stderr=True).status(text + " ...")
+# Away from a terminal nothing is said of work that does not last.
+_FIRST_LINE, _LINES = 1.5, 60.0
+
+
+@contextlib.contextmanager
+def status(text: str) -> Iterator[Callable[[str], None]]:
+    """Shows that work goes on: on a terminal all the time, elsewhere by lines.
+
+    Gives a function that changes the text.
+    """
+    console = Console(stderr=True)
+    if console.is_terminal:
+        with console.status(text + " ...") as shown:
+            yield lambda text: shown.update(text + " ...")
+        return
+    now = [text]
+    with _in_lines(lambda: now[0]):
+        yield lambda text: now.__setitem__(0, text)
+
+
+@contextlib.contextmanager
+def steps(text: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """Shows how much of some work is done, and how long the rest will take at the rate so far.
+
+    Gives a function that is told the number of steps done, and more about them.
+    """
+    began, first, done, told = math.nan, None, 0, ""
+
+    def line() -> str:
+        parts = [f"{text}: {done:,} of {total:,}", told]
+        if first is not None and done > first:
+            each = (time.monotonic() - began) / (done - first)
+            parts.append(f"{duration(each * (total - done))} left")
+        return ", ".join(filter(None, parts))
+
+    with status(line()) as change:
+
+        def show(now: int, more: str) -> None:
+            nonlocal began, first, done, told
+            if first is None:
+                began, first = time.monotonic(), now
+            done, told = now, more
+            change(line())
+
+        yield show
+
+
+@contextlib.contextmanager
+def telling(text: str) -> Iterator[Callable[..., None]]:
+    """Shows what a study says of its work, and how long the rest will take at the rate so far."""
+    with status(text) as change:
+        current, began, first = text, 0.0, 0
+
+        def say(doing: str, done: int = 0, total: int = 0) -> None:
+            nonlocal current, began, first
+            if doing != current:
+                current, began, first = doing, time.monotonic(), done
+            if not total:
+                change(doing)
+                return
+            left = ""
+            if done > first:
+                each = (time.monotonic() - began) / (done - first)
+                left = f", {duration(each * (total - done))} left"
+            change(f"{doing}: {done:,} of {total:,}{left}")
+
+        yield say
+
+
+@contextlib.contextmanager
+def _in_lines(line: Callable[[], str]) -> Iterator[None]:
+    """Says how far work is after two seconds, and every minute."""
+    ended, began = threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        wait = _FIRST_LINE
+        while not ended.wait(wait):
+            wait = _LINES
+            note(f"{line()} ... ({duration(time.monotonic() - began)})")
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        teller.join()
+
+
+def duration(seconds: float) -> str:
+    """A time as hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}"
 
 
 def note_results(results: Path) -> None:
@@ -36,9 +128,14 @@ def own_command(name: str) -> str:
     return name if shutil.which(name) else min(str(beside), os.path.relpath(beside), key=len)
 
 
+def say(text: str) -> None:
+    """A line on standard output, in its place among tables and notes when all go to one file."""
+    print(text, flush=True)
+
+
 def note(text: str) -> None:
     """A remark for people."""
-    Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False)
+    Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -65,13 +162,14 @@ def configuration(cells: "CellSpace", z: int) -> str:
 
 
 @contextlib.contextmanager
-def solver_on_stderr() -> Iterator[None]:
-    """Keeps the standard output for results: HiGHS tells some of its troubles there."""
+def stdout_on_stderr() -> Iterator[None]:
+    """Keeps the standard output for results, whatever solvers, tasks and their processes print."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)
     try:
-        yield
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
     finally:
         # What C has in its buffer would come later.
         with contextlib.suppress(TypeError, OSError):

@@ -4,7 +4,7 @@ The sea is cut into cells, in one or more layers. A *drifter* in a layer moves w
 chooses at most its depth. `open_currents` reads the currents: velocities towards the East (`u`) and
 North (`v`) in metres per second, the mask of the water, and the sides of the cells in metres.
 `Water` numbers the cells of a layer from 0, row by row, and `Flow` has its velocities in cells per
-second.
+second. Where the columns go round the Earth, the last is beside the first.
 
 **The map.** The *flow map* sends a point to where the current has carried it after a time `dt`; by
 one step of Euler's method (Eq. 5.3), with `F` the flow,

@@ -83,7 +83,7 @@ def find_axes(file: OceanFile, name: str) -> Axes:
     """
     found: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
-        kind = _kind(file.dataset, str(dim))
+        kind = axis_kind(file.dataset, str(dim))
         if kind is not None and kind not in found:
             found[kind] = str(dim)
         elif size > 1:
@@ -108,7 +108,7 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
     )
 
 
-def _kind(dataset: xr.Dataset, dim: str) -> Kind | None:
+def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
     """By the name of the dimension, then by what its coordinate variable says of itself."""
     for kind, names in _NAMES.items():
         if dim.lower() in names:

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from ..certificate import Solution
 from ..mapping import (
+    SINK,
     Chain,
     PersistentGroups,
     TransientGroups,
@@ -36,6 +37,8 @@ class LongTermBehaviour:
     "The other cells, by where they may end: the single- and multiple-domicile groups."
     absorption: Solution
     "The expected number of steps until a drifter is in a persistent group or has left the grid."
+    throw: bool = False
+    "Whether `probability` and `limiting` raise when they are not good enough."
 
     @property
     def hours(self) -> Float[Array, "cells"]:
@@ -46,19 +49,32 @@ class LongTermBehaviour:
     def probability(self) -> Absorption:
         """The probability of ending in each persistent group, or off the grid.
 
-        It takes a solve and 8 bytes a cell for every group.
+        It takes a solve and 8 bytes a cell for every group. Its `certificate` tells how good it is.
 
-        **Raises:** `RuntimeError` if a solve stalls.
+        **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
-        return absorption_probabilities(self.chain, self.groups)
+        return absorption_probabilities(self.chain, self.groups, throw=self.throw)
+
+    @functools.cached_property
+    def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
+        """The probability of ending off the grid where no solve is needed for it: 0 or 1.
+
+        It is NaN in cells from which a drifter may leave or be in a persistent group in the end.
+        """
+        chance = [
+            0.0 if SINK not in homes else 1.0 if len(homes) == 1 else np.nan
+            for homes in self.transient.domiciles
+        ]
+        # The last one stands for what is persistent, whose transient group is -1.
+        return np.array([*chance, 0.0])[np.asarray(self.transient.group)]
 
     @functools.cached_property
     def limiting(self) -> LimitingDistribution:
         """Where drifters that were released in all cells alike are in the long run.
 
-        **Raises:** `RuntimeError` if a solve stalls.
+        **Raises:** `RuntimeError` if a solve stalls and `throw` is set.
         """
-        return limiting_distribution(self.chain, self.groups)
+        return limiting_distribution(self.chain, self.groups, throw=self.throw)
 
     @property
     def basin(self) -> Int[Array, "cells"]:
@@ -83,9 +99,10 @@ def long_term_behaviour(
     - `chain`: the map, from [`jaxcell.drift.drift_map`][] or
         [`jaxcell.drift.periodic_drift_map`][].
     - `duration`: seconds that one step of it takes.
-    - `throw`: whether to raise when the absorption times are not good enough. Not so by default:
-        all else is exact, and times from some 10^9 steps on, where an eddy that is no group holds
-        drifters almost for ever, are beyond 64-bit numbers. `absorption.certificate` tells.
+    - `throw`: whether to raise when the absorption times are not good enough, and the probabilities
+        and the limiting distribution once they are asked for.
+        Not so by default: times from some 10^9 steps on, where an eddy that is no group holds
+        drifters almost for ever, are beyond 64-bit numbers. The `certificate` of each tells.
 
     **Returns:** [`LongTermBehaviour`][]; probabilities and the limiting distribution are computed
     when they are asked for.
@@ -114,4 +131,5 @@ def long_term_behaviour(
         groups,
         transient_groups(chain, groups),
         absorption_times(chain, groups, throw=throw),
+        throw,
     )

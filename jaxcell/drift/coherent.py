@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -62,17 +63,19 @@ def ftle(
         )
 
     east, west, north, south = end(0.5, 0.0), end(-0.5, 0.0), end(0.0, 0.5), end(0.0, -0.5)
-    return np.asarray(_exponent(sides, x, y, east, west, north, south) / abs(duration))
+    exponent = _exponent(sides, x, y, east, west, north, south, wraps=water.wraps)
+    return np.asarray(exponent / abs(duration))
 
 
-@jax.jit
-def _exponent(sides, x, y, east, west, north, south):  # type: ignore[no-untyped-def]
+@functools.partial(jax.jit, static_argnames="wraps")
+def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[no-untyped-def]
     """The logarithm of the largest singular value of the gradient of the drift."""
     rows, columns = sides.shape[1:]
 
     def sides_at(x, y):  # type: ignore[no-untyped-def]
         row = jnp.clip(jnp.round(y).astype(jnp.int32), 0, rows - 1)
-        column = jnp.clip(jnp.round(x).astype(jnp.int32), 0, columns - 1)
+        column = jnp.round(x).astype(jnp.int32)
+        column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
         return sides[:, row, column]
 
     began = sides_at(x, y)
@@ -175,7 +178,7 @@ def agreement(
         >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
         >>> label, ridge = np.tile(np.int32([0, 0, 0, 1, 1]), 3), np.tile(np.arange(5) == 2, 3)
         >>> drift.agreement(water, label, ridge, within=0).near
-        1.0
+        0.5
         >>> round(drift.agreement(water, label, ridge).ratio, 3)
         1.667
     """
@@ -183,8 +186,9 @@ def agreement(
     border = ((beside >= 0) & (label[beside] != label)).any(axis=0)
     if not border.any():
         raise ValueError("label: expected two groups side by side or more, got no border")
-    grid = scipy.ndimage.binary_dilation(
-        water.on_grid(ridge, False), np.ones((3, 3), bool), iterations=within
-    )
-    near = grid[water.row, water.column]
+    grid, beyond = water.on_grid(ridge, False), within if water.wraps else 0
+    if within:  # no iterations are endless ones to the function
+        grid = np.pad(grid, ((0, 0), (beyond, beyond)), mode="wrap")
+        grid = scipy.ndimage.binary_dilation(grid, np.ones((3, 3), bool), iterations=within)
+    near = grid[water.row, water.column + beyond]
     return Agreement(float(near[border].mean()), float(near.mean()))

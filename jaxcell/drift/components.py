@@ -3,11 +3,11 @@
 import dataclasses
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 from .axes import Axes
 from .grid import OceanGrid
+from .masks import Mask, part, read_mask
 from .netcdf import OceanFile
 from .roms import to_centres
 
@@ -48,13 +48,20 @@ class Component:
     columns: Int[np.ndarray, " x"]
     staggered: int | None
     inner: Int[np.ndarray, " block"]
-    mask: Bool[np.ndarray, "*any y x"] | None
+    mask: Mask | None
     factor: float
 
     def at(
         self, record: int
-    ) -> tuple[Float[np.ndarray, "levels y x"], Bool[np.ndarray, "levels y x"]]:
-        """The velocity in m/s at the centres, and whether any of its two sides is open there.
+    ) -> tuple[
+        Float[np.ndarray, "levels y x"],
+        Bool[np.ndarray, "levels y x"],
+        Float[np.ndarray, "levels y x"],
+    ]:
+        """The velocity at the centres of the cells.
+
+        **Returns:** the velocity in m/s; whether any of the two sides is open there; and the
+        velocity as if there were no mask.
 
         **Raises:** `ValueError` for a current above 10 m/s.
         """
@@ -65,19 +72,22 @@ class Component:
         if axes.depth is not None:
             block[axes.depth] = self.places
         values = self.file.read(
-            _part(self.file, self.name, block), (axes.depth or "", axes.y, axes.x)
+            part(self.file, self.name, block), (axes.depth or "", axes.y, axes.x)
         )
-        values = values * self.factor
+        values = unmasked = values * self.factor
         open_sides = np.isfinite(values)
         if self.mask is not None:
-            open_sides = np.broadcast_to(self.mask, values.shape)
+            open_sides = np.broadcast_to(self.mask.water, values.shape)
             values = np.where(open_sides, values, np.nan)
         self._check_speed(values, record)
         if self.staggered is None:
-            return values, open_sides
-        centres = to_centres(values, open_sides, self.staggered)
-        beside = to_centres(open_sides.astype(float), open_sides, self.staggered) > 0
-        return centres.take(self.inner, self.staggered), beside.take(self.inner, self.staggered)
+            return values, open_sides, unmasked
+        axis = self.staggered
+        centres = to_centres(values, open_sides, axis)
+        beside = to_centres(open_sides.astype(float), open_sides, axis) > 0
+        unmasked = to_centres(unmasked, np.isfinite(unmasked), axis)
+        inner = self.inner
+        return centres.take(inner, axis), beside.take(inner, axis), unmasked.take(inner, axis)
 
     def _check_speed(self, values: Float[np.ndarray, "levels y x"], record: int) -> None:
         fast = np.abs(values) > FASTEST_CURRENT
@@ -118,6 +128,9 @@ def component(
         first, last = int(cells[staggered][0]), int(cells[staggered][-1])
         outer = np.arange(max(first - 1, 0), min(last + 2, lengths[staggered]))
         inner = cells[staggered] - outer[0]
+        if grid.wraps and staggered == -1 and first == 0 and last + 1 < lengths[-1]:
+            # The western side of the first column is the eastern one of the last.
+            outer, inner = np.append(last, outer), inner + 1
         cells[staggered] = outer
     for k, dim in zip((-2, -1), dims, strict=True):
         # Files that were cut with equal index ranges have one more side than lies between centres.
@@ -128,50 +141,16 @@ def component(
                 f"expected a length of {min(expected)} with {lengths[k]} cells ({rho[k]}), got "
                 f"{file.dataset.sizes[dim]}",
             )
-    mask = None
-    centres = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
+    mask = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
     if staggered is not None:
         cells[staggered] = cells[staggered][:-1]
-        mask = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
-    if mask is None and centres is not None:
-        mask = centres
-        if staggered is not None:
-            between = np.arange(len(cells[staggered]))
-            mask = mask.take(between, staggered) & mask.take(between + 1, staggered)
+        between = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
+        if between is None and mask is not None:
+            before = np.arange(len(cells[staggered]))
+            wet = mask.water.take(before, staggered) & mask.water.take(before + 1, staggered)
+            between = dataclasses.replace(mask, water=wet)
+        mask = between
     return Component(file, name, axes, places, cells[0], cells[1], staggered, inner, mask, factor)
-
-
-def read_mask(
-    file: OceanFile,
-    dims: tuple[str, str],
-    rows: Int[np.ndarray, " y"],
-    columns: Int[np.ndarray, " x"],
-    places: Int[np.ndarray, " levels"] | None = None,
-    depth: str | None = None,
-) -> Bool[np.ndarray, "#levels y x"] | None:
-    """Where a file says that there is water, by the names of ROMS or of CF.
-
-    **Arguments:**
-
-    - `file`: an open file.
-    - `dims`: of y and x, which tell on which points.
-    - `rows`, `columns`, `places`: what to read.
-    - `depth`: the dimension of depth, which a mask may have.
-
-    **Returns:** a mask with one level or all, or `None` if the file has none.
-    """
-    for name, variable in file.dataset.variables.items():
-        standard_name = variable.attrs.get("standard_name")
-        by_name = name in ("mask_rho", "mask_u", "mask_v")
-        by_meaning = standard_name in ("sea_binary_mask", "land_binary_mask")
-        if (by_name or by_meaning) and set(dims) <= set(variable.dims) <= {*dims, depth}:
-            block: dict[str, object] = {dims[0]: rows, dims[1]: columns}
-            if depth in variable.dims:
-                block[str(depth)] = places
-            values = file.read(_part(file, str(name), block), (depth or "", *dims))
-            land = standard_name == "land_binary_mask"
-            return values < 0.5 if land else values > 0.5  # packed files have 0.99999
-    return None
 
 
 def read_cells(
@@ -182,20 +161,4 @@ def read_cells(
     block: dict[str, object] = {y: grid.rows, x: grid.columns}
     if axes.time in file.dataset[name].dims:
         block[str(axes.time)] = record
-    return file.read(_part(file, name, block), (y, x))
-
-
-def _part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
-    """A block of a variable, whose other dimensions must have length 1."""
-    array = file.dataset[name]
-    others = {str(dim): 0 for dim in array.dims if dim not in block}
-    for dim in others:
-        if array.sizes[dim] > 1:
-            raise file.error(
-                name, f"dimension {dim} of length {array.sizes[dim]}: the velocity has none such"
-            )
-    if absent := [dim for dim in block if dim not in array.dims]:
-        raise file.error(
-            name, f"expected the dimensions {', '.join(map(str, block))}; it has no {absent[0]}"
-        )
-    return array.isel(others | block)
+    return file.read(part(file, name, block), (y, x))

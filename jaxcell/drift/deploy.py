@@ -267,9 +267,11 @@ def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"
     rows = max(1, _CHUNK // water.cells)
     for start in range(0, water.cells, rows):
         some = slice(start, start + rows)
-        right = np.abs(water.column - water.column[some, None]) + 0.5
+        right = np.abs(water.column - water.column[some, None])
+        if water.wraps:
+            right = np.minimum(right, water.number.shape[1] - right)
         up = np.abs(water.row - water.row[some, None]) + 0.5
-        sees[some] = np.hypot(right * dx[some], up * dy[some]) <= reach * (1 + _ROUNDING)
+        sees[some] = np.hypot((right + 0.5) * dx[some], up * dy[some]) <= reach * (1 + _ROUNDING)
     return sees
 
 

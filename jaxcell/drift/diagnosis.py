@@ -45,6 +45,7 @@ class Diagnosis:
         cells persistent. It is too short here if more than half of the cells are their own images,
         or if more than half of the persistent groups, whole pieces of water apart, are locked:
         single cells from whose centre the flow itself leads out of the cell within ten steps.
+        `remedies` says what may help.
         """
         others = self.groups - self.whole_pieces
         if self.self_image > 0.5:
@@ -53,12 +54,25 @@ class Diagnosis:
             why = f"{self.locked} of {others} persistent groups are cells that water flows out of"
         else:
             return None
-        longer = "a longer step, or " if self.mean_shift < _FAR else ""
         return (
             f"{why}: the grid, and not the water, made the groups at a step of "
-            f"{self.duration / 3600:.3g} h (mean drift {self.mean_shift:.2f} cells); take {longer}"
-            "spread='sampled'"
+            f"{self.duration / 3600:.3g} h (mean drift {self.mean_shift:.2f} cells)"
         )
+
+    def remedies(self, spread: str) -> tuple[str, ...]:
+        """The arguments of the map that may make its groups those of the water.
+
+        A longer `duration`, if the mean drift is less than two cells; and another `spread`, which
+        is `"sampled"`. None if there is no warning.
+
+        **Arguments:**
+
+        - `spread`: that of the map.
+        """
+        if self.warning is None:
+            return ()
+        longer = ("duration",) if self.mean_shift < _FAR else ()
+        return longer if spread == "sampled" else (*longer, "spread")
 
 
 def diagnose(

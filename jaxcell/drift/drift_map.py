@@ -5,6 +5,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
+from .. import memory
 from ..mapping import Chain
 from ..precision import require_x64
 from .flow import Flow, advect, checked_duration
@@ -60,7 +61,8 @@ def drift_map(
     **Returns:** [`jaxcell.mapping.Chain`][].
 
     **Raises:** `ValueError` for a probability or a number out of range, an unknown choice, or as
-    [`jaxcell.drift.flow_map`][]; `RuntimeError` where JAX is set to 32 bits.
+    [`jaxcell.drift.flow_map`][]; `RuntimeError` where JAX is set to 32 bits; `MemoryError` where
+    the map would not fit the free memory.
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
@@ -75,6 +77,12 @@ def drift_map(
     """
     require_x64("drift_map")
     _check(rho, spread, samples, edge)
+    branches = {"turned": 3, "all": 9, "sampled": min(9, samples**2)}[spread]
+    memory.check(
+        40 * (branches + 1) * water.cells,
+        f"a drift map of {water.cells:,} cells of water",
+        "read less of the currents",
+    )
     duration = checked_duration(flow, water, duration, method, steps)
 
     def ends(right: float, up: float) -> tuple[np.ndarray, np.ndarray]:
@@ -159,6 +167,7 @@ def periodic_drift_map(
     around = Flow(
         jnp.concatenate([flow.rate, flow.rate[:1]]),
         jnp.append(flow.time, flow.time[0] + length),
+        flow.wraps,
     )
     product = scipy.sparse.eye_array(water.cells, format="csr")
     for now, then in zip(around.time[:-1].tolist(), around.time[1:].tolist(), strict=True):

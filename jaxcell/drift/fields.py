@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .axes import Axes
-from .components import component, read_cells, read_mask
+from .components import FASTEST_CURRENT, Component, component, read_cells
 from .grid import OceanGrid
 from .layers import Layers
+from .masks import Mask, read_mask
 from .names import Velocity
 from .netcdf import OceanFile
 from .roms import at_height
@@ -50,14 +51,15 @@ def read_field(
     """Reads the velocity at the centres of the cells, along the axes that the file has it along.
 
     **Raises:** `ValueError` if it takes too much memory, is above 10 m/s, or if there is no water
-    in the block, or in a layer that was asked for.
+    in the block, or in a layer that was asked for; for a mask by which no water moves, but land
+    does; and for depths more than a layer away from the levels of the file.
     """
     names = f"{velocity.u}, {velocity.v}"
     shape = (len(records), len(layers.depth), *grid.lon.shape)
     sizes = dict(zip(("time", "layer", "y", "x"), shape, strict=True))
     file.check_size(names, sizes, arrays=2)
     if layers.s_levels is not None:  # a record at all levels, and what the interpolation makes
-        file.check_size(names, sizes | {"time": 1, "layer": len(layers.s_levels.s)}, arrays=8)
+        file.check_size(names, sizes | {"time": 1, "layer": len(layers.s_levels.s)}, arrays=10)
     axes = velocity.u_axes
     sea, notes = _sea(file, axes, grid, layers)
     components = [
@@ -67,23 +69,85 @@ def read_field(
     if axes.staggered:
         notes.append(f"{names}: averaged from the sides of the cells to their centres")
     u, v = np.full(shape, np.nan), np.full(shape, np.nan)
+    is_water, moves, would_move = (np.zeros(shape[2:], bool) for _ in range(3))
     for k, record in enumerate(map(int, records)):
-        (x, beside_x), (y, beside_y) = (each.at(record) for each in components)
-        wet = beside_x | beside_y if sea.mask is None else np.broadcast_to(sea.mask, x.shape)
+        (x, beside_x, free_x), (y, beside_y, free_y) = (each.at(record) for each in components)
+        wet = beside_x | beside_y
+        if sea.mask is not None:
+            wet = np.broadcast_to(sea.mask.water, x.shape)
         x, y = np.where(wet, x, np.nan), np.where(wet, y, np.nan)
+        is_water |= wet.any(axis=0)
+        moves |= _moves(x, y)
+        would_move |= _moves(free_x, free_y)
         surface = np.zeros(shape[2:])
         if sea.surface is not None:
             surface = read_cells(file, sea.surface, axes, grid, record)
+        deep = layers.depth[:, None, None] > sea.bed + surface
         if layers.s_levels is not None:
             heights = layers.s_levels.heights(sea.bed, surface)
-            wanted = [surface - depth for depth in layers.depth]
+            wanted = surface - layers.depth[:, None, None]
+            here = np.isfinite(x + y).any(axis=0) & ~deep
+            _check_reach(file, axes, grid, layers, heights, np.where(here, wanted, np.nan))
             x, y = (
                 np.stack([at_height(values, heights, height) for height in wanted])
                 for values in (x, y)
             )
-        deep = layers.depth[:, None, None] > sea.bed + surface
         u[k], v[k] = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+    if is_water.any() and would_move.any() and not moves.any():
+        raise _exchanged(file, sea, components, is_water, would_move)
     return _with_water(file, velocity, records, layers, sea, u, v, notes)
+
+
+def _moves(
+    x: Float[np.ndarray, "levels y x"], y: Float[np.ndarray, "levels y x"]
+) -> Bool[np.ndarray, "y x"]:
+    """Where there is a current that is not 0 at some level."""
+    speed = np.hypot(x, y)
+    return ((speed > 0) & (speed <= FASTEST_CURRENT)).any(axis=0)
+
+
+def _exchanged(
+    file: OceanFile,
+    sea: "_Sea",
+    components: list[Component],
+    is_water: Bool[np.ndarray, "y x"],
+    would_move: Bool[np.ndarray, "y x"],
+) -> ValueError:
+    """What is said of masks that leave no current, though the file has some."""
+    masks = {mask.name: mask.why for mask in (sea.mask, *(one.mask for one in components)) if mask}
+    return file.error(
+        ", ".join(masks),
+        f"none of the {is_water.sum()} cells that are water by it has a current other than 0, but "
+        f"{(would_move & ~is_water).sum()} of the {(~is_water).sum()} that are land have; are land "
+        f"and water exchanged? ({'; '.join(dict.fromkeys(masks.values()))})",
+    )
+
+
+def _check_reach(
+    file: OceanFile,
+    axes: Axes,
+    grid: OceanGrid,
+    layers: Layers,
+    heights: Float[np.ndarray, "levels y x"],
+    wanted: Float[np.ndarray, "layers y x"],
+) -> None:
+    """Refuses heights that are more than a layer above or below the levels of the file."""
+    levels = layers.s_levels
+    assert levels is not None
+    for depth, height in zip(layers.depth, wanted, strict=True):
+        gap, layer = levels.beyond(heights, height)
+        far = gap > layer
+        if not far.any():
+            continue
+        row, column = np.unravel_index(np.where(far, gap, 0).argmax(), far.shape)
+        s = levels.s
+        has = f"{s[0]:g} only" if len(s) == 1 else f"{len(s)} levels from {s[0]:g} to {s[-1]:g}"
+        raise file.error(
+            "depths",
+            f"{depth:g} m below the surface is {gap[row, column]:.3g} m away from the nearest "
+            f"level of the file at row {grid.rows[row]}, column {grid.columns[column]}; expected a "
+            f"layer ({layer[row, column]:.3g} m there) at most; {axes.depth} has {has}",
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,16 +155,16 @@ class _Sea:
     """The `mask` of the centres, or `None` if the file has none; the depth of the sea `bed` in
     metres, NaN where it is not known; the variable of the `surface` height, if it matters."""
 
-    mask: Bool[np.ndarray, "#levels y x"] | None
+    mask: Mask | None
     bed: Float[np.ndarray, "y x"]
     surface: str | None
 
 
 def _sea(file: OceanFile, axes: Axes, grid: OceanGrid, layers: Layers) -> tuple[_Sea, list[str]]:
     mask = read_mask(file, axes.rho, grid.rows, grid.columns, layers.places, axes.depth)
-    if mask is None and not axes.staggered:
-        mask = np.ones((1, *grid.lon.shape), bool)  # what has a value is water
     bed, surface, notes = np.full(grid.lon.shape, np.nan), None, []
+    if mask is not None:
+        notes.append(f"{mask.name}: {mask.why}")
     name = _sea_bed(file, axes)
     if name is not None:
         bed = read_cells(file, name, axes, grid)
@@ -176,7 +240,9 @@ def _no_water(
             "time",
             f"record {records[~somewhere][0]} has no velocity anywhere; leave it out",
         )
-    wet = np.isfinite(sea.bed) if sea.mask is None else sea.mask.any(axis=0) & np.isfinite(sea.bed)
+    wet = np.isfinite(sea.bed)
+    if sea.mask is not None:
+        wet &= sea.mask.water.any(axis=0)
     if wet.any() and depth > sea.bed[wet].max():
         return file.error(
             "depths",

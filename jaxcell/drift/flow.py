@@ -37,6 +37,8 @@ class Flow:
     "Along x and y, at the centres of the cells."
     time: Float[Array, "records"]
     "Seconds since the first record of the file, ascending."
+    wraps: bool = dataclasses.field(default=False, metadata={"static": True})
+    "Whether the last column is beside the first, as in `Water`."
 
     @classmethod
     def of(cls, currents: xr.Dataset, layer: int = 0, record: int | None = None) -> "Flow":
@@ -65,18 +67,20 @@ class Flow:
         along_x = (east * cos + north * sin) / water.dx
         along_y = (north * cos - east * sin) / water.dy
         since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "s")
-        return cls(jnp.asarray(np.stack([along_x, along_y], axis=1)), jnp.asarray(since[taken]))
+        rate = jnp.asarray(np.stack([along_x, along_y], axis=1))
+        return cls(rate, jnp.asarray(since[taken]), water.wraps)
 
     def mean(self) -> "Flow":
         """The steady flow that is the mean of the records."""
-        return Flow(jnp.mean(self.rate, axis=0, keepdims=True), self.time[:1])
+        return Flow(jnp.mean(self.rate, axis=0, keepdims=True), self.time[:1], self.wraps)
 
     def at(
         self, x: Float[Array, "*points"], y: Float[Array, "*points"], time: Float[Array, ""]
     ) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
         """The flow at points of the grid, bilinear in place and linear in time.
 
-        Off the grid it is that of the nearest point of the grid, and before the first and after the
+        Off the grid it is that of the nearest point of the grid (columns that go round the Earth
+        have no end), and before the first and after the
         last record that of these records.
         """
         records, _, rows, columns = self.rate.shape
@@ -88,7 +92,7 @@ class Flow:
             share = (time - self.time[before]) / (self.time[after] - self.time[before])
             share = jnp.clip(share, 0.0, 1.0)
             along = (1 - share) * self.rate[before] + share * self.rate[after]
-        left, right, across = _between(x, columns)
+        left, right, across = (_around if self.wraps else _between)(x, columns)
         below, above, up = _between(y, rows)
 
         def value(field):  # type: ignore[no-untyped-def]
@@ -107,6 +111,15 @@ def _between(
     first = jnp.minimum(jnp.floor(place), max(size - 2, 0))
     near = first.astype(jnp.int32)
     return near, jnp.minimum(near + 1, size - 1), place - first
+
+
+def _around(
+    place: Float[Array, "*points"], size: int
+) -> tuple[Int[Array, "*points"], Int[Array, "*points"], Float[Array, "*points"]]:
+    """The same on an axis whose last cell is beside the first."""
+    first = jnp.floor(place)
+    near = (first % size).astype(jnp.int32)
+    return near, (near + 1) % size, place - first
 
 
 @functools.partial(jax.jit, static_argnames=("method", "steps"))
@@ -256,6 +269,11 @@ def checked_duration(
         raise ValueError(
             f"flow: expected one over the {list(water.number.shape)} squares of this water, got "
             f"one over {list(flow.rate.shape[2:])}"
+        )
+    if flow.wraps != water.wraps:
+        raise ValueError(
+            f"flow: wraps: expected {water.wraps} as for this water, got {flow.wraps}; only one of "
+            "them goes round the Earth"
         )
     if duration is None:
         return crossing_time(water, flow)

@@ -11,9 +11,12 @@ from .netcdf import OceanFile
 from .sphere import (
     curvilinear_sides,
     eastward_order,
+    goes_round,
     inside,
     northward_order,
+    overlapping_columns,
     rectangular_sides,
+    repeated_columns,
     wrapped,
 )
 
@@ -28,6 +31,7 @@ class OceanGrid:
     - `lon`, `lat`: of the centres in degrees, longitude from -180 to 180.
     - `dx`, `dy`: sides in metres along the x and y axes.
     - `angle`: radians, counter-clockwise from East to the x axis.
+    - `wraps`: whether the last column is beside the first, as the grid goes round the Earth.
     - `angle_from`: where the angle is from, in words; empty on a grid of latitude and longitude.
     - `notes`: what was done to the grid.
     """
@@ -39,6 +43,7 @@ class OceanGrid:
     dx: Float[np.ndarray, "y x"]
     dy: Float[np.ndarray, "y x"]
     angle: Float[np.ndarray, "y x"]
+    wraps: bool
     angle_from: str
     notes: tuple[str, ...] = ()
 
@@ -52,8 +57,9 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
     - `axes`: of one of its velocities.
     - `bounds`: as for [`jaxcell.drift.open_currents`][].
 
-    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, and
-    for a grid of a single row or column, whose cells have no size.
+    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, for
+    a grid of a single row or column, whose cells have no size, and for an `angle` that is not the
+    angle of the grid.
     """
     sizes = {name: file.dataset.sizes.get(name, 0) for name in axes.rho}
     for name, size in sizes.items():
@@ -64,12 +70,19 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
     return make(file, axes, box)
 
 
+# In degrees. That of a model is exact, and that from positions is of one cell to the next.
+_LARGEST_ERROR_OF_ANGLE = 5.0
+
 _Box = tuple[float, float, float, float]
 
 
 def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     lon_in_file = file.read(file.dataset[axes.lon])
     lat_in_file = file.read(file.dataset[axes.lat])
+    notes = []
+    if again := repeated_columns(lon_in_file):
+        lon_in_file = lon_in_file[:-again]
+        notes.append(f"{axes.lon}: {_columns(again)} at the end repeated the first; left out")
     try:
         columns = eastward_order(lon_in_file)
     except ValueError as error:
@@ -78,8 +91,8 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         rows = northward_order(lat_in_file)
     except ValueError as error:
         raise file.error(axes.lat, str(error)) from error
-    notes = []
     lon, lat = wrapped(lon_in_file[columns]), lat_in_file[rows]
+    whole = goes_round(lon[None], np.zeros((1, lon.size)))
     if (lon_in_file >= 180).any():
         notes.append(f"{axes.lon}: {lon_in_file.min():g} to {lon_in_file.max():g} wrapped")
     if columns[0] > columns[1] or (np.diff(columns) < 0).any():
@@ -92,12 +105,17 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         y = np.flatnonzero(inside(np.full_like(lat, box[0]), lat, box))
         if x.size == 0 or y.size == 0:
             raise _outside(file, box, lon, lat)
+        if whole and x.size < lon.size:  # those across the seam side by side
+            x = x[np.argsort((lon[x] - box[0] + 1e-9) % 360)]
+    wraps = whole and x.size == lon.size
+    if wraps:
+        notes.append(_round(axes.lon))
     file.check_size(axes.lon, {axes.y: len(y), axes.x: len(x)}, arrays=5)
-    dx, dy = rectangular_sides(lon, lat, y, x)
+    dx, dy = rectangular_sides(lon, lat, y, x, wraps=whole)
     lon_grid, lat_grid = np.meshgrid(lon[x], lat[y])
     return OceanGrid(
         rows[y], columns[x], lon_grid, lat_grid, dx, dy,
-        np.zeros_like(lon_grid), "", tuple(notes),
+        np.zeros_like(lon_grid), wraps, "", tuple(notes),
     )  # fmt: skip
 
 
@@ -106,21 +124,31 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     # Positions, directions and sides of all cells are in memory at once.
     file.check_size(axes.lon, sizes, arrays=24)
 
+    kept = slice(None)
+
     def read(name: str) -> np.ndarray:
         values = file.read(file.dataset[name], axes.rho)
-        return np.broadcast_to(values, tuple(sizes.values()))
+        return np.broadcast_to(values, tuple(sizes.values()))[:, kept]
 
     lon, lat = wrapped(read(axes.lon)), read(axes.lat)
-    dx, dy, angle, turn = curvilinear_sides(lon, lat)
+    rows, columns = (np.arange(size) for size in sizes.values())
     notes = []
+    # Of two repeated columns one at each end is left out: the sides of the others are in the file.
+    again = overlapping_columns(lon, lat)
+    inner = slice(again // 2, columns.size - (again - again // 2))
+    wraps = goes_round(lon[:, inner], lat[:, inner])
+    if wraps and again:
+        kept = inner
+        lon, lat, columns = lon[:, kept], lat[:, kept], columns[kept]
+        notes.append(f"{axes.lon}: {_columns(again)} at the ends repeated others; left out")
+    dx, dy, angle, turn = curvilinear_sides(lon, lat, wraps=wraps)
     if (turn < 0).any() and (turn > 0).any():
         j, i = np.argwhere((turn < 0) != (np.nanmedian(turn) < 0))[0]
         raise file.error(
             axes.lon,
-            f"expected positions in order; the grid folds at row {j}, column {i} "
+            f"expected positions in order; the grid folds at row {j}, column {columns[i]} "
             f"({lon[j, i]:g}, {lat[j, i]:g})",
         )
-    rows, columns = (np.arange(size) for size in sizes.values())
     if (turn < 0).any():
         if axes.staggered:
             raise file.error(axes.lat, "the grid is a mirror image: y is to the right of x")
@@ -128,26 +156,74 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         notes.append("rows turned, as y was to the right of x")
     angle_from = f"the angle of the grid, computed from {axes.lon} and {axes.lat}"
     if _on_grid(file, "angle", axes):
-        angle, angle_from = read("angle"), "the variable angle"
-        if str(file.dataset["angle"].attrs.get("units", "")).startswith("deg"):
-            angle = np.radians(angle)
+        angle, angle_from = _angle(file, axes, read("angle"), angle)
     with np.errstate(divide="ignore"):
         if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
             dx, dy = 1 / read("pm"), 1 / read("pn")
+    part = np.arange(columns.size)
     if box is not None:
         within = inside(lon, lat, box)
         if not within.any():
             raise _outside(file, box, lon, lat)
         y, x = (np.flatnonzero(within.any(axis=axis)) for axis in (1, 0))
         rows = rows[(rows >= y[0]) & (rows <= y[-1])]
-        columns = np.arange(x[0], x[-1] + 1)
+        part = np.arange(x[0], x[-1] + 1)
+        wraps = wraps and part.size == columns.size
         if not within.all():
             notes.append("bounds: the block of the grid that holds all cells within them")
-    block = np.ix_(rows, columns)
+    if wraps:
+        notes.append(_round(axes.lon))
+    block = np.ix_(rows, part)
     return OceanGrid(
-        rows, columns, lon[block], lat[block], dx[block], dy[block], angle[block], angle_from,
-        tuple(notes),
+        rows, columns[part], lon[block], lat[block], dx[block], dy[block], angle[block], wraps,
+        angle_from, tuple(notes),
     )  # fmt: skip
+
+
+def _angle(
+    file: OceanFile,
+    axes: Axes,
+    angle: Float[np.ndarray, "y x"],
+    computed: Float[np.ndarray, "y x"],
+) -> tuple[Float[np.ndarray, "y x"], str]:
+    """The variable `angle` in radians, and what it is called.
+
+    Its unit is the one in which it is nearer to the angle that the positions of the cells give:
+    files leave it out, and CROCO has files of radians that say degree.
+
+    **Raises:** `ValueError` if half of the cells are more than 5 degrees off in either unit.
+    """
+    known = np.isfinite(angle + computed)
+    if not known.any():
+        return angle, "the variable angle"
+    units = {"radians": angle, "degrees": np.radians(angle)}
+    off = {
+        unit: float(np.degrees(np.median(np.abs(_turn(values - computed)[known]))))
+        for unit, values in units.items()
+    }
+    unit = min(off, key=lambda unit: off[unit])
+    if off[unit] > _LARGEST_ERROR_OF_ANGLE:
+        raise file.error(
+            "angle",
+            f"expected the angle from East to the x axis within {_LARGEST_ERROR_OF_ANGLE:g} "
+            f"degrees of that from {axes.lon} and {axes.lat}; its median is off by "
+            f"{off['radians']:.3g} degrees if it is in radians, and by {off['degrees']:.3g} if it "
+            "is in degrees",
+        )
+    return units[unit], f"the variable angle, in {unit} as {axes.lon} and {axes.lat} show"
+
+
+def _turn(angle: Float[np.ndarray, "y x"]) -> Float[np.ndarray, "y x"]:
+    """An angle in radians, from -pi up to pi."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def _columns(count: int) -> str:
+    return "a column" if count == 1 else f"{count} columns"
+
+
+def _round(lon: str) -> str:
+    return f"{lon}: the grid goes round the Earth; its last column is beside its first"
 
 
 def _on_grid(file: OceanFile, name: str, axes: Axes) -> bool:

@@ -121,8 +121,8 @@ def _by_name(file: OceanFile) -> Velocity:
         raise file.error(
             u,
             f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or "
-            f"along the grid, and it has no standard name; variables=({u!r}, {v!r}) takes it as "
-            "towards the East",
+            "along the grid, and it has no standard name; to take it as towards the East, name "
+            f"{u} and {v} with variables",
         )
     raise file.error("variables", f"no velocity found; the file has {_all(file)}")
 

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from .. import memory
 from ..netcdf_classic import promised_length
 
 
@@ -46,7 +47,9 @@ class OceanFile:
         return ValueError(f"{self.name}: {field}: {_cut(message)}")
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
-        """Refuses float64 arrays of the given sizes that would take more than 4 GiB together."""
+        """Refuses float64 arrays of the given sizes that would take more than 4 GiB together, or
+        more than the free memory.
+        """
         size = 8 * arrays * math.prod(sizes.values())
         if size > LARGEST_BYTES:
             text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
@@ -55,6 +58,7 @@ class OceanFile:
                 f"{text} values would take {size / 2**30:.1f} GiB of memory; expected "
                 f"{LARGEST_BYTES / 2**30:g} GiB at most; choose less with time, depths or bounds",
             )
+        memory.check(size, f"{self.name}: {field}", "choose less with time, depths or bounds")
 
     def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:
         """The values of part of a variable as float64, NaN where there is none.

@@ -18,6 +18,11 @@ from .roms import turned
 from .times import When, choose_records, record_times
 
 
+# At the end of a grid of 1/1000 degree that ends at a pole it is 1/100,000; in a row whose centres
+# are the pole itself, a rounding error.
+_LEAST_RATIO_OF_SIDES = 5e-6
+
+
 def open_currents(
     path: str | os.PathLike[str],
     *,
@@ -35,7 +40,14 @@ def open_currents(
     that belongs to the grid must be in the same file.
 
     A cell is water where it has a velocity at every record that is read, so a gap in a radar map
-    takes its cell out; read fewer records to keep more cells.
+    takes its cell out; read fewer records to keep more cells. If the file has a mask, it must be
+    water by that too: 1 is water in what ROMS, CROCO and NEMO call their masks; elsewhere flags
+    or options such as `option_0` say it, or else a standard name of CF.
+
+    Where the columns go round the Earth, so that the last is beside the first, columns that are
+    repeated at an end are left out; all that is computed from the currents goes on across the seam.
+    `notes` says so. With velocities on the sides of cells and no repeated column, that at the seam
+    is not in the file, and the cells beside it have the velocity of their other side.
 
     **Arguments:**
 
@@ -44,14 +56,14 @@ def open_currents(
         hour being its midnight; UTC), a slice of indices, or the first and the last of the records
         as indices or moments, both included. A moment stands for the nearest record (the later of
         two), within half the time between records. All records if left out.
-    - `depths`: in metres below the surface, positive down. In a file of fixed depths they must be
-        among its levels, to the centimetre, and all levels that have water are read if they are
-        left out. In one whose levels follow the sea bed they may be any, and are 0 if left out;
-        the velocity of the highest level holds up to the surface, and that of the lowest down to
-        the bed.
+    - `depths`: in metres below the surface, positive down. In a file of fixed depths, of either
+        sign, they must be among its levels, to the centimetre, and all levels that have water are
+        read if they are left out. In one whose levels follow the sea bed they may be any, and are
+        0 if left out; the velocity of the highest level holds up to the surface, and that of the
+        lowest down to the bed, but no farther than a layer where a file lacks levels there.
     - `bounds`: `(west, south, east, north)` in degrees; longitudes of either kind, across the
         antimeridian if west is more than east. A grid that is turned or curved gives the block
-        that holds all cells within them.
+        that holds all cells within them. A part of the globe has edges like any other.
     - `variables`: the names of the velocities towards the East and North (or along the grid, if
         they stand on the sides of its cells or their standard names say so), where the file
         leaves it open.
@@ -69,8 +81,10 @@ def open_currents(
 
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
     a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
-    or not; coordinates out of order; missing parameters of the levels; times, depths or bounds
-    that the file does not have; no water; a current above 10 m/s; and more data than 4 GiB.
+    or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid in
+    radians or degrees; missing parameters of the levels; times, depths or bounds that the file does
+    not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and more
+    data than 4 GiB; `MemoryError` for more than fits the free memory.
 
     The surface of the bundled sea at its first record:
 
@@ -116,13 +130,18 @@ def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) 
             raise file.error(
                 name, f"no {what} at row {grid.rows[j]}, column {grid.columns[i]}, which is water"
             )
-    bad = water & ~((grid.dx > 0) & (grid.dy > 0) & np.isfinite(grid.dx + grid.dy))
+    shorter, longer = np.minimum(grid.dx, grid.dy), np.maximum(grid.dx, grid.dy)
+    bad = water & ~((shorter > _LEAST_RATIO_OF_SIDES * longer) & np.isfinite(longer))
     if bad.any():
         j, i = np.argwhere(bad)[0]
+        lat = grid.lat[j, i]
+        at_pole = f"; the row at latitude {lat:g} is at a pole: leave it out with bounds"
         raise file.error(
             name,
             f"the cell at row {grid.rows[j]}, column {grid.columns[i]} has sides of "
-            f"{grid.dx[j, i]:g} and {grid.dy[j, i]:g} m; expected more than 0",
+            f"{grid.dx[j, i]:g} and {grid.dy[j, i]:g} m; expected more than 0"
+            + at_pole
+            * bool(abs(lat) > 89),
         )
 
 

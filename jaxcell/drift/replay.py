@@ -19,7 +19,8 @@ class Replay:
     """Where simulated drifters were, step by step."""
 
     x: Float[Array, "steps drifters"]
-    "Column of each drifter after each step, in cells; those that left the grid stay where it ends."
+    """Column of each drifter after each step, in cells; those that left the grid stay where it
+    ends, and around the Earth it goes on past the last column, turn after turn."""
     y: Float[Array, "steps drifters"]
     cell: Int[np.ndarray, "steps drifters"]
     "The cell, or the nearest one of those at a coast; -1 off the grid."
@@ -116,10 +117,13 @@ def _paths(key, flow, sides, x, y, begin, duration, rho, substeps):  # type: ign
     def step(place, now):  # type: ignore[no-untyped-def]
         x, y = place
         key, began = now
-        on = (x >= -0.5) & (x < columns - 0.5) & (y >= -0.5) & (y < rows - 0.5)
+        on = (y >= -0.5) & (y < rows - 0.5)
+        if not flow.wraps:
+            on &= (x >= -0.5) & (x < columns - 0.5)
         end_x, end_y = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
         row = jnp.clip(jnp.round(y).astype(jnp.int32), 0, rows - 1)
-        column = jnp.clip(jnp.round(x).astype(jnp.int32), 0, columns - 1)
+        column = jnp.round(x).astype(jnp.int32)
+        column = column % columns if flow.wraps else jnp.clip(column, 0, columns - 1)
         dx, dy = sides[:, row, column]
         right, up = (end_x - x) * dx, (end_y - y) * dy
         drawn = jax.random.uniform(key, x.shape, x.dtype)
@@ -218,12 +222,18 @@ def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray,
     """The larger Wasserstein distance of the distributions over columns and over rows.
 
     It is at most that of the distributions themselves, and needs no linear program. What left the
-    grid is left out.
+    grid is left out. Around the Earth, drifters go the shorter way over the columns.
     """
     if not (p.sum() > 0 and q.sum() > 0):
         return float("nan")
     apart = []
-    for place in (water.column, water.row):
-        over = [np.cumsum(np.bincount(place, v / v.sum())) for v in (p, q)]
-        apart.append(float(np.abs(over[0] - over[1]).sum()))
+    columns = water.number.shape[1]
+    for place, circle in ((water.column, water.wraps), (water.row, False)):
+        size = columns if circle else 0
+        over = [np.cumsum(np.bincount(place, v / v.sum(), size)) for v in (p, q)]
+        moved = over[0] - over[1]
+        if circle:
+            # As much may go round as one likes; least is moved where the median stands still.
+            moved = moved - np.median(moved)
+        apart.append(float(np.abs(moved).sum()))
     return max(apart)

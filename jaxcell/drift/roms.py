@@ -13,6 +13,10 @@ from jaxtyping import Bool, Float, Int
 from .netcdf import OceanFile
 
 
+# A level alone is that of the surface or of the sea bed if it is so near to it, in s.
+ALONE = 0.1
+
+
 def to_centres(
     sides: Float[np.ndarray, "*sides"], open_sides: Bool[np.ndarray, "*sides"], axis: int
 ) -> Float[np.ndarray, "..."]:
@@ -86,6 +90,33 @@ class SLevels:
                 return still + surface * (1 + still / depth)
             share = (self.critical_depth * s + depth * stretching) / (self.critical_depth + depth)
             return surface + (surface + depth) * share
+
+    def beyond(
+        self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "y x"]
+    ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
+        """How far heights are above the highest level or below the lowest.
+
+        The levels of a model stand in the middle of its layers, so those of a whole file go on to
+        the surface and to the sea bed, and nothing is beyond them.
+
+        **Arguments:**
+
+        - `heights`: of each level.
+        - `wanted`: the height in each cell.
+
+        **Returns:** metres, 0 or less where a height is not beyond the levels; and how thick a
+        layer is there, 0 if there is only one level.
+        """
+        steps, layers = np.diff(self.s), np.diff(heights, axis=0)
+        if len(self.s) == 1:
+            steps, layers = np.array([ALONE]), np.zeros((1, *wanted.shape))
+        up, down = wanted - heights[-1], heights[0] - wanted
+        # Packed files hold s only to their precision.
+        if -self.s[-1] <= 1.01 * steps[-1]:
+            up = np.zeros_like(up)
+        if self.s[0] + 1 <= 1.01 * steps[0]:
+            down = np.zeros_like(down)
+        return np.maximum(up, down), np.where(up > down, layers[-1], layers[0])
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:

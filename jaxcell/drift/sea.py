@@ -62,6 +62,8 @@ class Sea:
                     f"waters: layer {k} has {water.number.shape} rows and columns, and layer 0 "
                     f"has {shape}"
                 )
+            if water.wraps != waters[0].wraps:
+                raise ValueError(f"waters: layers 0 and {k}: only one of them goes round the Earth")
             if chain.cells != water.cells:
                 raise ValueError(
                     f"chains: that of layer {k} has {chain.cells} cells, and its water has "

@@ -6,10 +6,76 @@ from jaxtyping import Bool, Float, Int
 
 EARTH_RADIUS = 6371000.0
 
+# A grid goes round the Earth if the spacing across its seam is between those on both sides of it,
+# but for this part; columns that differ by less than the second part of their spacing are the same.
+_SEAM, _SAME = 0.1, 0.01
+# So many columns are repeated at most; rows whose columns are no farther apart are at a pole.
+_MOST_REPEATED, _POLE = 4, 1e-9
+
 
 def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Longitudes in degrees, from -180 up to but not including 180."""
     return (lon + 180.0) % 360.0 - 180.0
+
+
+def repeated_columns(lon: Float[np.ndarray, " x"]) -> int:
+    """How many of the last longitudes are the first ones again, a turn later.
+
+    **Arguments:**
+
+    - `lon`: in degrees, in order.
+    """
+    steps = wrapped(np.diff(lon))
+    place = np.abs(np.append(0.0, np.cumsum(steps)))
+    same = _SAME * np.abs(steps).min(initial=np.inf)
+    again = int((place >= 360 - same).sum())
+    # One column at least must be left of each that is dropped.
+    if (
+        2 * again > lon.size
+        or not (np.abs(place[lon.size - again :] - 360 - place[:again]) <= same).all()
+    ):
+        return 0
+    return again
+
+
+def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
+    """How many of the last columns of a grid stand where its first ones do.
+
+    Models that go round the Earth often repeat one column or two.
+    """
+    most = min(_MOST_REPEATED, lon.shape[1] // 2)
+    first = _on_sphere(lon[:, : most + 1], lat[:, : most + 1])
+    last = _on_sphere(lon[:, -most:], lat[:, -most:])
+    apart = np.linalg.norm(np.diff(first, axis=2), axis=0).min(axis=1)
+    for count in range(most, 0, -1):
+        off = np.linalg.norm(last[:, :, -count:] - first[:, :, :count], axis=0).max(axis=1)
+        known = np.isfinite(off + apart) & (apart > _POLE)
+        if known.any() and (off <= _SAME * apart)[known].all():
+            return count
+    return 0
+
+
+def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> bool:
+    """Whether the last column of a grid is beside the first, so that its rows are circles.
+
+    The rows must go once round the Earth, and the seam must be as wide as the columns beside it.
+
+    **Arguments:**
+
+    - `lon`, `lat`: of the centres in degrees.
+    """
+    if lon.shape[1] < 3:
+        return False
+    turn = wrapped(np.diff(lon, axis=1, append=lon[:, :1])).sum(axis=1)
+    near = [-2, -1, 0, 1]
+    before, seam, after = np.linalg.norm(
+        np.diff(_on_sphere(lon[:, near], lat[:, near]), axis=2), axis=0
+    ).T
+    least, most = np.minimum(before, after), np.maximum(before, after)
+    known = np.isfinite(before + seam + after) & (least > _POLE)
+    closes = (seam >= (1 - _SEAM) * least) & (seam <= (1 + _SEAM) * most)
+    once = np.abs(np.abs(turn) - 360) < 1e-6
+    return bool(once.any() and known.any() and closes[known].all())
 
 
 def eastward_order(lon: Float[np.ndarray, " x"]) -> Int[np.ndarray, " x"]:
@@ -69,6 +135,8 @@ def rectangular_sides(
     lat: Float[np.ndarray, " all_y"],
     rows: Int[np.ndarray, " y"],
     columns: Int[np.ndarray, " x"],
+    *,
+    wraps: bool = False,
 ) -> tuple[Float[np.ndarray, "y x"], Float[np.ndarray, "y x"]]:
     """The sides in metres of cells between meridians and parallels.
 
@@ -79,17 +147,20 @@ def rectangular_sides(
     - `lon`: of the centres in degrees, ascending to the East, at least two.
     - `lat`: likewise to the North.
     - `rows`, `columns`: of the cells that are asked for.
+    - `wraps`: whether the last meridian is beside the first.
 
     **Returns:** `dx` along the parallel of the centre, and `dy` along the meridian.
     """
-    across = np.radians(np.gradient(np.unwrap(lon, period=360)))[columns]
+    around = np.pad(lon, 1, mode="wrap") if wraps else lon
+    across = np.radians(np.gradient(np.unwrap(around, period=360)))
+    across = (across[1:-1] if wraps else across)[columns]
     along = np.radians(np.gradient(lat))[rows]
     dx = EARTH_RADIUS * np.cos(np.radians(lat[rows]))[:, None] * across
     return dx, np.broadcast_to(EARTH_RADIUS * along[:, None], dx.shape).copy()
 
 
 def curvilinear_sides(
-    lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]
+    lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"], *, wraps: bool = False
 ) -> tuple[
     Float[np.ndarray, "y x"],
     Float[np.ndarray, "y x"],
@@ -101,7 +172,10 @@ def curvilinear_sides(
     From the straight lines between the centres on both sides of a cell, at the edge of the grid
     between the cell and its neighbour.
 
-    **Arguments:** `lon` and `lat` of the centres in degrees.
+    **Arguments:**
+
+    - `lon`, `lat`: of the centres in degrees.
+    - `wraps`: whether the last column is beside the first.
 
     **Returns:** `dx` and `dy`, the sides in metres along the x and y axes; `angle`, radians
     counter-clockwise from East to the x axis; `turn`, the sine of the angle from the x axis to the
@@ -113,7 +187,10 @@ def curvilinear_sides(
     east = np.stack([-sin_lon, cos_lon, np.zeros_like(lon)])
     north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat])
     centre = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat])
-    along_y, along_x = np.gradient(centre, axis=(1, 2))
+    around = np.pad(centre, ((0, 0), (0, 0), (1, 1)), mode="wrap") if wraps else centre
+    along_y, along_x = np.gradient(around, axis=(1, 2))
+    if wraps:
+        along_y, along_x = along_y[:, :, 1:-1], along_x[:, :, 1:-1]
     dx = np.linalg.norm(along_x, axis=0)
     dy = np.linalg.norm(along_y, axis=0)
     x_east, x_north = (along_x * east).sum(axis=0), (along_x * north).sum(axis=0)
@@ -121,6 +198,14 @@ def curvilinear_sides(
     with np.errstate(invalid="ignore", divide="ignore"):
         turn = (x_east * y_north - x_north * y_east) / (dx * dy)
     return EARTH_RADIUS * dx, EARTH_RADIUS * dy, np.arctan2(x_north, x_east), turn
+
+
+def _on_sphere(
+    lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]
+) -> Float[np.ndarray, "3 y x"]:
+    """The directions from the middle of the Earth, of length 1."""
+    east, north = np.radians(lon), np.radians(lat)
+    return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])
 
 
 def _around_break(values: np.ndarray, steps: np.ndarray) -> str:

@@ -132,14 +132,14 @@ def discounted_voyage(
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: more than 0 and less than 1; the source does not give its own.
     - `tolerance`: of the error of the values.
-    - `throw`: whether to raise when the arrival is not known well enough. Not so by default, as in
-        [`jaxcell.drift.long_term_behaviour`][]: where an eddy holds drifters almost for ever, times
-        are beyond 64-bit numbers. `arrival` of the result tells.
+    - `throw`: whether to raise when the values or the arrival are not known well enough. Not so by
+        default, as in [`jaxcell.drift.long_term_behaviour`][]: where an eddy holds drifters almost
+        for ever, times are beyond 64-bit numbers. `certificate` and `arrival` of the result tell.
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values.
 
     **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model] and
-    [`jaxcell.markov.value_iteration`][]; `RuntimeError` if value iteration stalls.
+    [`jaxcell.markov.value_iteration`][]; `RuntimeError` if `throw` is set and a solve stalls.
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
@@ -159,7 +159,7 @@ def discounted_voyage(
         [0.0, 95.06, 93.119, 99.0, 97.02, 95.06]
     """
     model = voyage_model(sea, goal, discount)
-    best = value_iteration(model, discount, tolerance)
+    best = value_iteration(model, discount, tolerance, throw=throw)
     return _voyage(sea, goal, best.policy, best.value, best.certificate, throw)
 
 

@@ -5,9 +5,10 @@ import numpy as np
 import scipy.ndimage
 import xarray as xr
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array, csgraph
 from scipy.spatial import cKDTree
 
-from .sphere import EARTH_RADIUS
+from .sphere import EARTH_RADIUS, goes_round
 
 
 # Water is connected to that beside it and at its corners, for so do drifters move.
@@ -46,10 +47,14 @@ class Water:
     lat: Float[np.ndarray, "rows columns"]
     depth: float
     "Metres below the surface."
+    wraps: bool = False
+    "Whether the last column is beside the first, as on a grid that goes round the Earth."
 
     @classmethod
     def of(cls, currents: xr.Dataset, layer: int = 0) -> "Water":
         """The water cells of one layer.
+
+        Where the longitudes close to a circle, the last column is beside the first.
 
         **Arguments:**
 
@@ -67,7 +72,12 @@ class Water:
         number = np.where(wet, np.cumsum(wet.ravel()).reshape(wet.shape) - 1, -1)
         names = ("dx", "dy", "angle", "lon", "lat")
         grid = {name: np.asarray(currents[name], np.float64) for name in names}
-        return cls(number.astype(np.int32), **grid, depth=float(currents["depth"][layer]))
+        return cls(
+            number.astype(np.int32),
+            **grid,
+            depth=float(currents["depth"][layer]),
+            wraps=goes_round(grid["lon"], grid["lat"]),
+        )
 
     @property
     def cells(self) -> int:
@@ -87,13 +97,17 @@ class Water:
     @functools.cached_property
     def piece(self) -> Int[np.ndarray, "cells"]:
         """The connected piece of water that each cell belongs to, by its smallest cell from 0."""
-        label, _ = scipy.ndimage.label(self.number >= 0, structure=_AROUND)
+        label, count = scipy.ndimage.label(self.number >= 0, structure=_AROUND)
+        if self.wraps:
+            label = _joined(label, count)
         return label[self.row, self.column].astype(np.int32) - 1
 
     @functools.cached_property
     def neighbor(self) -> Int[np.ndarray, "8 cells"]:
         """The cells around each cell, in the order of rows; -1 where there is no water."""
-        around = np.pad(self.number, 1, constant_values=-1)
+        around = np.pad(self.number, ((1, 1), (0, 0)), constant_values=-1)
+        beside = {"mode": "wrap"} if self.wraps else {"constant_values": -1}
+        around = np.pad(around, ((0, 0), (1, 1)), **beside)
         return np.stack([around[self.row + 1 + r, self.column + 1 + c] for r, c in NEIGHBORS])
 
     @functools.cached_property
@@ -144,9 +158,15 @@ class Water:
     ) -> tuple[Int[np.ndarray, "*points"], Bool[np.ndarray, "*points"]]:
         """The cells in squares, -1 where there is no water, and whether they are on the grid."""
         rows, columns = self.number.shape
+        if self.wraps:
+            column = column % columns
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         number = self.number[row.clip(0, rows - 1), column.clip(0, columns - 1)]
         return np.where(inside, number, np.int32(-1)), inside
+
+    def on_columns(self, x: Float[np.ndarray, "*points"]) -> Float[np.ndarray, "*points"]:
+        """Places along x; around the Earth, those on the grid, whatever turn they are on."""
+        return (x + 0.5) % self.number.shape[1] - 0.5 if self.wraps else x
 
     def landing(
         self,
@@ -194,6 +214,11 @@ class Water:
         row, column = self.row[shore], self.column[shore]
         side = np.stack([self.dx[self.row, self.column], self.dy[self.row, self.column]])
         scale = side[:, shore].mean(axis=1)
+        # Around the Earth everything is there a turn earlier and later too.
+        x = self.on_columns(x)
+        turns = np.arange(-1, 2) if self.wraps else np.zeros(1, int)
+        column = (column + turns[:, None] * self.number.shape[1]).ravel()
+        shore, row = np.tile(shore, turns.size), np.tile(row, turns.size)
         tree = cKDTree(np.stack([column * scale[0], row * scale[1]], axis=1))
         some = min(_CANDIDATES, shore.size)
         _, near = tree.query(np.stack([x * scale[0], y * scale[1]], axis=1), some)
@@ -202,7 +227,7 @@ class Water:
         north = (row[near] - y[:, None]) * side[1, origin, None]
         away = np.hypot(east, north)
         tied = away <= away.min(axis=1, keepdims=True) * (1 + 1e-9)
-        return shore[np.where(tied, near, shore.size).min(axis=1)]
+        return np.where(tied, shore[near], self.cells).min(axis=1)
 
 
 def square(
@@ -211,6 +236,18 @@ def square(
     """The row and the column of the squares that hold points; ties go up and to the right."""
     row, column = (np.floor(np.round(v + 0.5, _DECIMALS)).astype(np.int64) for v in (y, x))
     return row, column
+
+
+def _joined(label: Int[np.ndarray, "rows columns"], count: int) -> Int[np.ndarray, "rows columns"]:
+    """Labels of pieces, those that meet across the seam as one, in order of their first cells."""
+    first, last = np.pad(label[:, 0], 1), label[:, -1]
+    beside = np.concatenate([first[k : k + last.size] for k in range(3)])
+    last = np.tile(last, 3)
+    meet = (beside > 0) & (last > 0)
+    graph = coo_array((meet[meet], (last[meet], beside[meet])), shape=(count + 1, count + 1))
+    _, piece = csgraph.connected_components(graph, directed=False)
+    _, smallest = np.unique(piece, return_index=True)
+    return np.argsort(np.argsort(smallest))[piece][label]
 
 
 def _distance(

@@ -59,6 +59,8 @@ def new_stream(kind: str) -> rr.RecordingStream:
 def recording_name(path: str | os.PathLike[str]) -> str:
     """What the viewer calls a recording in its list: its folder and its own name."""
     path = Path(path).absolute()
+    if path.parent == Path(os.path.expanduser("~")):
+        return path.stem
     return f"{path.parent.name}/{path.stem}"
 
 

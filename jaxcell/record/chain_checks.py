@@ -108,7 +108,7 @@ def drift_checks(dataset: xr.Dataset) -> Checks:
         leaving, ends = listed("leaving"), dataset["probability"].values
         chance = np.empty((len(number), ends.shape[1]))
         chance[number] = np.moveaxis(ends, 1, -1)[wet]
-        told = np.isfinite(leaving)
+        told = np.isfinite(leaving) & (np.isfinite(chance).any(axis=1) | (leaving == 1))
         # A cell of another layer than the group's is in none of its rows.
         chance = np.where(told[:, None], np.nan_to_num(chance), 0)
         sums = np.append(np.abs(chance.sum(axis=1) + leaving - 1)[told], 0.0)

@@ -82,7 +82,8 @@ def _log_drifters(stream: rr.RecordingStream, sea: SeaMap, layer: int, seed: int
         substeps=4,
     )
     there = moved.cell >= 0
-    x, y = np.asarray(moved.x), np.asarray(moved.y)
+    whole, y = np.asarray(moved.x), np.asarray(moved.y)
+    x = water.on_columns(whole)
     xy = sea.xy(x, y)
     # One that ran over a coast lies at it.
     found, _ = water.at(np.rint(y).astype(int), np.rint(x).astype(int))
@@ -94,8 +95,11 @@ def _log_drifters(stream: rr.RecordingStream, sea: SeaMap, layer: int, seed: int
     stream.send_columns(f"{path}/here", index, points.partition(there.sum(axis=1)))
     style = rr.Points2D.from_fields(colors=DRIFTER, radii=0.55 * sea.mark, draw_order=40)
     stream.log(f"{path}/here", style, static=True)
+    # A trail around the Earth begins beyond the edge of the map rather than at its other side.
+    turns = sea.xy(whole, y) - sea.xy(x, y)
     trails = [
-        xy[max(0, time - _TRAIL) : time + 1, there[time]].swapaxes(0, 1) for time in range(len(xy))
+        (xy + turns - turns[time])[max(0, time - _TRAIL) : time + 1, there[time]].swapaxes(0, 1)
+        for time in range(len(xy))
     ]
     strips = rr.LineStrips2D.columns(strips=[strip for trail in trails for strip in trail])
     stream.send_columns(f"{path}/trail", index, strips.partition(there.sum(axis=1)))

@@ -100,13 +100,11 @@ def _behaviour(drift: SeaDrift) -> dict[str, tuple[Any, ...]]:
             kinds[name].append(water.on_grid(np.asarray(values), _LAND))
         hours.append(water.on_grid(np.asarray(behaviour.hours)))
         ends = np.full((most, *water.number.shape), np.nan)
-        leaves = np.full(water.number.shape, np.nan)
         if (found := drift.ends[layer]) is not None:
             for group, row in enumerate(np.asarray(found.value)):
                 ends[group] = water.on_grid(row)
-            leaves = water.on_grid(np.asarray(found.leaving))
         probability.append(ends)
-        leaving.append(leaves)
+        leaving.append(water.on_grid(drift.leaving(layer)))
     cell = np.full((len(drift.waters), *drift.waters[0].number.shape), _LAND, np.int32)
     cell[drift.squares] = np.arange(drift.sea.cells)
     variables: dict[str, tuple[Any, ...]] = {
@@ -137,13 +135,13 @@ def _behaviour(drift: SeaDrift) -> dict[str, tuple[Any, ...]]:
             {"long_name": "mean drift of the centres in one step, in cells", **_ONE},
         ),
     }
+    chance = {"padding": "NaN: no such group, no water, or not known", **_ONE}
+    variables["leaving"] = (
+        _SQUARES,
+        np.stack(leaving),
+        {"long_name": "probability of ending off the grid", **chance},
+    )
     if told:
-        chance = {"padding": "NaN: no such group, no water, or not known", **_ONE}
-        variables["leaving"] = (
-            _SQUARES,
-            np.stack(leaving),
-            {"long_name": "probability of ending off the grid", **chance},
-        )
         variables["probability"] = (
             ("layer", "group_index", "y", "x"),
             np.stack(probability),

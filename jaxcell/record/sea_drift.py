@@ -4,7 +4,7 @@ import functools
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from ..certificate import Outcome
 from ..drift import (
@@ -133,6 +133,14 @@ class SeaDrift:
         they end after all.
         """
         return tuple(map(_ends, self.behaviours))
+
+    def leaving(self, layer: int) -> Float[np.ndarray, "cells"]:
+        """The probability of ending off the grid from each cell of a layer; NaN if not known.
+
+        Where no drifter can leave it is 0, and where none can stay 1, whatever is known of `ends`.
+        """
+        ends = self.ends[layer]
+        return self.behaviours[layer].sure_to_leave if ends is None else np.asarray(ends.leaving)
 
     def almost_for_ever(self, layer: int) -> Bool[np.ndarray, "cells"]:
         """The transient cells from which drifters are practically never in a persistent group."""

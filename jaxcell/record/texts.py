@@ -83,7 +83,7 @@ Press play, or drag the slider `step` at the bottom.
   squares are blue instead, the darker the more headings are possible.
 - **green squares**, at the end: where the robot may be, with the truth among them.
 - **the filter**: a dot is a state, a set of cells, larger if it has more of them.
-  {_drawn(filter, drawing)} The state of the filter is white, those it has been in are vermilion.
+  {_drawn(filter, drawing)} The state of the filter is violet, those it has been in are vermilion.
   Each coloured loop is a *knowledge cycle*, which nothing leaves: there the robot is localized.
 
 The tab **Groups** shows, for the heading of the robot, where all cells lead in the end. Its slider

@@ -43,7 +43,7 @@ sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources
 `filter_sketch` writes, or bounces for ever by that of `bounce_sketch` (section 3.5.4).
 
 `jaxcell.robot.emulator` has a robot at the other end of a serial line without hardware, and
-`jaxcell.robot.direct` one without a line or a clock, for thousands of runs.
+`jaxcell.robot.simulated` the driver and that robot on one clock, a hundred times as fast as it.
 """
 
 from .clock import ByClock as ByClock

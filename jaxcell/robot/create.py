@@ -1,7 +1,7 @@
 """Moves a Create 2 or Roomba 600 by given distances and angles."""
 
+import cmath
 import math
-import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -23,11 +23,13 @@ class Moved(NamedTuple):
     """How a motion ended."""
 
     distance: float
-    "How far the body's centre has gone by the encoders, metres."
+    "How far ahead of where it began the body's centre is by the encoders, metres."
     angle: float
     "How far the body has turned by the encoders, radians counterclockwise."
     bumped: bool
     "Whether a bumper ended the motion."
+    left: float = 0.0
+    "How far to the left of where it began, and of its heading then, the body's centre is, metres."
 
 
 class Create(Driver):
@@ -145,7 +147,7 @@ class Create(Driver):
             raise ValueError(f"{what}: tolerance = {tolerance}: expected more than 0")
         if timeout is None:
             timeout = 2 * whole / speed + 3
-        end = time.monotonic() + timeout
+        end = self._now() + timeout
         most_wheel = MAX_SPEED / 1000
         self.stop()
         try:
@@ -161,10 +163,10 @@ class Create(Driver):
                 if there or not free:
                     now = self._settle()
                     if self._bumped or abs(rest(now)) <= tolerance:
-                        return Moved(
-                            now.distance - start.distance, now.heading - start.heading, self._bumped
-                        )
-                if time.monotonic() > end:
+                        way = (now.place - start.place) * cmath.rect(1.0, -start.heading)
+                        angle = now.heading - start.heading
+                        return Moved(way.real, angle, self._bumped, way.imag)
+                if self._now() > end:
                     raise RobotStopped(f"{what}: {rest(now):.3g} are left after {timeout:.3g} s")
                 now = self._after(now)
         finally:

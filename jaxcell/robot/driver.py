@@ -7,12 +7,10 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from types import FrameType
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
+from .line import Port as Port, open_line, plain
 from .open_interface import (
-    BAUD,
-    MAX_SPEED,
-    RESET,
     SAFE,
     START,
     STOP,
@@ -22,6 +20,7 @@ from .open_interface import (
 )
 from .packets import Mode
 from .reading import STREAM, Reading
+from .speeds import wheel_speeds
 from .watchdog import Watchdog
 
 
@@ -35,27 +34,12 @@ _D = TypeVar("_D", bound="Driver")
 
 _UNARMED = "it is not armed"
 
-# Seconds between two ticks (see `Driver`).
-_TICK = 0.1
+TICK = 0.1
+"""Seconds between two ticks (see `Driver`)."""
 
 
 class RobotStopped(RuntimeError):  # noqa: N818 (it says what happened, as StopIteration does)
     """The driver has stopped the wheels. The message says why."""
-
-
-@runtime_checkable
-class Port(Protocol):
-    """What the driver needs of a serial line: a `serial.Serial` or the like of it."""
-
-    timeout: float | None
-    write_timeout: float | None
-
-    @property
-    def in_waiting(self) -> int: ...
-    def read(self, size: int = 1, /) -> bytes: ...
-    def write(self, data: bytes, /) -> int | None: ...
-    def fileno(self) -> int: ...
-    def close(self) -> None: ...
 
 
 class Driver:
@@ -82,8 +66,8 @@ class Driver:
     """
 
     def __init__(self, port: Port, *, patience: float = 0.5):
-        if not 2 * _TICK <= patience <= 10:
-            raise ValueError(f"patience = {patience}: expected {2 * _TICK} to 10 seconds")
+        if not 2 * TICK <= patience <= 10:
+            raise ValueError(f"patience = {patience}: expected {2 * TICK} to 10 seconds")
         self._port = port
         self._patience = patience
         # Guards the fields below and every write to the line.
@@ -116,9 +100,7 @@ class Driver:
 
         **Raises:** `OSError` if there is no such line, or another process has it.
         """
-        import serial
-
-        return cls(serial.serial_for_url(url, baudrate=BAUD, exclusive=True), patience=patience)
+        return cls(open_line(url), patience=patience)
 
     def __enter__(self: _D) -> _D:
         try:
@@ -178,7 +160,7 @@ class Driver:
         """
         with self._news:
             reading = self._reading
-            if reading is None or time.monotonic() - reading.time > self._patience:
+            if reading is None or self._now() - reading.time > self._patience:
                 known = self._reason not in (None, _UNARMED)
                 raise RobotStopped(self._reason if known else f"no reading for {self._patience} s")
             return reading
@@ -188,9 +170,10 @@ class Driver:
 
         **Arguments:**
 
-        - `right`, `left`: metres per second, -0.5 to 0.5. A speed whose byte would be a command
-            if the line lost the one before it gives way to the next slower one; up to 0.082, and
-            from 0.174 to 0.248, none does.
+        - `right`, `left`: metres per second, -0.5 to 0.5. A pair of which a byte would be a command
+            if the line lost those before it gives way to the next slower one on the same arc, see
+            [`jaxcell.robot.speeds.wheel_speeds`][]. No turn on the spot does at 0.008 to 0.082 and
+            0.174 to 0.248, and no straight way forward up to 0.127 either.
         - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
           stay still until a call without it, or `stop`.
 
@@ -199,11 +182,11 @@ class Driver:
         **Raises:** [`RobotStopped`][] if the robot is not armed, or no more. `ValueError` for a
         speed out of range.
         """
-        wheels = _millimetres("right", right), _millimetres("left", left)
+        wheels = wheel_speeds(right=right, left=left)
         with self._news:
             self._stop_on_bump = stop_on_bump
             self._bumped = stop_on_bump and (self._bumped or self.sensors().bump)
-            self._renewed = time.monotonic()
+            self._renewed = self._now()
             if self._reason is None:
                 self._roll((0, 0) if self._bumped else wheels)
             if self._reason is not None:
@@ -222,6 +205,10 @@ class Driver:
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
+    def _now(self) -> float:
+        """The time in seconds."""
+        return time.monotonic()
+
     def _in(self, mode: Mode) -> bool:
         return self._reading is not None and self._reading.mode is mode
 
@@ -235,7 +222,7 @@ class Driver:
                 if signal.getsignal(number) == signal.SIG_DFL:
                     signal.signal(number, _exit)
                     self._handled.append(number)
-        self._port.timeout = _TICK
+        self._port.timeout = TICK
         self._port.write_timeout = self._patience
         self._watchdog = Watchdog(
             self._port.fileno(),
@@ -264,7 +251,7 @@ class Driver:
         for command in (_HALT + STOP, START):
             with self._news:
                 self._write(command)
-            time.sleep(0.05)
+            self._wait(lambda: False, 0.05)
         with self._news:
             self._first_mode = 0
             self._reading = None
@@ -291,7 +278,7 @@ class Driver:
                 data = self._port.read(max(1, self._port.in_waiting))
             except OSError as error:
                 with self._news:
-                    self._halt(f"the line is lost: {error}")
+                    self._halt(f"the line is lost: {plain(error)}")
                 return
             for values in parser.feed(data):
                 self._hear(values)
@@ -300,7 +287,7 @@ class Driver:
         with self._news:
             now = self._reading = Reading.of(
                 values,
-                time=time.monotonic(),
+                time=self._now(),
                 previous=self._reading,
                 first_mode=self._first_mode,
             )
@@ -317,23 +304,27 @@ class Driver:
             self._news.notify_all()
 
     def _tick(self, watchdog: Watchdog) -> None:
-        while not self._closing.wait(_TICK):
+        while not self._closing.wait(TICK):
             with self._news:
                 try:
                     watchdog.beat()
                 except OSError as error:
-                    self._halt(f"the watchdog is gone: {error}")
-                now = time.monotonic()
-                if self._reason is None:
-                    if self._reading is None or now - self._reading.time > self._patience:
-                        self._halt(f"no reading for {self._patience} s")
-                    elif now - self._renewed > self._patience:
-                        self._wheels = (0, 0)
-                if self._reason is None:
-                    right, left = self._wheels
-                    self._write(drive_direct(right=right, left=left))
-                elif self._halting:
-                    self._write(_HALT)
+                    self._halt(f"the watchdog is gone: {plain(error)}")
+                self._repeat()
+
+    def _repeat(self) -> None:
+        """Sends the speeds again, unless they are out of date."""
+        now = self._now()
+        if self._reason is None:
+            if self._reading is None or now - self._reading.time > self._patience:
+                self._halt(f"no reading for {self._patience} s")
+            elif now - self._renewed > self._patience:
+                self._wheels = (0, 0)
+        if self._reason is None:
+            right, left = self._wheels
+            self._write(drive_direct(right=right, left=left))
+        elif self._halting:
+            self._write(_HALT)
 
     def _roll(self, wheels: tuple[int, int]) -> None:
         if wheels != self._wheels:
@@ -356,25 +347,8 @@ class Driver:
         try:
             self._port.write(data)
         except OSError as error:
-            self._forbid(f"the line is lost: {error}")
+            self._forbid(f"the line is lost: {plain(error)}")
 
 
 def _exit(number: int, _: FrameType | None) -> None:
     raise SystemExit(128 + number)
-
-
-def _millimetres(name: str, speed: float) -> int:
-    if not abs(speed) <= MAX_SPEED / 1000:
-        raise ValueError(f"{name} = {speed}: expected -0.5 to 0.5 m/s")
-    return _harmless(round(1000 * speed))
-
-
-def _harmless(speed: int) -> int:
-    """The speed, or the next slower one, in mm/s, whose low byte is no command.
-
-    Where the line loses the opcode of a drive command, the robot takes its data for commands, and
-    would clean, dock, switch off or reset.
-    """
-    while speed & 0xFF == RESET[0] or START[0] <= speed & 0xFF <= STOP[0]:
-        speed -= 1 if speed > 0 else -1
-    return speed

@@ -23,6 +23,7 @@ BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
 """What the emulated robot prints after a reset."""
 
 _MOTORS = 1000.0
+_NOTHING = {packet.name: 0 for packet in PACKETS.values()}
 _CLIFFS = ("cliff_left", "cliff_front_left", "cliff_front_right", "cliff_right")
 # Unread bytes of the host beyond which its robot waits, where time runs faster than the clock.
 _BEHIND = 64
@@ -105,7 +106,8 @@ class Emulator:
         self._rng = np.random.default_rng(seed)
         self._parser = CommandParser()
         self._pending: deque[tuple[float, Command]] = deque()
-        self._now = 0.0
+        self._now, self._frame_due = 0.0, STREAM_PERIOD
+        self._sent = b""
         self._wheels = (0, 0)
         self._ids: tuple[int, ...] = ()
         self._streaming = False
@@ -152,12 +154,29 @@ class Emulator:
         if self._failure is not None and error is None:
             raise self._failure
 
+    def exchange(self, seconds: float, data: bytes = b"") -> bytes:
+        """Lets the robot's time pass, at most a frame, and then hears what a host has sent.
+
+        **Returns:** what the robot has sent in the meantime.
+        """
+        with self._lock:
+            self._pass(seconds)
+            self._receive(data)
+            self._obey()
+            self._keep_safe()
+            if self._now >= self._frame_due:
+                self._frame_due = max(self._frame_due + STREAM_PERIOD, self._now)
+                self.trace.append((self._now, *self._body.pose))
+                if self._streaming:
+                    self._send(stream_frame(self._ids, self._values()))
+            sent, self._sent = self._lossy(self._sent), b""
+            return sent
+
     def _play(self) -> None:
         try:
             before = time.monotonic()
-            frame_due = STREAM_PERIOD
             while not self._closing.is_set():
-                due = min([frame_due, *(when for when, _ in self._pending)])
+                due = min([self._frame_due, *(when for when, _ in self._pending)])
                 wait = max(due - self._now, 0.0) / self.line.speedup
                 readable, _, _ = select.select([self._master], [], [], min(wait, 0.05))
                 clock = time.monotonic()
@@ -167,17 +186,10 @@ class Emulator:
                 if self.line.speedup > 1 and not readable and self._unread() > _BEHIND:
                     time.sleep(1e-4)
                     continue
-                with self._lock:
-                    self._pass(passed)
-                    if readable:
-                        self._receive()
-                    self._obey()
-                    self._keep_safe()
-                    if self._now >= frame_due:
-                        frame_due = max(frame_due + STREAM_PERIOD, self._now)
-                        self.trace.append((self._now, *self._body.pose))
-                        if self._streaming:
-                            self._send(stream_frame(self._ids, self._values()))
+                sent = self.exchange(passed, os.read(self._master, 4096) if readable else b"")
+                # A host that does not read loses what is sent: the line has no flow control.
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._master, sent)
         except BaseException as error:
             self._failure = error
 
@@ -191,10 +203,9 @@ class Emulator:
             self._charge = 0.0
             self._close_interface()
 
-    def _receive(self) -> None:
-        data = self._lossy(os.read(self._master, 4096))
+    def _receive(self, data: bytes) -> None:
         due = self._now + self.line.latency
-        self._pending.extend((due, command) for command in self._parser.feed(data))
+        self._pending.extend((due, command) for command in self._parser.feed(self._lossy(data)))
 
     def _obey(self) -> None:
         while self._pending and self._pending[0][0] <= self._now:
@@ -271,7 +282,7 @@ class Emulator:
         left, right = self._wheels
         left_count, right_count = body.counts
         return {
-            **{packet.name: 0 for packet in PACKETS.values()},
+            **_NOTHING,
             "contact": int(self.contact | bump),
             **{name: int(name in self.cliffs) for name in _CLIFFS},
             "charging_state": 2 * self.charger,
@@ -294,9 +305,7 @@ class Emulator:
         return -self._standby - _MOTORS * any(self._wheels)
 
     def _send(self, data: bytes) -> None:
-        # A host that does not read loses what is sent: the line has no flow control.
-        with contextlib.suppress(BlockingIOError):
-            os.write(self._master, self._lossy(data))
+        self._sent += data
 
     def _lossy(self, data: bytes) -> bytes:
         if not self.line.dropped:

@@ -4,6 +4,7 @@ Both ends are here, the host's and the robot's, so that an emulator speaks the s
 here does input or output. Source: *iRobot Create 2 Open Interface*, 2016.
 """
 
+import functools
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -105,7 +106,7 @@ def stream(ids: Sequence[int]) -> bytes:
     **Raises:** `ValueError` for an unknown number, for none, or for a frame of more than the 172
     bytes that the line carries in 15 ms.
     """
-    _frame_layout(ids)
+    _frame_layout(tuple(ids))
     return _list(148, ids)
 
 
@@ -124,7 +125,7 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 
     **Raises:** `ValueError` as `stream` and `encode` do.
     """
-    _frame_layout(ids)
+    _frame_layout(tuple(ids))
     body = b"".join(bytes([id_]) + encode([id_], values) for id_ in ids)
     frame = bytes([HEADER, len(body)]) + body
     return frame + bytes([-sum(frame) % 256])
@@ -166,7 +167,7 @@ class StreamParser:
 
     def __init__(self, ids: Sequence[int]):
         self._ids = tuple(ids)
-        self._layout = _frame_layout(ids)
+        self._layout = _frame_layout(tuple(ids))
         self._packets = members(ids)
         self._buffer = bytearray()
         self.skipped = 0
@@ -283,7 +284,8 @@ def _command_size(buffer: bytearray) -> int | None:
     return 0
 
 
-def _frame_layout(ids: Sequence[int]) -> tuple[int | None, ...]:
+@functools.lru_cache
+def _frame_layout(ids: tuple[int, ...]) -> tuple[int | None, ...]:
     """The bytes of a frame: those known beforehand, and `None` for data and checksum."""
     members(ids)
     body: list[int | None] = []

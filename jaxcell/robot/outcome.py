@@ -6,11 +6,14 @@ from typing import Literal
 class Outcome:
     """How a run ended."""
 
-    result: Literal["localized", "arrived", "patrolled", "reported", "refuted", "unfinished"]
+    result: Literal[
+        "localized", "arrived", "patrolled", "reported", "refuted", "stopped", "unfinished"
+    ]
     """`"localized"`: the filter is in a knowledge cycle; `"arrived"`: the plan, or the trajectory,
     is done; `"patrolled"`: as many cells were visited as were asked for; `"reported"`: an intruder
-    was seen; `"refuted"`: what was sensed cannot be; `"unfinished"`: none of these, after as many
-    observations as were allowed."""
+    was seen; `"refuted"`: what was sensed cannot be; `"stopped"`: the driver has stopped the robot,
+    or a person the run; `"unfinished"`: none of these, after as many observations as were
+    allowed."""
     observations: str
     "What the robot sensed: 0 for a step, 1 for a bump."
     reason: str

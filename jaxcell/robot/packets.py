@@ -1,6 +1,7 @@
 """The sensor packets of the Create 2 Open Interface: their names and how they are coded."""
 
 import enum
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -141,6 +142,11 @@ def members(ids: Iterable[int]) -> list[Packet]:
 
     **Raises:** `ValueError` for a number that is neither a packet nor a group.
     """
+    return list(_members(tuple(ids)))
+
+
+@functools.lru_cache
+def _members(ids: tuple[int, ...]) -> tuple[Packet, ...]:
     packets: list[Packet] = []
     for index, id_ in enumerate(ids):
         if id_ not in PACKETS and id_ not in GROUPS:
@@ -148,7 +154,7 @@ def members(ids: Iterable[int]) -> list[Packet]:
                 f"ids[{index}] = {id_}: expected a packet (7 to 58) or a group {list(GROUPS)}"
             )
         packets.extend(PACKETS[member] for member in GROUPS.get(id_, (id_,)))
-    return packets
+    return tuple(packets)
 
 
 def size(ids: Iterable[int]) -> int:

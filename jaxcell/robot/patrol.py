@@ -205,7 +205,7 @@ def run_patrol(
     A point robot that goes to and fro between the ends of a corridor, without a serial line:
 
         >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.direct import DirectRobot
+        >>> from jaxcell.robot.simulated import SimulatedCreate
         >>> import pathlib, tempfile
         >>> import numpy as np
         >>> from jaxcell import robot, space
@@ -219,7 +219,7 @@ def run_patrol(
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
         >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=task.strides)
+        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=task.strides)
         >>> robot.run_patrol(walker, patrol).observations
         '0000'
     """
@@ -262,7 +262,7 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     A robot that goes to and fro between the ends of a corridor, and its log:
 
         >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.direct import DirectRobot
+        >>> from jaxcell.robot.simulated import SimulatedCreate
         >>> import pathlib, tempfile
         >>> import numpy as np
         >>> from jaxcell import robot, space
@@ -276,7 +276,7 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
         >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=task.strides)
+        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=task.strides)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "run.jsonl")
         ...     with robot.RunLog(path, {"patrol": patrol.settings}) as log:

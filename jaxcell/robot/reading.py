@@ -1,5 +1,7 @@
 """What the driver asks the robot to sense, and what it makes of it."""
 
+import cmath
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -38,6 +40,9 @@ class Reading:
     "Of the battery, ampere hours; 0 if the robot does not know."
     encoders: tuple[int, int]
     "The counters of the left and right wheel."
+    place: complex
+    """Where the body's centre is, metres: ahead of where it was when the driver connected, and, the
+    imaginary part, to the left of that. The arcs from reading to reading are summed."""
 
     @classmethod
     def of(
@@ -63,10 +68,17 @@ class Reading:
         """
         encoders = values["left_encoder"], values["right_encoder"]
         left = right = 0.0
+        place = 0j
         if previous is not None:
-            before = previous.encoders
-            left = previous.left + METRES_PER_COUNT * encoder_difference(before[0], encoders[0])
-            right = previous.right + METRES_PER_COUNT * encoder_difference(before[1], encoders[1])
+            rolled = [
+                METRES_PER_COUNT * encoder_difference(before, now)
+                for before, now in zip(previous.encoders, encoders, strict=True)
+            ]
+            left, right = previous.left + rolled[0], previous.right + rolled[1]
+            turned = (rolled[1] - rolled[0]) / WHEEL_BASE
+            # The chord of an arc.
+            way = sum(rolled) / 2 * (math.sin(turned / 2) / (turned / 2) if turned else 1.0)
+            place = previous.place + cmath.rect(way, previous.heading + turned / 2)
         return cls(
             time=time,
             left=left,
@@ -85,6 +97,7 @@ class Reading:
             charge=values["charge"] / 1000,
             capacity=values["capacity"] / 1000,
             encoders=encoders,
+            place=place,
         )
 
     @property

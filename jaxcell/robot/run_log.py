@@ -6,13 +6,16 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from .driver import RobotStopped
 from .outcome import Outcome
 from .walker import Walker
 
+
+_O = TypeVar("_O", bound=Outcome)
 
 _FORMAT = "jaxcell-robot-log"
 _VERSION = 1
@@ -82,7 +85,7 @@ class RunLog:
         trace: TracebackType | None,
     ) -> None:
         if error is not None:
-            self.event("stopped", reason=f"{type(error).__name__}: {error}")
+            self.event("stopped", reason=why_stopped(error))
         self._file.close()
 
 
@@ -107,8 +110,33 @@ class LoggedRun:
         """The colours of the filter at each observation, where a filter was run."""
         return [event["color"] for event in self._observed() if "color" in event]
 
+    @property
+    def stopped(self) -> str | None:
+        """What stopped the run before its end, if something did."""
+        last = self.events[-1] if self.events else {}
+        return str(last.get("reason", "")) if last.get("event") == "stopped" else None
+
     def _observed(self) -> Iterator[Mapping[str, Any]]:
         return (event for event in self.events if event["event"] == "observation")
+
+
+def why_stopped(error: BaseException) -> str:
+    """Why a run was stopped, in words."""
+    match error:
+        case RobotStopped():
+            return f"the robot was stopped: {error}"
+        case KeyboardInterrupt():
+            return "Ctrl-C"
+        case SystemExit():
+            return "a signal ended the program"
+    return f"{type(error).__name__}: {error}"
+
+
+def stopped(outcome: _O, run: LoggedRun) -> _O:
+    """The outcome of a replay, with what stopped the run, if something did."""
+    if run.stopped is None or outcome.result != "unfinished":
+        return outcome
+    return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")
 
 
 def finished(outcome: Outcome, log: RunLog | None) -> Outcome:

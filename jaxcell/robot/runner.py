@@ -31,11 +31,11 @@ def run_filter(
         >>> import math
         >>> from jaxcell import robot, space
         >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.direct import DirectRobot
+        >>> from jaxcell.robot.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (2.5, 0.5, math.pi))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides, direction=2)
+        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides, direction=2)
         >>> import numpy as np
         >>> from jaxcell.automata import Filter, subset_construction
         >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
@@ -75,11 +75,11 @@ def run_plan(
         >>> import math
         >>> from jaxcell import robot, space
         >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.direct import DirectRobot
+        >>> from jaxcell.robot.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides)
+        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides)
         >>> outcome = robot.run_plan(walker, [0.0, 0.0, math.pi / 2])
         >>> outcome.result, outcome.observations
         ('arrived', '001')

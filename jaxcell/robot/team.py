@@ -253,11 +253,11 @@ def run_member(
         >>> import math, pathlib, tempfile
         >>> from jaxcell import robot, space
         >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.direct import DirectRobot
+        >>> from jaxcell.robot.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides)
+        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides)
         >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "team.json")

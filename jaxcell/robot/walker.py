@@ -73,11 +73,11 @@ class Walker:
         >>> import math
         >>> from jaxcell import robot, space
         >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.direct import DirectRobot
+        >>> from jaxcell.robot.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(DirectRobot(body), 1.0, strides=strides)
+        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides)
         >>> walker.step(), walker.step(), walker.step(), walker.observations
         (False, False, True, '001')
         >>> walker.rotate(math.pi / 2)
@@ -193,20 +193,20 @@ class Walker:
         bearing = cmath.phase(way)
         if back or abs(_wrapped(bearing - self._facing)) > _BEHIND:
             self._face(bearing + math.pi)
-            moved = self._robot.forward(-abs(way), tolerance=self._tolerance)
-        else:
-            self._face(bearing)
-            moved = self._robot.forward(abs(way), tolerance=self._tolerance)
-        self._at += cmath.rect(moved.distance, self._facing + moved.angle / 2)
-        self._facing += moved.angle
-        return moved.bumped
+            return self._count(self._robot.forward(-abs(way), tolerance=self._tolerance))
+        self._face(bearing)
+        return self._count(self._robot.forward(abs(way), tolerance=self._tolerance))
 
     def _face(self, heading: float) -> None:
         angle = _wrapped(heading - self._facing)
         if abs(angle) > self._turn_tolerance:
-            moved = self._robot.turn(angle, tolerance=self._turn_tolerance)
-            self._at += cmath.rect(moved.distance, self._facing)
-            self._facing += moved.angle
+            self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
+
+    def _count(self, moved: Moved) -> bool:
+        """Takes note of a motion, and tells whether a bump ended it."""
+        self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
+        self._facing += moved.angle
+        return moved.bumped
 
 
 def _wrapped(angle: float) -> float:

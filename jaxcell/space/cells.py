@@ -10,7 +10,7 @@ from .occupancy import rasterise
 from .workspace import Workspace, edges
 
 
-_MOST_CELLS = 2**31 - 1
+MOST_CELLS = 2**31 - 1
 # Metres, or radians: far beyond any map, and no product with it overflows.
 _LARGEST = 1e9
 # Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
@@ -62,10 +62,10 @@ class CellSpace:
             raise ValueError(
                 f"cell: no cell of side {self.cell:g} m has its centre in the free space"
             )
-        if self.positions * self.directions > _MOST_CELLS:
+        if self.positions * self.directions > MOST_CELLS:
             raise ValueError(
                 f"{self.positions} positions x {self.directions} directions are more than the "
-                f"{_MOST_CELLS} cells that 32 bits can count; use larger cells or fewer directions"
+                f"{MOST_CELLS} cells that 32 bits can count; use larger cells or fewer directions"
             )
 
     @classmethod
@@ -79,7 +79,8 @@ class CellSpace:
         - `directions`: number of directions.
 
         **Raises:** `ValueError` if a number is out of range, if no centre is free, or if there
-        would be more than `2**31 - 1` cells.
+        would be more than `2**31 - 1` cells; `MemoryError` if there are more squares than fit the
+        free memory.
         """
         if not (math.isfinite(cell) and cell > 0):
             raise ValueError(f"cell: the side must be a positive number of metres, got {cell}")
@@ -121,16 +122,7 @@ class CellSpace:
             >>> cells.positions, cells.size
             (19, 76)
         """
-        workspace = Workspace.load(path)
-        if robot_radius is not None:
-            workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
-        side = workspace.cell if cell is None else cell
-        if side is None:
-            raise ValueError(
-                f"cell: {os.fspath(path)} suggests no side of a cell; expected one in metres"
-            )
-        suggested = workspace.directions or 8
-        return cls.of(workspace, side, suggested if directions is None else directions)
+        return cls.of(*suggested(path, cell, directions, robot_radius))
 
     @classmethod
     def of_grid(
@@ -179,10 +171,7 @@ class CellSpace:
         """Whether all walls run along edges of squares, so that `free` says all about them."""
         if self.workspace is None:
             return True
-        walls = self.walls[:, 1:]
-        on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
-        level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
-        return bool(on_lines.all() and level.any(axis=1).all())
+        return along_grid(self.walls[:, 1:])
 
     @functools.cached_property
     def walls(self) -> Float[np.ndarray, "walls 3 2"]:
@@ -249,3 +238,28 @@ class CellSpace:
         turn = 2 * np.pi / self.directions
         direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % self.directions
         return np.asarray(direction * self.positions + position, np.int32)
+
+
+def suggested(
+    path: str | os.PathLike[str],
+    cell: float | None,
+    directions: int | None,
+    robot_radius: float | None,
+) -> tuple[Workspace, float, int]:
+    """A map, and the side of a cell and the number of directions, as for [`CellSpace.load`][]."""
+    workspace = Workspace.load(path)
+    if robot_radius is not None:
+        workspace = dataclasses.replace(workspace, robot_radius=robot_radius)
+    side = workspace.cell if cell is None else cell
+    if side is None:
+        raise ValueError(
+            f"cell: {os.fspath(path)} suggests no side of a cell; expected one in metres"
+        )
+    return workspace, side, (workspace.directions or 8) if directions is None else directions
+
+
+def along_grid(walls: Float[np.ndarray, "walls 2 2"]) -> bool:
+    """Whether walls, from end to end in cells, run along edges of squares."""
+    on_lines = np.abs(walls - np.round(walls)) < TOLERANCE
+    level = np.abs(walls[:, 0] - walls[:, 1]) < TOLERANCE
+    return bool(on_lines.all() and level.any(axis=1).all())

@@ -11,8 +11,10 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Int
 
+from ..memory import check
 
-_MOST_SQUARES = 2**30
+
+MOST_SQUARES = 2**30
 
 
 def blocked_rings(
@@ -92,19 +94,30 @@ def rasterise(
 
     **Raises:**
 
-    `ValueError` where the grid would have more than 2^30 squares.
+    `ValueError` where the grid would have more than 2^30 squares; `MemoryError` where it would not
+    fit the free memory with what a [`jaxcell.space.CellSpace`][] knows of it.
     """
     xmin, ymin, xmax, ymax = bounds
     # A width of 0.3 holds three squares of 0.1, although 0.3 / 0.1 may round to more than 3.
     width, height = (xmax - xmin) / cell - 1e-9, (ymax - ymin) / cell - 1e-9
     # Of a cell next to 0 they are infinite, and have no ceiling.
-    if max(width, 1.0) * max(height, 1.0) > _MOST_SQUARES:
+    if max(width, 1.0) * max(height, 1.0) > MOST_SQUARES:
         raise ValueError(
             f"cell: squares of {cell:g} m make a grid of {width:.0f} x {height:.0f}, "
-            f"more than the {_MOST_SQUARES} squares of the largest grid there can be"
+            f"more than the {MOST_SQUARES} squares of the largest grid there can be"
         )
+    check(
+        cutting_bytes(width * height, environment.area / cell / cell),
+        f"cell: a grid of {width:.0f} x {height:.0f} squares of {cell:g} m",
+        "expected a larger cell",
+    )
     columns, rows = math.ceil(width), math.ceil(height)
     x = xmin + (np.arange(columns) + 0.5) * cell
     y = ymin + (np.arange(rows) + 0.5) * cell
     shapely.prepare(environment)
     return np.stack([~shapely.intersects_xy(environment, x, level) for level in y])
+
+
+def cutting_bytes(squares: float, positions: float | int) -> float:
+    """The memory that a grid and its positions take while cells are cut, as measured."""
+    return 6 * squares + 16 * positions

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
@@ -35,8 +37,10 @@ def free_steps(
         >>> space.free_steps(cells, 1.0, "swept").tolist()
         [[1, 2, 2], [0, 0, 1]]
     """
-    steps = np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
     rows, columns = cells.free.shape
+    # All longer ones lead off the map too.
+    step = min(step, math.hypot(rows, columns) + 1)
+    steps = np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
     row, column = np.divmod(cells.square, columns)
     centres = np.stack([column, row], axis=1) + 0.5
     here = np.arange(cells.positions, dtype=np.int32)
@@ -49,7 +53,11 @@ def free_steps(
         np.copyto(target, here, where=target < 0)
 
     tree = shapely.STRtree(shapely.linestrings(cells.walls))
-    near, wall = tree.query(shapely.points(centres), predicate="dwithin", distance=step + TOLERANCE)
+    # Of the others no step ends in a free square.
+    able = np.flatnonzero((targets != here).any(axis=0))
+    points = shapely.points(centres[able])
+    near, wall = tree.query(points, predicate="dwithin", distance=step + TOLERANCE)
+    near = able[near]
     if collision == "endpoint":
         near = np.unique(near)
         blocked = _end_outside(cells, centres[near], steps)

@@ -1,10 +1,12 @@
 import dataclasses
+import math
 from collections.abc import Iterator
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Num
 
+from ..memory import check
 from .cells import TOLERANCE, CellSpace
 from .segments import cross, meets_wall
 from .view import check_reach, check_view, sees_all_around
@@ -53,7 +55,7 @@ def visible_cells(
     each pair: 100 MB for 10,000 positions.
 
     **Raises:** `ValueError` if a number is out of range, or if only one of `field_of_view` and
-    `heading` is given.
+    `heading` is given; `MemoryError` where the pairs would not fit the free memory.
 
     In a corridor of three squares; the far corners of the next one are 1.58 m away:
 
@@ -65,8 +67,9 @@ def visible_cells(
     """
     reach = check_reach(reach) / cells.cell
     camera = _camera(cells, field_of_view, heading)
-    scene = _Scene.of(cells)
     views = () if camera is None else camera.heading.shape[:-1]
+    _check_pairs(cells, math.prod(views))
+    scene = _Scene.of(cells)
     visible = np.zeros((*views, cells.positions, cells.positions), bool)
     # What a viewer may see, from its centre or, where that is fewer cells, from the origin.
     offset = _offsets(cells, reach)
@@ -107,7 +110,8 @@ def visible_centres(
 
     **Returns:** `visible[i, j]`: whether the centres of `i` and `j` see each other.
 
-    **Raises:** `ValueError` if `reach` is not more than 0.
+    **Raises:** `ValueError` if `reach` is not more than 0; `MemoryError` where the pairs would not
+    fit the free memory.
 
     In a corridor of three squares:
 
@@ -118,6 +122,8 @@ def visible_centres(
         [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
     reach = check_reach(reach) / cells.cell
+    # The relation, its transpose, and both together.
+    _check_pairs(cells, 3)
     scene = _Scene.of(cells)
     near, wall = scene.walls_near(reach)
     lines = shapely.linestrings(scene.walls[wall, 1:])
@@ -140,6 +146,14 @@ def visible_centres(
         viewer, step = np.nonzero(target >= 0)
         visible[viewer, target[viewer, step]] = True
     return visible | visible.T
+
+
+def _check_pairs(cells: CellSpace, matrices: int) -> None:
+    check(
+        float(matrices) * cells.positions**2,
+        f"sight between all pairs of {cells.positions:,} positions",
+        "use larger cells",
+    )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

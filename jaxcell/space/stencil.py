@@ -40,11 +40,11 @@ class Stencil:
 
 
 @functools.lru_cache(maxsize=64)
-def stencil(directions: int, step: float, collision: str) -> Stencil:
-    """The stencil of a step of length `step`, in sides of a square.
+def stencil(directions: int, step: float, collision: str, grid: tuple[int, int]) -> Stencil:
+    """The stencil of a step on a grid.
 
-    `collision="endpoint"` asks only that the end point be free; `"swept"` asks the same of all the
-    way.
+    Directions in which a step leads off the grid from every square are one way, so that a stencil
+    is no larger than the grid, however long the step.
 
     **Arguments:**
 
@@ -52,18 +52,19 @@ def stencil(directions: int, step: float, collision: str) -> Stencil:
     - `step`: length of a step, in sides of a square.
     - `collision`: `"endpoint"` asks only that the end point be free, `"swept"` the same of all the
         way.
+    - `grid`: number of rows and of columns.
 
     **Returns:** [`Stencil`][].
 
     Steps of one square in 360 directions do 16 different things; North leads one row up:
 
         >>> from jaxcell.space import stencil
-        >>> one = stencil(360, 1.0, "swept")
+        >>> one = stencil(360, 1.0, "swept", (20, 30))
         >>> len(one.offset), one.offset[one.way[90]].tolist()
         (16, [1, 0])
     """
     ways: dict[tuple, int] = {}
-    found = (_way(k, directions, step, collision) for k in range(directions))
+    found = (_way(k, directions, step, collision, grid) for k in range(directions))
     way = [ways.setdefault(one, len(ways)) for one in found]
     # What fills up is the end square, which has to be free anyway.
     crossings = max(len(crossed) for _, crossed, _ in ways)
@@ -123,9 +124,15 @@ def displacement(direction: int, directions: int, step: float) -> tuple[float, f
     return round(step * math.cos(angle), 9), round(step * math.sin(angle), 9)
 
 
-def _way(direction: int, directions: int, step: float, collision: str) -> tuple:
+def _way(
+    direction: int, directions: int, step: float, collision: str, grid: tuple[int, int]
+) -> tuple:
     dx, dy = displacement(direction, directions, step)
     offset = (math.floor(round(0.5 + dy, 9)), math.floor(round(0.5 + dx, 9)))
+    rows, columns = grid
+    if abs(offset[0]) >= rows or abs(offset[1]) >= columns:
+        off = (rows, 0) if rows <= columns else (0, columns)
+        return off, (off,), ()
     if collision == "endpoint":
         return offset, (offset,), ()
     crossed, beside = {offset: None}, []

@@ -26,6 +26,7 @@ from .study import (
     Metres as Metres,
     Seconds as Seconds,
     Study as Study,
+    parameters as parameters,
     require as require,
     silent as silent,
 )

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -8,6 +9,7 @@ from .study import Degrees, Say, require, silent
 
 if TYPE_CHECKING:
     from ..bounce import CoveragePolicy
+    from ..space.extent import Extent
     from ..verify import Comparison
 
 
@@ -32,7 +34,17 @@ class Cover(MapStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require("error", self.error, "a whole number of directions", lambda x: x >= 0)
         require("reliability", self.reliability, "above 0 and at most 1", lambda x: 0 < x <= 1)
+
+    def needed(self, extent: "Extent") -> float | int:
+        from .. import estimates
+
+        # No more turns than directions, whatever the error.
+        spread = min(max(self.error * extent.directions / 360, 0), extent.directions)
+        branches = 1 + 2 * round(spread)
+        angles = len(self.bounces)
+        return estimates.coverage(extent, **self.motion, angles=angles, branches=branches)
 
     def run(self, say: Say = silent) -> "CoveragePolicy":
         import numpy as np
@@ -46,6 +58,7 @@ class Cover(MapStudy):
             f"{cells.size:,} cells each"
         )
         say(doing)
+        count = len(self.bounces)
         return coverage_policy(
             cells,
             np.radians(self.bounces),
@@ -54,12 +67,10 @@ class Cover(MapStudy):
             read_target(cells, self.target),
             weights=self.weights,
             **self.motion,
-            progress=lambda done: say(f"{doing}: {done} done"),
+            progress=lambda done: say(doing, done, count),
         )
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
-        import math
-
         from ..verify import compare_coverage
 
         return compare_coverage(

@@ -10,7 +10,8 @@ from .study import Metres, Study, require
 
 
 if TYPE_CHECKING:
-    from ..space import CellSpace
+    from ..space import CellSpace, Workspace
+    from ..space.extent import Extent
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -36,9 +37,32 @@ class MapStudy(Study):
         require("step", self.step, "more than 0 m", lambda x: x > 0)
         require("directions", self.directions, "at least 1", lambda x: x >= 1)
 
+    def needed(self, extent: "Extent") -> float | int:
+        """The bytes that the answer takes on cells of such an extent."""
+        from .. import estimates
+
+        return estimates.cutting(extent)
+
+    def memory(self) -> float | int:
+        from .. import estimates
+        from ..space.extent import Extent
+
+        extent = Extent.about(*_chosen(*self._cut))
+        if extent is None:
+            return 0
+        return estimates.check(extent, self.needed, self.name, self.step)
+
     def cells(self) -> "CellSpace":
-        """Read the map and cut it into cells."""
-        return _cells(self.map, self.cell, self.directions, self.robot_radius)
+        """Read the map and cut it into cells.
+
+        **Raises:** `MemoryError` if the answer needs more than is free.
+        """
+        self.memory()
+        return _cells(*self._cut)
+
+    @property
+    def _cut(self) -> tuple[Path, float | None, int | None, float | None]:
+        return self.map, self.cell, self.directions, self.robot_radius
 
     @property
     def motion(self) -> dict[str, Any]:
@@ -69,6 +93,15 @@ class MapStudy(Study):
         )
 
 
+@functools.lru_cache(maxsize=8)
+def _chosen(
+    path: Path, cell: float | None, directions: int | None, robot_radius: float | None
+) -> "tuple[Workspace, float, int]":
+    from ..space.cells import suggested
+
+    return suggested(path, cell, directions, robot_radius)
+
+
 # The cells of a map keep what has been found out about them, for the members of a sweep.
 @functools.lru_cache(maxsize=8)
 def _cells(
@@ -76,4 +109,4 @@ def _cells(
 ) -> "CellSpace":
     from ..space import CellSpace
 
-    return CellSpace.load(path, cell=cell, directions=directions, robot_radius=robot_radius)
+    return CellSpace.of(*_chosen(path, cell, directions, robot_radius))

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, get_type_hints
 
 from ..base.quantities import Result
+from ..files import name_in_results
 
 
 if TYPE_CHECKING:
@@ -22,11 +23,12 @@ Degrees: TypeAlias = Annotated[float, Unit("deg")]
 Metres: TypeAlias = Annotated[float, Unit("m")]
 Seconds: TypeAlias = Annotated[float, Unit("s")]
 
-Say: TypeAlias = Callable[[str], None]
-"""Called with what is being done, when that changes."""
+
+Say: TypeAlias = Callable[..., None]
+"""Called with what is being done, and with how much of it is done: `say("mapping", 3, 10)`."""
 
 
-def silent(_: str) -> None:
+def silent(doing: str, done: int = 0, total: int = 0) -> None:
     """Say nothing."""
 
 
@@ -52,6 +54,13 @@ class Study:
         sought; `RuntimeError` if there is none.
         """
         raise NotImplementedError
+
+    def memory(self) -> float | int:
+        """The bytes that the answer takes at its peak, by estimate; 0 where that is not known.
+
+        **Raises:** `MemoryError` that says what would fit, if more is needed than is free.
+        """
+        return 0
 
     def spec(self, result: Result) -> dict[str, Any]:
         """What determines a result: the parameters, with defaults that depend on the map filled in.
@@ -109,4 +118,4 @@ def require(
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(one) for one in value]
-    return str(value) if isinstance(value, Path) else value
+    return name_in_results(value) if isinstance(value, Path) else value

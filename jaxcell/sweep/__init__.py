@@ -36,12 +36,16 @@ guarantee:
     order in which chunks end, or interruptions. The bytes of the store are the same. A store that
     was begun with another specification, or another version of jaxcell or JAX, is refused.
 - One run at a time writes to a store.
-- A chunk that fails is reported with its parameters and does not stop the others. A worker that
-    dies is replaced.
+- A member that fails is reported with its parameters and does not stop the others: a chunk that
+    fails is computed again in halves, and these in halves. A worker that dies is replaced, and with
+    a timeout one that takes too long is. Workers that join a cluster while a sweep runs are used.
 - Random samples come from the seed, each parameter from a stream of its own, so that one more
     parameter does not change the others.
-- Chunks have one shape, padded at the edges, so that a task is compiled once for each process.
-    Only a few chunks are in memory at a time.
+- Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
+    halves of one that failed have others. Only a few chunks are in memory at a time.
+- Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
+    or else to the current one. Workers are told whole paths. A task of your own is given what the
+    specification says.
 
 Nothing here imports JAX; the tasks do.
 """

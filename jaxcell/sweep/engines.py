@@ -5,28 +5,36 @@ gives back outcomes in the order in which they come. Closing its generator ends 
 """
 
 import contextlib
+import functools
 import importlib.util
-import multiprocessing
+import math
+import multiprocessing.connection
 import os
+import queue
 import re
+import secrets
 import threading
+import time
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Generator
 from typing import Any
 
+from .process import Worker
 from .work import Computed, Failed, Job, compute, failure
 
 
 Outcomes = Generator[tuple[Job, Computed | Failed], None, None]
-Engine = Callable[[Iterator[Job]], Outcomes]
+Take = Callable[[], Job | None]
+Engine = Callable[[Take], Outcomes]
 
 # While one is computed the next waits beside it.
 _JOBS_EACH = 2
 # How often a chunk may take its worker with it.
 _MOST_DEATHS = 3
+_DIED = Failed(f"its worker died each of {_MOST_DEATHS} times: out of memory?")
+# So often we look whether workers of a cluster have come.
+_LOOK_SECONDS = 1.0
+_GONE = "{}: the scheduler of the cluster is gone"
 # Ours does not wait for Dask's half a minute.
 _CONNECT_SECONDS = 10
 # Two clusters on a machine would quarrel about the usual one.
@@ -35,7 +43,7 @@ _ANY_PORT = "127.0.0.1:0"
 _LEAVE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)"
 
 
-def engine_named(name: str, workers: int | None = None) -> Engine:
+def engine_named(name: str, workers: int | None = None, timeout: float | None = None) -> Engine:
     """The engine of a name.
 
     **Arguments:**
@@ -45,10 +53,13 @@ def engine_named(name: str, workers: int | None = None) -> Engine:
         scheduler, whose workers can import jaxcell and the task.
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
         processor that this process may run on.
+    - `timeout`: seconds after which a job is ended and has failed. `local` cannot end any.
 
-    **Returns:** a function that takes jobs and gives back their outcomes as they come.
+    **Returns:** a function that takes jobs and gives back their outcomes as they come. It asks for
+    jobs until it is given `None`, and again after each outcome.
 
-    **Raises:** `ValueError` for another name, or if `distributed` is not installed.
+    **Raises:** `ValueError` for another name, for a timeout of `local`, or if `distributed` is not
+    installed.
 
     A name that is none:
 
@@ -68,119 +79,96 @@ def engine_named(name: str, workers: int | None = None) -> Engine:
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if count < 1:
         raise ValueError(f"workers: expected at least 1, got {count}")
+    if timeout is not None and not 0 < timeout < math.inf:
+        raise ValueError(f"timeout: expected more than 0 s, got {timeout}")
     if name == "local":
+        if timeout is not None:
+            raise ValueError(
+                "timeout: the engine local computes in this process and cannot end a chunk; "
+                "expected another engine, as processes"
+            )
         return _local
     if name == "processes":
-        return lambda jobs: _processes(jobs, count)
+        return lambda take: _processes(take, count, timeout)
     if importlib.util.find_spec("distributed") is None:
         raise ValueError(
             f"engine: {name} needs distributed, the extra `cluster` of jaxcell: "
             "pip install 'jaxcell[cluster]'"
         )
     if address is not None:
-        return lambda jobs: _dask(jobs, f"tcp://{address[1]}")
-    return lambda jobs: _dask_here(jobs, count)
+        return lambda take: _dask(take, f"tcp://{address[1]}", timeout)
+    return lambda take: _dask_here(take, count, timeout)
 
 
-def _local(jobs: Iterator[Job]) -> Outcomes:
-    for job in jobs:
+def _local(take: Take) -> Outcomes:
+    for job in iter(take, None):
         yield job, compute(job)
 
 
-def _processes(jobs: Iterator[Job], workers: int) -> Outcomes:
-    """Spawned processes. Those that die are replaced, and the jobs they had are tried again."""
+def _processes(take: Take, workers: int, timeout: float | None) -> Outcomes:
+    """Processes that end with this one. One that dies is replaced, and its job tried again."""
+    environment = worker_environment(workers)
     deaths: Counter[int] = Counter()
-    suspects: deque[Job] = deque()
-    with _environment(worker_environment(workers)):
+    again: deque[Job] = deque()
+    team: list[Worker] = []
+    try:
         while True:
-            # A pool breaks as a whole: which of its jobs did it shows when one is there at a time.
-            alone = bool(suspects)
-            given = _taken_from(suspects) if alone else jobs
-            with _Pool(1 if alone else workers) as pool:
-                for job, outcome in pool.run(given, 1 if alone else workers * _JOBS_EACH):
-                    if outcome is not None:
-                        yield job, outcome
-                        continue
-                    deaths[job.number] += 1
-                    if alone and deaths[job.number] >= _MOST_DEATHS:
-                        message = f"its worker died each of {_MOST_DEATHS} times: out of memory?"
-                        yield job, Failed(message)
-                    else:
-                        suspects.append(job)
-                broken = pool.broken
-            if not broken and not alone:
-                return
-
-
-def _taken_from(jobs: deque[Job]) -> Iterator[Job]:
-    while jobs:
-        yield jobs.popleft()
-
-
-class _Pool:
-    """A pool of spawned processes that die with this one, or with the pool."""
-
-    def __init__(self, workers: int) -> None:
-        # A process with threads, as JAX's, cannot fork.
-        context = multiprocessing.get_context("spawn")
-        reader, self._writer = context.Pipe(duplex=False)
-        self._reader = reader
-        self._executor = ProcessPoolExecutor(
-            workers, mp_context=context, initializer=_begin_worker, initargs=(reader,)
-        )
-        self.broken = False
-
-    def __enter__(self) -> "_Pool":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        # Workers end when they see that nobody holds the other end any more.
-        self._writer.close()
-        self._executor.shutdown(wait=True, cancel_futures=True)
-        self._reader.close()
-
-    def run(self, jobs: Iterator[Job], most: int) -> Iterator[tuple[Job, Computed | Failed | None]]:
-        """The outcomes of jobs; `None` for those that were on their way when a worker died."""
-        pending: dict[Future[Computed | Failed], Job] = {}
-        while True:
-            while len(pending) < most and not self.broken:
-                job = next(jobs, None)
+            while sum(len(worker.jobs) for worker in team) < workers * _JOBS_EACH:
+                job = again.popleft() if again else take()
                 if job is None:
                     break
-                try:
-                    pending[self._executor.submit(compute, job)] = job
-                except BrokenProcessPool:
-                    self.broken = True
-                    yield job, None
-            if not pending:
+                idlest = min(team, key=lambda worker: len(worker.jobs), default=None)
+                if idlest is None or (idlest.jobs and len(team) < workers):
+                    idlest = Worker(environment)
+                    team.append(idlest)
+                idlest.give(job)
+            if not any(worker.jobs for worker in team):
                 return
-            for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                job = pending.pop(future)
+            heard = multiprocessing.connection.wait(
+                [worker.connection for worker in team], _patience(team, timeout)
+            )
+            for worker in list(team):
+                outcome = None
+                job = worker.jobs[0] if worker.jobs else None
                 try:
-                    outcome: Computed | Failed | None = future.result()
-                except BrokenProcessPool:
-                    self.broken = True
-                    outcome = None
-                except Exception as error:
-                    outcome = failure(error)
-                yield job, outcome
+                    if worker.connection in heard:
+                        outcome = worker.receive()
+                    elif _patience([worker], timeout) == 0 and not worker.connection.poll():
+                        raise TimeoutError
+                except (EOFError, TimeoutError) as error:
+                    team.remove(worker)
+                    worker.end()
+                    again.extendleft(reversed(worker.jobs))
+                    if job is None:
+                        continue
+                    deaths[id(job)] += 1
+                    if isinstance(error, TimeoutError):
+                        outcome = _late(timeout)
+                    elif deaths[id(job)] >= _MOST_DEATHS:
+                        outcome = _DIED
+                    if outcome is not None:
+                        again.popleft()
+                if job is not None and outcome is not None:
+                    deaths.pop(id(job), None)
+                    yield job, outcome
+    finally:
+        for worker in team:
+            worker.end()
 
 
-def _begin_worker(reader: Connection) -> None:
-    """Makes a worker leave Ctrl-C to its driver, and end with it."""
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        with contextlib.suppress(EOFError, OSError):
-            reader.recv()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+def _patience(team: list[Worker], timeout: float | None) -> float | None:
+    """Seconds until the first worker is late; `None` if that may never be."""
+    began = [worker.began for worker in team if worker.began is not None]
+    if timeout is None or not began:
+        return None
+    return max(min(began) + timeout - time.monotonic(), 0.0)
 
 
-def _dask_here(jobs: Iterator[Job], workers: int) -> Outcomes:
+def _late(timeout: float | None) -> Failed:
+    return Failed(f"TimeoutError: it was not done after {timeout:g} s")
+
+
+def _dask_here(take: Take, workers: int, timeout: float | None) -> Outcomes:
     """A cluster of this machine."""
     import dask
     from distributed import LocalCluster
@@ -197,38 +185,79 @@ def _dask_here(jobs: Iterator[Job], workers: int) -> Outcomes:
             dashboard_address=_ANY_PORT,
             preload=[_LEAVE_CTRL_C],
         ) as cluster,
-        contextlib.closing(_dask(jobs, cluster.scheduler_address)) as outcomes,
+        contextlib.closing(_dask(take, cluster.scheduler_address, timeout)) as outcomes,
     ):
         yield from outcomes
 
 
-def _dask(jobs: Iterator[Job], address: str) -> Outcomes:
+def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
     """A cluster that is there. Dask itself tries again what was on a worker that died."""
-    from distributed import Client, as_completed
+    from distributed import Client
 
+    run = secrets.token_hex(8)
+    work = compute if timeout is None else functools.partial(_apart, run, timeout)
+    pending: dict[Any, Job] = {}
+    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
     with Client(address, timeout=_CONNECT_SECONDS, set_as_default=False) as client:
-        threads = sum(client.nthreads().values())
-        pending: dict[Any, Job] = {}
-        arrived = as_completed(loop=client.loop)
+        try:
+            while True:
+                # Workers come and go.
+                most = max(sum(_asked(address, client.nthreads).values()), 1) * _JOBS_EACH
+                while len(pending) < most and (job := take()) is not None:
+                    future = client.submit(work, job, pure=False)
+                    pending[future] = job
+                    future.add_done_callback(ended.put)
+                if not pending:
+                    return
+                try:
+                    future = ended.get(timeout=_LOOK_SECONDS)
+                except queue.Empty:
+                    continue
+                job = pending.pop(future)
+                if future.cancelled():
+                    raise ConnectionError(_GONE.format(address))
+                error = future.exception()
+                outcome = future.result() if error is None else failure(error)
+                future.release()
+                yield job, outcome
+        finally:
+            if timeout is not None:
+                with contextlib.suppress(OSError):
+                    client.run(_end_apart, run)
 
-        def submit(most: int) -> None:
-            while len(pending) < most and (job := next(jobs, None)) is not None:
-                future = client.submit(compute, job, pure=False)
-                pending[future] = job
-                arrived.add(future)
 
-        submit(max(threads, 1) * _JOBS_EACH)
-        most = len(pending)
-        while pending:
-            future = next(arrived)
-            job = pending.pop(future)
-            if future.cancelled():
-                raise ConnectionError(f"{address}: the scheduler of the cluster is gone")
-            error = future.exception()
-            outcome = future.result() if error is None else failure(error)
-            future.release()
-            submit(most)
-            yield job, outcome
+def _asked(address: str, ask: Callable[[], dict[str, int]]) -> dict[str, int]:
+    try:
+        return ask()
+    except OSError as error:
+        raise ConnectionError(_GONE.format(address)) from error
+
+
+# The processes beside the threads of a worker of Dask, by run and thread: a thread cannot be ended.
+_beside: dict[tuple[str, int], Worker] = {}
+
+
+def _apart(run: str, timeout: float, job: Job) -> Computed | Failed:
+    """Computes a chunk in a process of its own, which is kept for the next one."""
+    place = run, threading.get_ident()
+    for _ in range(_MOST_DEATHS):
+        worker = _beside.pop(place, None) or Worker({})
+        try:
+            outcome = worker.outcome(job, timeout)
+        except TimeoutError:
+            worker.end()
+            return _late(timeout)
+        except EOFError:
+            worker.end()
+        else:
+            _beside[place] = worker
+            return outcome
+    return _DIED
+
+
+def _end_apart(run: str) -> None:
+    for place in [place for place in _beside if place[0] == run]:
+        _beside.pop(place).end()
 
 
 def worker_environment(workers: int) -> dict[str, str]:
@@ -240,18 +269,3 @@ def worker_environment(workers: int) -> dict[str, str]:
     share = str(max(len(os.sched_getaffinity(0)) // workers, 1))
     names = ("PJRT_NPROC", "NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     return {name: os.environ.get(name, share) for name in names}
-
-
-@contextlib.contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Sets variables for processes that are spawned meanwhile."""
-    kept = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in kept.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

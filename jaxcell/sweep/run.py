@@ -3,18 +3,27 @@
 import contextlib
 import dataclasses
 import errno
+import json
+import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from ..files import replacing
 from .engines import engine_named
+from .halving import Halving
 from .spec import Chunk, Spec
 from .store import DONE, Failure, SweepStore, made_with, reading, running
-from .work import Failed, Job, check_parameters, failure, jax_is_wide
+from .work import Computed, Job, check_parameters, failure, jax_is_wide, with_files_found
+
+
+# How far a run is, for those who ask meanwhile.
+_PROGRESS = "progress.json"
+_SECONDS_BETWEEN = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,10 +35,15 @@ class SweepStatus:
     members: int
     chunks: int
     done: int
-    "Chunks that are done."
+    "Chunks all of whose members are done."
     failures: tuple[Failure, ...]
+    "Members that failed."
     running: str | None
     "Which process is at work on it, if any."
+    rate: float | None
+    "Members that it computes a second, if that is known yet."
+    left: float | None
+    "Seconds that the rest will take at this rate."
 
     @property
     def complete(self) -> bool:
@@ -43,15 +57,15 @@ class Progress:
     chunks: int
     "All chunks of the sweep."
     done: int
-    "Chunks that are done, those of former runs included."
+    "Chunks that have been computed, those of former runs included."
     failed: int
-    "Chunks that failed in this run."
+    "Members that failed in this run."
     rate: float
     "Members computed in this run a second, those that failed included."
     left: float
     "Seconds that the rest will take at this rate."
-    failure: Failure | None
-    "The failure of the chunk that ended just now, if it failed."
+    failures: tuple[Failure, ...]
+    "Those in the chunk that ended just now."
 
 
 def run_sweep(
@@ -61,6 +75,8 @@ def run_sweep(
     engine: str = "local",
     workers: int | None = None,
     resume: bool = False,
+    timeout: float | None = None,
+    max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
     """Runs a sweep.
@@ -76,10 +92,13 @@ def run_sweep(
     - `engine`: `local`, `processes`, `dask` or `dask://host:port`; see [`engine_named`][].
     - `workers`: how many processes, for `processes` and `dask`.
     - `resume`: go on with the sweep that is there, if there is one: chunks that are done stay,
-        those that failed are tried again.
+        those of which members failed are tried again.
+    - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
+    - `max_failures`: the run ends when more members than that have failed.
     - `progress`: called when the work begins and with each chunk that ends.
 
-    **Returns:** how far the sweep is. A chunk that fails does not stop the others.
+    **Returns:** how far the sweep is. A chunk that fails is computed again in halves, and these in
+    halves, so that only the members fail that do so alone. They do not stop the others.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not take, or if the sweep that is there is of another specification, or was begun with another
@@ -102,33 +121,47 @@ def run_sweep(
         (True, 2, 1)
     """
     folder = Path(out)
-    start = engine_named(engine, workers)
+    start = engine_named(engine, workers, timeout)
+    if max_failures is not None and max_failures < 0:
+        raise ValueError(f"max_failures: expected 0 or more, got {max_failures}")
     try:
         check_parameters(spec)
+        found = with_files_found(spec)
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
     wide = jax_is_wide()
     with SweepStore.opened(folder, spec, resume, made_with(wide)) as store:
         numbers = np.flatnonzero(store.states() != DONE)
         count = _Count(spec.chunk_count, spec.chunk_count - numbers.size)
-        jobs = (_job(spec, int(number), wide) for number in numbers)
-        if progress is not None:
-            progress(count.told(None))
-        with contextlib.closing(start(jobs)) as outcomes:
-            for job, outcome in outcomes:
-                chunk = spec.chunk(job.number)
-                failed = None
-                with _writing(folder):
-                    if not isinstance(outcome, Failed):
-                        try:
-                            store.write(chunk, outcome)
-                        except ValueError as error:
-                            outcome = failure(error)
-                    if isinstance(outcome, Failed):
-                        failed = store.fail(chunk, outcome)
-                count.add(chunk, failed is not None)
+        work = Halving(spec, (_job(found, int(number), wide) for number in numbers))
+        with (
+            _written_down(folder) as write_down,
+            contextlib.closing(start(work.take)) as outcomes,
+            _writing(folder),
+        ):
+
+            def tell(failures: Iterable[Failure]) -> None:
+                told = count.told(tuple(failures))
+                write_down(told)
                 if progress is not None:
-                    progress(count.told(failed))
+                    progress(told)
+
+            tell(())
+            for job, outcome in outcomes:
+                if isinstance(outcome, Computed):
+                    try:
+                        store.check(outcome)
+                    except ValueError as error:
+                        outcome = failure(error)
+                parts = work.settle(job, outcome)
+                if parts is not None:
+                    count.add(parts.chunk)
+                    tell(store.write(parts))
+                if max_failures is not None and work.failed > max_failures:
+                    # Of chunks that are not whole, what failed is kept.
+                    for parts in work.begun.values():
+                        tell(store.write(parts))
+                    break
     return sweep_status(folder)
 
 
@@ -164,6 +197,8 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     spec = Spec.load(folder / "spec.toml")
     store = SweepStore(folder, spec, {})
     states = store.states()
+    at_work = running(folder)
+    rate, left = _read_down(folder) if at_work is not None else (None, None)
     return SweepStatus(
         spec.task,
         spec.dimensions,
@@ -171,7 +206,9 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         spec.chunk_count,
         int((states == DONE).sum()),
         tuple(store.failures(states)),
-        running(folder),
+        at_work,
+        rate,
+        left,
     )
 
 
@@ -221,13 +258,13 @@ class _Count:
         self._left, self._ended, self._members = chunks - done, 0, 0
         self._began = time.monotonic()
 
-    def add(self, chunk: Chunk, failed: bool) -> None:
-        self.done += not failed
-        self.failed += failed
+    def add(self, chunk: Chunk) -> None:
+        self.done += 1
         self._ended += 1
         self._members += int(np.prod(chunk.shape))
 
-    def told(self, failed: Failure | None) -> Progress:
+    def told(self, failures: tuple[Failure, ...]) -> Progress:
+        self.failed += len(failures)
         seconds = max(time.monotonic() - self._began, 1e-9)
         each = seconds / self._ended if self._ended else float("nan")
         return Progress(
@@ -236,12 +273,46 @@ class _Count:
             self.failed,
             self._members / seconds,
             (self._left - self._ended) * each,
-            failed,
+            failures,
         )
 
 
 def _job(spec: Spec, number: int, wide: bool) -> Job:
-    return Job(number, spec.task, spec.batch(spec.chunk(number)), spec.fixed, spec.seed, wide)
+    batch = spec.batch(spec.chunk(number))
+    places = np.arange(len(next(iter(batch.values()))))
+    return Job(number, places, spec.task, batch, spec.fixed, spec.seed, wide)
+
+
+@contextlib.contextmanager
+def _written_down(folder: Path) -> Iterator[Callable[[Progress], None]]:
+    """Keeps in the folder how fast a run is."""
+    path = folder / _PROGRESS
+    path.unlink(missing_ok=True)
+    last = -math.inf
+
+    def write(progress: Progress) -> None:
+        nonlocal last
+        if math.isfinite(progress.left) and time.monotonic() >= last + _SECONDS_BETWEEN:
+            last = time.monotonic()
+            with replacing(path) as temporary:
+                now = {"rate": progress.rate, "left": progress.left, "at": time.time()}
+                temporary.write_text(json.dumps(now), encoding="utf-8")
+
+    try:
+        yield write
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _read_down(folder: Path) -> tuple[float | None, float | None]:
+    """Members a second and seconds left of the run at work, once it knows."""
+    try:
+        with reading(folder):
+            kept = json.loads((folder / _PROGRESS).read_text(encoding="utf-8"))
+            since = max(time.time() - float(kept["at"]), 0.0)
+            return float(kept["rate"]), max(float(kept["left"]) - since, 0.0)
+    except FileNotFoundError:
+        return None, None
 
 
 @contextlib.contextmanager

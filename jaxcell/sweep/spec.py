@@ -180,11 +180,24 @@ class Spec:
             for parameter in self.parameters
         }
 
-    def values(self, chunk: Chunk) -> dict[str, list[Any]]:
-        """The values of each parameter that occur in a chunk."""
-        along = dict(zip(self.dimensions, chunk.region, strict=True))
+    def places(self, chunk: Chunk) -> np.ndarray:
+        """The places in the batch of a chunk that are its members', not of those that stand in."""
+        lengths = tuple(self.lengths.values())
+        inside = tuple(slice(length) for length in chunk.shape)
+        return np.arange(math.prod(lengths)).reshape(lengths)[inside].ravel()
+
+    def index(self, chunk: Chunk, place: int) -> dict[str, int]:
+        """The place along each dimension of the member at a place in the batch of a chunk."""
+        inside = np.unravel_index(place, tuple(self.lengths.values()))
         return {
-            parameter.name: parameter.values[along[parameter.dimension]].tolist()
+            name: part.start + int(offset)
+            for name, part, offset in zip(self.dimensions, chunk.region, inside, strict=True)
+        }
+
+    def member(self, index: Mapping[str, int]) -> dict[str, Any]:
+        """The parameters of the member at a place along each dimension."""
+        return {
+            parameter.name: parameter.values[index[parameter.dimension]].item()
             for parameter in self.parameters
         }
 

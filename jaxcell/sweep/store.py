@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import json
+import math
 import os
 import secrets
 import shutil
@@ -19,15 +20,16 @@ from .. import __version__
 from ..files import replacing
 from ..revision import git_revision
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
+from .halving import Parts
 from .lock import holder, locked
 from .spec import Chunk, Spec
-from .work import Computed, Failed, Variable
+from .work import Computed, Failed
 
 
 TO_DO, DONE, FAILED = 0, 1, 2
 
 _STATUS: dict[str, Any] = {
-    "long_name": "state of the chunk of a member",
+    "long_name": "state of a member",
     "flag_values": [TO_DO, DONE, FAILED],
     "flag_meanings": "to_do done failed",
 }
@@ -35,11 +37,13 @@ _STATUS: dict[str, Any] = {
 
 @dataclasses.dataclass(frozen=True)
 class Failure:
-    """A chunk that failed."""
+    """A member that failed."""
 
     chunk: int
-    parameters: Mapping[str, list[Any]]
-    "The values of each parameter that occur in it."
+    "The number of its chunk."
+    index: Mapping[str, int]
+    "Its place along each dimension."
+    parameters: Mapping[str, Any]
     message: str
     trace: str
     "The end of the traceback, if there is one."
@@ -65,7 +69,7 @@ class SweepStore:
         `status` is written last, when the others are on the disk; a chunk without one is computed
         again. Nothing in it depends on the order of chunks or on the time.
     - `spec.toml` is the specification as it was given.
-    - `failures/` has a file for each chunk that failed.
+    - `failures/` has a file for each chunk of which members failed.
     - `lock` tells which process writes.
     """
 
@@ -111,56 +115,91 @@ class SweepStore:
             yield store
 
     def states(self) -> np.ndarray:
-        """The state of each chunk, by number."""
+        """The state of each chunk, by number: failed if a member failed, done if all are done."""
         with reading(self.folder):
             if not self._arrays:
                 states = np.full(self.spec.chunk_count, TO_DO, np.int8)
                 for path in self.failure_files():
                     states[int(path.stem)] = FAILED
                 return states
-            first = tuple(slice(None, None, length) for length in self.spec.lengths.values())
-            return np.asarray(self._arrays["status"][first], np.int8).ravel()
+            states = np.asarray(self._arrays["status"][:], np.int8)
+            least = most = states
+            for axis, length in enumerate(self.spec.lengths.values()):
+                begins = np.arange(0, states.shape[axis], length)
+                least = np.minimum.reduceat(least, begins, axis)
+                most = np.maximum.reduceat(most, begins, axis)
+            return np.where(most == FAILED, FAILED, least).ravel()
 
     def failures(self, states: np.ndarray) -> Iterator[Failure]:
-        """The chunks that failed, by their states."""
+        """The members that failed, by the states of their chunks."""
         for path in self.failure_files():
             # A report may outlive its failure by a moment.
             with reading(self.folder), contextlib.suppress(FileNotFoundError):
-                report = Failure(**json.loads(path.read_text(encoding="utf-8")))
-                if states[report.chunk] == FAILED:
-                    yield report
+                report = [Failure(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
+                if states[int(path.stem)] == FAILED:
+                    yield from report
 
-    def write(self, chunk: Chunk, computed: Computed) -> None:
-        """Writes a chunk.
+    def check(self, computed: Computed) -> None:
+        """Looks at the result of a job, and makes the store for results as the first one.
 
-        **Raises:** `ValueError` if it has not the variables of the chunk that was done first.
+        **Raises:** `ValueError` if it has not the variables of the first one.
         """
         if not self._arrays:
             self._create(computed)
             self._open()
-            for path in self.failure_files():
-                self._write_state(self.spec.chunk(int(path.stem)), FAILED)
+            with reading(self.folder):
+                for path in self.failure_files():
+                    for failure in json.loads(path.read_text(encoding="utf-8")):
+                        self._arrays["status"][tuple(failure["index"].values())] = FAILED
         self._check(computed)
-        lengths = tuple(self.spec.lengths.values())
-        inside = tuple(slice(length) for length in chunk.shape)
-        for name, variable in computed.variables.items():
-            values = variable.values.reshape(lengths + variable.values.shape[1:])
-            self._arrays[name][chunk.region] = values[inside]
-        self._sync(chunk, computed.variables)
-        self._write_state(chunk, DONE)
-        self._failure_file(chunk).unlink(missing_ok=True)
 
-    def fail(self, chunk: Chunk, failed: Failed) -> Failure:
-        """Writes down that a chunk failed, and with which parameters."""
+    def write(self, parts: Parts) -> list[Failure]:
+        """Writes a chunk, as far as it is known, and gives the failures in it."""
+        chunk, lengths = parts.chunk, tuple(self.spec.lengths.values())
+        inside = tuple(slice(length) for length in chunk.shape)
+        states = np.full(math.prod(lengths), TO_DO, np.int8)
+        states[list(parts.failed)] = FAILED
+        failures = [
+            self._failure(chunk, place, parts.failed[place]) for place in sorted(parts.failed)
+        ]
+        if failures:
+            self._report(chunk, failures)
+        if not self._arrays:
+            return failures
+        for places, _ in parts.computed:
+            states[places] = DONE
+        for name, array in self._results().items():
+            inner = array.shape[len(lengths) :]
+            values = np.full((states.size, *inner), _fill(array.dtype), array.dtype)
+            for places, computed in parts.computed:
+                values[places] = computed.variables[name].values
+            array[chunk.region] = values.reshape(lengths + inner)[inside]
+            self._sync(chunk, name, len(inner))
+        self._arrays["status"][chunk.region] = states.reshape(lengths)[inside]
+        if not failures:
+            self._failure_file(chunk).unlink(missing_ok=True)
+        return failures
+
+    def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
+        index = self.spec.index(chunk, place)
+        return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
+
+    def _report(self, chunk: Chunk, failures: list[Failure]) -> None:
         path = self._failure_file(chunk)
         path.parent.mkdir(exist_ok=True)
-        report = Failure(chunk.number, self.spec.values(chunk), failed.message, failed.trace)
         with replacing(path) as temporary:
-            text = json.dumps(dataclasses.asdict(report), indent=2)
+            text = json.dumps([dataclasses.asdict(one) for one in failures], indent=2)
             temporary.write_text(text + "\n", encoding="utf-8")
-        if self._arrays:
-            self._write_state(chunk, FAILED)
-        return report
+
+    def _results(self) -> dict[str, zarr.Array]:
+        """The arrays of what the task gave for each member."""
+        dimensions = (*self.spec.dimensions,)
+        own = {*dimensions, "status", *(one.name for one in self.spec.parameters)}
+        return {
+            name: array
+            for name, array in self._arrays.items()
+            if name not in own and _names(array)[: len(dimensions)] == dimensions
+        }
 
     def failure_files(self) -> list[Path]:
         """The reports of chunks that failed, by number."""
@@ -275,9 +314,8 @@ class SweepStore:
         for name, variable in given.items():
             array = self._arrays[name]
             skipped = len(self.spec.dimensions) if name in computed.variables else 0
-            names: Any = array.metadata.dimension_names  # type: ignore[union-attr]
             found = {
-                "dimensions": [*names[skipped:]],
+                "dimensions": [*_names(array)[skipped:]],
                 "shape": [*array.shape[skipped:]],
                 "kind": "string" if array.dtype.kind == "T" else str(array.dtype),
                 "attributes": dict(array.attrs),
@@ -302,17 +340,12 @@ class SweepStore:
                     "chunk that was done first"
                 )
 
-    def _write_state(self, chunk: Chunk, state: int) -> None:
-        self._arrays["status"][chunk.region] = np.full(chunk.shape, state, np.int8)
-
-    def _sync(self, chunk: Chunk, variables: Mapping[str, Variable]) -> None:
-        """Waits until the files of a chunk are on the disk."""
-        for name, variable in variables.items():
-            index = (*chunk.index, *(0 for _ in variable.dimensions))
-            path = self.zarr.joinpath(name, "c", *map(str, index))
-            # A chunk of nothing but the fill value has no file.
-            with contextlib.suppress(FileNotFoundError), open(path, "rb") as file:
-                os.fsync(file.fileno())
+    def _sync(self, chunk: Chunk, name: str, inner: int) -> None:
+        """Waits until the file of a chunk of an array of so many more dimensions is on the disk."""
+        path = self.zarr.joinpath(name, "c", *map(str, (*chunk.index, *[0] * inner)))
+        # A chunk of nothing but the fill value has no file.
+        with contextlib.suppress(FileNotFoundError), open(path, "rb") as file:
+            os.fsync(file.fileno())
 
 
 def made_with(wide: bool) -> dict[str, Any]:
@@ -345,6 +378,12 @@ def _coordinate(
         attributes=dict(attributes),
         chunks=values.shape,
     )
+
+
+def _names(array: zarr.Array) -> tuple[str, ...]:
+    """The dimensions of an array."""
+    names: Any = array.metadata.dimension_names  # type: ignore[union-attr]
+    return tuple(names)
 
 
 def _fill(dtype: np.dtype) -> Any:

@@ -5,15 +5,17 @@ import functools
 import importlib
 import json
 import os
+import socket
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from ..study import Study
+from ..study import Study, parameters
 from ..study.loading import load_module
 from .design import LIST_DIMENSION
 from .spec import Spec
@@ -29,10 +31,12 @@ _MOST_LINES = 30
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """A chunk to compute."""
+    """A chunk to compute, or members of it."""
 
     number: int
     "The number of the chunk."
+    places: np.ndarray
+    "Which members of the batch of the whole chunk these are."
     task: str
     batch: Mapping[str, np.ndarray]
     fixed: Mapping[str, Any]
@@ -63,7 +67,7 @@ class Computed:
 
 @dataclasses.dataclass(frozen=True)
 class Failed:
-    """Why there is no result of a chunk."""
+    """Why there is no result of a chunk or member."""
 
     message: str
     "One line."
@@ -109,14 +113,59 @@ def check_parameters(spec: Spec) -> None:
     **Raises:** `ValueError` for an unknown task, and for parameters that a built-in task does not
     take or lacks, or values that it cannot have.
     """
-    task = find_task(spec.task)
+    known = _parameters(spec.task)
     if (study := study_of(spec.task)) is not None:
         studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
-    elif ":" not in spec.task:
+    elif known is not None:
         from .tasks.parameters import members
 
-        known = importlib.import_module(task.__module__).PARAMETERS
         members(spec.task, known, spec.batch(spec.chunk(0)), spec.fixed)
+
+
+def with_files_found(spec: Spec) -> Spec:
+    """A specification whose built-in task finds its files wherever it runs.
+
+    Names of files are relative to the folder of the specification, or else to that of this process.
+    A task of the user's own is given them as they are.
+
+    **Raises:** `ValueError` if there is no such file; it says where it was looked for.
+    """
+    if (study := study_of(spec.task)) is not None:
+        names = [name for name, kind in parameters(study).items() if "Path" in str(kind)]
+    else:
+        known = _parameters(spec.task) or {}
+        names = [name for name, parameter in known.items() if parameter.file]
+    fixed = {
+        name: _found(spec, name, value) if name in names else value
+        for name, value in spec.fixed.items()
+    }
+    changed = [
+        dataclasses.replace(
+            one, values=np.array([_found(spec, one.name, value) for value in one.values.tolist()])
+        )
+        if one.name in names
+        else one
+        for one in spec.parameters
+    ]
+    return dataclasses.replace(spec, fixed=fixed, parameters=tuple(changed))
+
+
+def _parameters(task: str) -> Mapping[str, Any] | None:
+    """Those of a built-in task."""
+    if ":" in task or study_of(task) is not None:
+        return None
+    return importlib.import_module(find_task(task).__module__).PARAMETERS
+
+
+def _found(spec: Spec, name: str, value: Any) -> Any:
+    if not isinstance(value, str) or Path(value).is_absolute():
+        return value
+    folders = dict.fromkeys((spec.path.parent.resolve(), Path.cwd()))
+    for folder in folders:
+        if (folder / value).exists():
+            return str(folder / value)
+    looked = " nor in ".join(map(str, folders))
+    raise ValueError(f"{name}: there is no file {value!r} in {looked}")
 
 
 def jax_is_wide() -> bool:
@@ -127,7 +176,7 @@ def jax_is_wide() -> bool:
 
 
 def compute(job: Job) -> Computed | Failed:
-    """Computes a chunk. Whatever goes wrong with it is its failure and nobody else's."""
+    """Computes a job. Whatever goes wrong with it is its failure and nobody else's."""
     try:
         # A worker of somebody's cluster does not know. Tasks may import JAX when they are called.
         os.environ[_WIDE] = str(int(job.wide))
@@ -135,6 +184,9 @@ def compute(job: Job) -> Computed | Failed:
         if (jax := sys.modules.get("jax")) is not None and jax_is_wide() != job.wide:
             jax.config.update("jax_enable_x64", job.wide)
         return _arrays(task(job.batch, job.fixed, job.seed), job.batch)
+    except FileNotFoundError as error:
+        failed = failure(error)
+        return dataclasses.replace(failed, message=f"{failed.message} (on {socket.gethostname()})")
     except (Exception, SystemExit) as error:
         return failure(error)
 

@@ -126,11 +126,16 @@ class _Drifter:
 
     def _end(self, x: float | int, y: float | int) -> tuple[float, float]:
         rows, columns = self.water.number.shape
-        low_x, low_y = np.clip(x, 0, columns - 1), np.clip(y, 0, rows - 1)
+        rates, low_x = self.rate, np.clip(x, 0, columns - 1)
+        if self.water.wraps:
+            # The first column once more, after the last.
+            rates, low_x = [np.column_stack([one, one[:, 0]]) for one in rates], x % columns
+            columns += 1
+        low_y = np.clip(y, 0, rows - 1)
         i, j = min(int(low_x), max(columns - 2, 0)), min(int(low_y), max(rows - 2, 0))
         across, up = low_x - i, low_y - j
         speed = []
-        for rate in self.rate:
+        for rate in rates:
             corners = rate[j : j + 2, i : i + 2]
             corners = np.pad(corners, [(0, 2 - s) for s in corners.shape], mode="edge")
             speed.append(np.array([1 - up, up]) @ corners @ np.array([1 - across, across]))
@@ -139,6 +144,8 @@ class _Drifter:
     def _at(self, row: int, column: int) -> int | None:
         """The cell in a square: -1 for land, `None` off the grid."""
         rows, columns = self.water.number.shape
+        if self.water.wraps:
+            column %= columns
         if not (0 <= row < rows and 0 <= column < columns):
             return None
         return int(self.water.number[row, column])
@@ -154,7 +161,12 @@ class _Drifter:
         if to is not None and to >= 0 and water.piece[to] == water.piece[z]:
             return to
         here = water.row[z], water.column[z]
-        away = np.hypot((water.column - x) * water.dx[here], (water.row - y) * water.dy[here])
+        across = np.abs(water.column - x)
+        if water.wraps:
+            columns = water.number.shape[1]
+            across %= columns
+            across = np.minimum(across, columns - across)
+        away = np.hypot(across * water.dx[here], (water.row - y) * water.dy[here])
         away[water.piece != water.piece[z]] = np.inf
         return int(np.flatnonzero(away <= away.min() * (1 + 1e-9))[0])
 

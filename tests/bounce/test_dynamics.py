@@ -17,6 +17,7 @@ from jaxcell.bounce import (
     group_summary,
     moves,
     runs,
+    walls,
 )
 from jaxcell.mapping import periodic_groups, section_groups
 from jaxcell.space import CellSpace, Workspace
@@ -186,3 +187,19 @@ def test_a_step_of_many_cells_is_blocked_on_the_way():
     cells = CellSpace.of_grid(free, 4)
     assert int(moves(cells, step=3.0, collision="endpoint").target[0, 0]) == 2
     assert int(moves(cells, step=3.0).target[0, 0]) == 0
+
+
+@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+def test_a_step_longer_than_the_map_bumps_everywhere(collision):
+    # The first grid has fewer rows than columns, the other fewer columns than rows.
+    for free in (np.ones((2, 9), bool), np.ones((9, 2), bool)):
+        cells = CellSpace.of_grid(free, 8)
+        image = np.roll(np.arange(cells.size), -3 * cells.positions)
+        for step in (10.0, 1e9):
+            result = bounce_map(cells, math.radians(135), step=step, collision=collision)
+            np.testing.assert_array_equal(result.image, image)
+            assert bool(result.bumped.all())
+    found = bounce_groups(cells, math.radians(135), step=1e9, collision=collision)
+    assert (int(found.count), set(found.period.tolist())) == (cells.positions, {8})
+    room = walls(free[None], 8, step=1e9, collision=collision)
+    assert room.count.tolist() == [[free.size]]

@@ -4,7 +4,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import xarray as xr
+from rerun.chunk import RrdReader
 
+from jaxcell.automata import Filter
 from jaxcell.cli import main
 
 
@@ -85,6 +88,39 @@ def test_results_are_left_to_look_at(capsys, tmp_path, command):
         expected |= {"groups.rrd"}
     assert names == expected
     assert json.loads((tmp_path / "new" / "folder" / "summary.json").read_text()) == found
+
+
+def test_results_do_not_say_where_maps_are_kept(capsys, tmp_path, monkeypatch):
+    home, work = tmp_path / "home" / "me", tmp_path / "work"
+    home.mkdir(parents=True)
+    work.mkdir()
+    (home / "lab.json").write_bytes((MAPS / "lab_a.json").read_bytes())
+    monkeypatch.chdir(work)
+    args = ("--bounce", "135", "--collision", "endpoint", "--out", "out")
+    status, found, _ = run(capsys, "localize", home / "lab.json", *args)
+    assert (status, found["map"]) == (0, "lab.json")
+    told = recorded_texts("out/localization.rrd")
+    assert "| map | lab.json |" in told
+    for name in ("groups.nc", "localization.nc"):
+        with xr.open_dataset(f"out/{name}") as dataset:
+            assert '"map": "lab.json"' in dataset.attrs["spec"]
+            told += str(dataset.attrs)
+    told += str(Filter.load("out/filter.jxf").metadata)
+    assert str(home) not in told + Path("out/summary.json").read_text()
+
+
+def recorded_texts(path):
+    """All that a recording says, the names that the viewer lists too."""
+    reader = RrdReader(path)
+    batches = [chunk.to_record_batch() for chunk in reader.stream().to_chunks()]
+    return "\n".join(
+        text
+        for batch in batches
+        for column in batch.columns
+        for row in column.to_pylist()
+        for text in (row if isinstance(row, list) else [row])
+        if isinstance(text, str)
+    )
 
 
 @pytest.mark.parametrize("suffix", [".dot", ".jff", ".json", ".h"])

@@ -193,7 +193,77 @@ def test_a_step_that_is_too_short_is_warned_of(capsys):
     assert main(["drift", str(GYRES), "--duration", "900", "--depths", "0"]) == 0
     captured = capsys.readouterr()
     assert re.search("At 0 m: .* the grid, and not the water", captured.err)
+    advice = "; take a longer --duration or --spread sampled.\n"
+    assert captured.err.replace(" \n", " ").endswith(advice)
     assert "Persistent groups, the first 20 of" in captured.out
+
+
+def test_advice_names_no_option_that_is_on(capsys):
+    args = ("--duration", "900", "--depths", "0", "--spread", "sampled")
+    assert main(["drift", str(GYRES), *args]) == 0
+    error = capsys.readouterr().err
+    assert error.endswith("; take a longer --duration.\n")
+    assert "--spread" not in error
+
+
+def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
+    """Where no drifter can leave, and where none can stay, however large the table would be."""
+    monkeypatch.setattr("jaxcell.record.sea_drift._LARGEST_TABLE", -1)
+    _, found, _ = run(capsys, *STEP, "--depths", 0)
+    assert found["layers"][0]["leaving"] == 0
+    _, found, _ = run(capsys, "--edge", "exit", file=stream)
+    assert found["layers"][0]["leaving"] == 1
+    # Some stay and some leave: that is not known.
+    _, found, _ = run(capsys, *STEP, "--depths", 0, "--edge", "exit")
+    assert found["layers"][0]["leaving"] is None
+
+
+def test_velocities_by_name(capsys, stream, tmp_path):
+    with xr.open_dataset(stream) as known:
+        bare = known.load().rename(u="p", v="q")
+    for name in "pq":
+        bare[name].attrs = {}
+    bare.to_netcdf(tmp_path / "bare.nc")
+    status, found, error = run(capsys, file=tmp_path / "bare.nc")
+    assert (status, found) == (2, None)
+    args = ("--edge", "exit", "--variables", "p", "q")
+    status, found, error = run(capsys, *args, file=tmp_path / "bare.nc")
+    assert (status, error) == (0, "")
+    assert found["variables"] == ["p", "q"]
+    assert found["east_from"] == "p (as asked)"
+
+
+@pytest.mark.slow
+def test_around_the_earth(capsys, tmp_path):
+    """A jet goes on for ever, also as computed anew and in the recording."""
+    lon, lat = np.arange(0.0, 360, 10), np.arange(-15.0, 20, 10)
+    east = np.ones((lat.size, lon.size))
+    names = "sea_water_velocity"
+    jet = xr.Dataset(
+        {
+            "u": (("lat", "lon"), east, {"standard_name": f"eastward_{names}"}),
+            "v": (("lat", "lon"), 0 * east, {"standard_name": f"northward_{names}"}),
+        },
+        {
+            "lat": ("lat", lat, {"units": "degrees_north"}),
+            "lon": ("lon", lon, {"units": "degrees_east"}),
+        },
+    )
+    jet.to_netcdf(tmp_path / "jet.nc")
+    args = ("--edge", "exit", "--rho", 1, "--duration", 1.1e6, "--out", tmp_path / "out")
+    status, found, error = run(capsys, *args, "--verify", file=tmp_path / "jet.nc")
+    assert (status, error) == (0, "")
+    (layer,) = found["layers"]
+    assert [group["cells"] for group in layer["persistent_groups"]] == [lon.size] * lat.size
+    assert layer["leaving"] == 0
+    assert any("goes round the Earth" in note for note in found["notes"])
+    # A land cell and disturbances, too.
+    jet["u"][1, 3] = np.nan
+    jet.to_netcdf(tmp_path / "jet.nc")
+    for spread in ("turned", "all", "sampled"):
+        args = ("--edge", "exit", "--spread", spread, "--verify")
+        status, found, error = run(capsys, *args, file=tmp_path / "jet.nc")
+        assert status == 0, error
 
 
 def test_tables_for_people(capsys):

@@ -1,8 +1,10 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
+from jaxcell.automata import Filter, subset_construction
 from jaxcell.bundled import bundled
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
@@ -53,6 +55,58 @@ def test_bundled_data_are_told(name, told):
     assert told.items() <= describe(bundled(name)).items()
 
 
+@pytest.mark.parametrize("suffix", [".dot", ".jff", ".h", ".json", ".ino"])
+def test_filters_for_other_programs_are_told(suffix, tmp_path):
+    # A robot that goes to cell 0 of three and stays there.
+    spec = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 90}
+    image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
+    filter = Filter.of(subset_construction(image, bumped), metadata=spec)
+    path, file = tmp_path / "filter.jxf", tmp_path / f"filter{suffix}"
+    filter.save(path)
+    written = (
+        ["robot", "sketch", path, "--out", file] if suffix == ".ino" else ["export", path, file]
+    )
+    assert main([str(word) for word in written]) == 0
+    told = describe(file)
+    assert told["states"] == len(filter.transition) == 3
+    assert told["transitions"] == (filter.transition >= 0).sum() == 5
+    assert told.get("knowledge_cycles", 1) == 1
+    assert file.name in describe(tmp_path)["files"]
+
+
+def test_a_program_without_a_filter_is_told(tmp_path):
+    path = tmp_path / "bounce.ino"
+    assert main(["robot", "sketch", "--bounce", "90", "--step", "1", "--out", str(path)]) == 0
+    told = describe(path)
+    assert told["title"].startswith("Lets an iRobot Create 2 bounce")
+    assert "states" not in told
+
+
+def test_places_of_drifters_are_told(tmp_path):
+    table, points = tmp_path / "a.csv", tmp_path / "a.geojson"
+    table.write_text("number,lon,lat,cell\r\n1,-118.5,33.25,7\r\n2,-117.5,33.5,9\r\n")
+    features = [
+        {"type": "Feature", "geometry": {"type": "Point", "coordinates": place}, "properties": {}}
+        for place in ([-118.5, 33.25], [-117.5, 33.5])
+    ]
+    points.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    place = {"points": 2, "longitudes": [-118.5, -117.5], "latitudes": [33.25, 33.5]}
+    for path in (table, points):
+        assert place.items() <= describe(path).items()
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_pictures_of_maps_are_told(tmp_path, depth):
+    path = tmp_path / "a.pgm"
+    full, width = 2**depth - 1, depth // 8
+    pixels = [0, full, full, full // 5, full // 2, full]
+    data = b"".join(pixel.to_bytes(width, "big") for pixel in pixels)
+    path.write_bytes(f"P5 3 2 {full}\n".encode() + data)
+    told = describe(path)
+    assert (told["width"], told["height"]) == (3, 2)
+    assert told["occupied_share"] == pytest.approx(2 / 6, abs=1e-6)
+
+
 def test_a_team_for_robots_is_told(tmp_path):
     common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.2}
     path = tmp_path / "team.json"
@@ -79,7 +133,13 @@ def test_it_is_told_to_people_and_to_programs(results, capsys):
     assert json.loads(capsys.readouterr().out)["states"] == 124
 
 
-@pytest.mark.parametrize("suffix", [".jxf", ".nc", ".rrd", ".json", ".jsonl", ".yaml", ".edges"])
+@pytest.mark.parametrize(
+    "suffix",
+    [
+        *(".jxf", ".nc", ".rrd", ".json", ".jsonl", ".yaml", ".edges"),
+        *(".dot", ".jff", ".h", ".ino", ".csv", ".geojson", ".pgm"),
+    ],
+)
 def test_damaged_files_are_refused_by_name(suffix, tmp_path, capsys):
     path = tmp_path / f"damaged{suffix}"
     path.write_bytes(b"RRF2 neither this nor that \xff")

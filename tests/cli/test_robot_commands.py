@@ -1,5 +1,10 @@
 import json
 import math
+import re
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 from rerun.chunk import RrdReader
@@ -9,11 +14,11 @@ from jaxcell.cli.robot import RobotRun
 from jaxcell.cli.robot_check import RobotCheck
 from jaxcell.cli.robot_replay import RobotReplay
 from jaxcell.robot.body import Body
+from jaxcell.robot.create import Create
+from jaxcell.robot.driver import RobotStopped
 from jaxcell.robot.emulator import Emulator, Line
 from jaxcell.robot.packets import Contact
-
-
-pytestmark = pytest.mark.slow
+from jaxcell.robot.walker import Walker
 
 
 LAB = map_cells("lab_a.json")
@@ -36,6 +41,7 @@ def simulated(file, name="lab_a.json", **fields) -> RobotRun:
     return RobotRun(file=file, simulate=MAPS / name, speedup=100.0, json=True, **fields)
 
 
+@pytest.mark.slow
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
     out = tmp_path / "out"
     code, found = run(simulated(filter_file, start="70", out=out), capsys)
@@ -56,7 +62,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
     assert found["observations"] in capsys.readouterr().out
 
     recorded = (out / "run.rrd").read_bytes()
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileExistsError, match=r"^--out .*: run\.jsonl of another run is there"):
         simulated(filter_file, start="70", out=out).run()
     assert (out / "run.rrd").read_bytes() == recorded
     bounce_filter(LAB, 135, metadata={**SPEC, "bounce_deg": 135}).save(filter_file)
@@ -64,6 +70,7 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
         RobotReplay(log=out / "run.jsonl").run()
 
 
+@pytest.mark.slow
 def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
     filter = bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45, "name": LAB.workspace.name})
     filter.save(filter_file)
@@ -79,6 +86,7 @@ def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
     assert found["observations"] in found["reason"]
 
 
+@pytest.mark.slow
 def test_a_plan_runs_from_its_start(tmp_path, capsys):
     image, bumped = bounce_tables(LAB, 135)
     cell, actions = 20, []
@@ -94,6 +102,7 @@ def test_a_plan_runs_from_its_start(tmp_path, capsys):
     assert (code, again["result"]) == (0, "arrived")
 
 
+@pytest.mark.slow
 def test_check(capsys):
     with Emulator(Body(LAB.workspace, (0.5, 0.5, 0.0)), line=Line(speedup=20.0)) as robot:
         code, found = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
@@ -106,6 +115,103 @@ def test_check(capsys):
         code, found = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
         assert code == 1
         assert "wheel" in found["danger"]
+
+
+# What stops a run at its fourth step, the exit status, and what is said of it.
+STOPS = [
+    (RobotStopped("there is a cliff"), 1, "the robot was stopped: there is a cliff"),
+    (KeyboardInterrupt(), 130, "Ctrl-C"),
+    (SystemExit(143), 143, "a signal ended the program"),
+]
+
+
+@pytest.mark.parametrize(("error", "status", "why"), STOPS, ids=["cliff", "ctrl-c", "signal"])
+@pytest.mark.parametrize("to_files", [True, False])
+def test_a_run_that_is_stopped_says_so(
+    filter_file, tmp_path, capsys, monkeypatch, error, status, why, to_files
+):
+    observed = iter("010")
+
+    def step(walker):
+        if (one := next(observed, None)) is None:
+            raise error
+        walker.observations += one
+        return one == "1"
+
+    monkeypatch.setattr(Walker, "step", step)
+    monkeypatch.setattr(Walker, "rotate", lambda *_: None)
+    out = tmp_path / "out" if to_files else None
+    code = simulated(filter_file, start="70", out=out).run()
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert why in told.err
+    assert (code, found["result"], found["observations"]) == (status, "stopped", "010")
+    assert found["reason"].startswith(f"{why}; not localized after 3 observations; ")
+    assert len(found["colors"]) == 3
+    assert found["cells"]
+    assert found["emulated"]["start"] == 70
+    if out is not None:
+        assert json.loads((out / "summary.json").read_text()) == found
+        code, again = run(RobotReplay(log=out / "run.jsonl", json=True), capsys)
+        assert code == 0
+        for name in ("result", "observations", "colors", "cells", "reason"):
+            assert again[name] == found[name]
+
+
+def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, monkeypatch):
+    def arm(_):
+        raise RobotStopped("it is on the charger")
+
+    monkeypatch.setattr(Create, "arm", arm)
+    code, found = run(simulated(filter_file, start="70"), capsys)
+    assert (code, found["result"], found["observations"]) == (1, "stopped", "")
+    assert found["reason"] == "the robot was stopped: it is on the charger"
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_run_with_its_summary(filter_file, tmp_path):
+    out = tmp_path / "out"
+    # A shell that starts these tests in the background has the signal ignored.
+    main = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from jaxcell.cli import main; raise SystemExit(main())"
+    )
+    with subprocess.Popen(
+        [
+            *(sys.executable, "-c", main, "robot", "run", filter_file, "--json"),
+            *("--simulate", MAPS / "lab_a.json", "--speedup", "1", "--out", out),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        end = time.monotonic() + 120
+        while not (out / "run.jsonl").exists() and time.monotonic() < end:
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        told, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert json.loads(told)["result"] == "stopped"
+    assert json.loads((out / "summary.json").read_text()) == json.loads(told)
+    assert "jaxcell robot run: Ctrl-C; not localized after " in errors
+
+
+@pytest.mark.parametrize(
+    ("port", "message"),
+    [
+        ("nothing", "nothing: could not open port {port}: No such file or directory"),
+        ("folder", "folder: could not open port {port}: Is a directory"),
+        ("file", "file: Could not configure port: Inappropriate ioctl for device"),
+    ],
+)
+@pytest.mark.parametrize("firmware", [False, True])
+def test_a_line_that_does_not_open_is_told_in_words(tmp_path, port, message, firmware):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").touch()
+    port = str(tmp_path / port)
+    with pytest.raises(OSError, match=re.escape(message.format(port=port))) as caught:
+        RobotCheck(port=port, firmware=firmware).run()
+    assert "rrno" not in str(caught.value)
 
 
 def test_bad_options(filter_file):

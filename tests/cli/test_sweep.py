@@ -11,11 +11,10 @@ import sweep_stub
 import xarray as xr
 
 from jaxcell.cli import main
-from jaxcell.sweep import open_sweep
+from jaxcell.sweep import open_sweep, sweep_status
 
 
-pytestmark = pytest.mark.slow
-
+slow = pytest.mark.slow
 
 PROGRAM = "import sys; from jaxcell.cli import main; sys.exit(main())"
 
@@ -36,6 +35,7 @@ def described(capsys):
     return json.loads(capsys.readouterr().out)
 
 
+@slow
 def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["sweep", spec(), "--json", "--netcdf"]) == 0
@@ -51,6 +51,8 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
         "failed": 0,
         "failures": [],
         "running": None,
+        "members_per_second": None,
+        "seconds_left": None,
     }
     with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
         xr.testing.assert_identical(one.load(), other.load())
@@ -62,20 +64,22 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     assert 'xarray.open_zarr("runs/some/sweep.zarr")' in told.err
 
 
+@slow
 def test_failures_are_told(spec, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["sweep", spec("fail = 5"), "--out", out]) == 1
     told = capsys.readouterr()
     assert "2 of 3" in told.out
-    assert "chunk 1 failed (x 4 to 7): RuntimeError: x is 5" in told.err
+    assert "a member of chunk 1 failed (x 5): RuntimeError: x is 5" in told.err
     assert main(["sweep", "status", out, "--json"]) == 1
     found = described(capsys)
     assert (found["done"], found["failed"]) == (2, 1)
     assert found["failures"] == [
-        {"chunk": 1, "parameters": {"x": [4, 5, 6, 7]}, "message": "RuntimeError: x is 5"}
+        {"chunk": 1, "parameters": {"x": 5}, "message": "RuntimeError: x is 5"}
     ]
 
 
+@slow
 def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
     def broken(batch, fixed, seed):
         raise RuntimeError
@@ -84,10 +88,88 @@ def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
     assert main(["sweep", spec(chunk=1, grid="x = {count = 30}"), "--out", str(tmp_path)]) == 1
     told = capsys.readouterr().err
     assert told.count(" failed (") == 10
-    assert "chunk 9 failed (x 9): RuntimeError" in told
+    assert "a member of chunk 9 failed (x 9): RuntimeError" in told
     assert f"all are in {tmp_path / 'failures'}" in told
 
 
+@slow
+def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capfd, monkeypatch):
+    kept = sweep_stub.stub
+
+    def chatty(batch, fixed, seed):
+        print("from Python")
+        os.write(1, b"from elsewhere\n")
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", chatty)
+    assert main(["sweep", spec(), "--out", str(tmp_path / "out"), "--json"]) == 0
+    told = capfd.readouterr()
+    assert json.loads(told.out)["done"] == 3
+    assert told.err.count("from Python") == told.err.count("from elsewhere") == 3
+
+
+@slow
+@pytest.mark.parametrize("engine", ["processes", "dask"])
+def test_workers_that_print_leave_the_output_to_the_result(spec, tmp_path, engine):
+    environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
+    text = Path(spec()).read_text().replace(":stub", ":chatty")
+    Path(spec()).write_text(text)
+    command = [sys.executable, "-c", PROGRAM, "sweep", str(tmp_path / "some.toml"), "--json"]
+    command += ["--out", str(tmp_path / "out"), "--engine", engine, "--workers", "1"]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert json.loads(found.stdout)["done"] == 3
+    assert found.stderr.count("from Python") == found.stderr.count("from elsewhere") == 3
+
+
+def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
+    calls = []
+
+    def broken(batch, fixed, seed):
+        calls.append(batch["x"].tolist())
+        raise RuntimeError("no")
+
+    monkeypatch.setattr(sweep_stub, "stub", broken)
+    out = str(tmp_path / "out")
+    options = ["--out", out, "--max-failures"]
+    assert main(["sweep", spec(), *options, "2", "--json"]) == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["failed"] == 3
+    assert "Stopped: more than 2 members failed" in told.err
+    assert calls == [[0, 1, 2, 3], [0, 1], [0], [1], [2, 3], [2]]
+    monkeypatch.undo()
+    # What was not tried is not taken for failed.
+    assert main(["sweep", spec(), *options, "0", "--resume", "--json"]) == 0
+    assert described(capsys)["failed"] == 0
+    assert main(["sweep", spec(), "--out", str(tmp_path), "--max-failures", "-1"]) == 2
+    assert "max_failures: expected 0 or more, got -1" in capsys.readouterr().err
+
+
+def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.sweep.run._SECONDS_BETWEEN", 0)
+    kept, out, seen = sweep_stub.stub, str(tmp_path / "out"), []
+
+    def curious(batch, fixed, seed):
+        found = sweep_status(out)
+        seen.append((found.done, found.rate, found.left))
+        main(["sweep", "status", out])
+        time.sleep(0.1)
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", curious)
+    assert main(["sweep", spec(grid="x = {count = 12}"), "--out", out, "--json"]) == 0
+    # Once there is a first chunk.
+    told = capsys.readouterr().err
+    assert told.count("members a second") == told.count("time left") == 2
+    assert seen[0] == (0, None, None)
+    done, rate, left = seen[2]
+    assert done == 2
+    # Four members in a tenth of a second and a little, and four are left.
+    assert 0 < rate < 40
+    assert 0 < left <= 4 / rate
+    assert sweep_status(out).rate is None
+
+
+@slow
 def test_bad_input_is_one_line(spec, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["sweep", spec(grid="x = []"), "--out", out]) == 2
@@ -104,6 +186,7 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
     assert "jaxcell sweep status: " in capsys.readouterr().err
 
 
+@slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
@@ -124,10 +207,10 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     # Where the machine is busy, Zarr grumbles when it is left.
-    assert told.startswith(
+    assert (
         f"Stopped. What is done is kept in {out}; to go on: "
         f"jaxcell sweep {path} --out {out} --resume\n"
-    )
+    ) in told
     sent = subprocess.run(
         [sys.executable, "-c", PROGRAM, "sweep", "status", str(out), "--json"],
         check=False,
@@ -140,6 +223,7 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     assert found["running"] is None
 
 
+@slow
 def test_help_needs_neither_jax_nor_xarray():
     program = (
         "import sys\nfrom jaxcell.cli import main\n"

@@ -195,8 +195,8 @@ def test_what_has_no_result_or_no_detail_says_so(ran, tmp_path, capsys, monkeypa
     assert told.count("\n") == 1
     assert "the task 'sweep_stub:stub' has no detail to show; those that have are cover, " in told
     monkeypatch.setattr("jaxcell.cli.sweep_member.check_detail", lambda task: None)
-    assert main([*view, "--select", "x=3"]) == 1
-    assert "no result of the member x=3: chunk 1: RuntimeError: x is 2" in capsys.readouterr().err
+    assert main([*view, "--select", "x=2"]) == 1
+    assert "no result of the member x=2: RuntimeError: x is 2" in capsys.readouterr().err
     assert main([*view, "--out", "some.txt"]) == 2
     assert "--out some.txt: expected the name of a recording" in capsys.readouterr().err
     assert main(["sweep", "view", str(tmp_path / "none")]) == 2

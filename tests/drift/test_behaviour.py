@@ -350,3 +350,56 @@ def test_bad_periods_and_durations_are_refused():
     other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))
     with pytest.raises(ValueError, match="a map of 32 cells, got those of one of 1"):
         diagnose(water, flow, other)
+
+
+def eddy(leak):
+    """Two cells that drifters go between, and leave for either of two groups almost never."""
+    matrix = np.zeros((5, 5))
+    matrix[0, 1], matrix[1, [0, 1]] = 1, (0.3, 0.7)
+    matrix[1] *= 1 - leak
+    matrix[1, 2:4] = leak / 3, leak * 2 / 3
+    matrix[2, 2] = matrix[3, 3] = 1
+    matrix[4, [0, 2]] = 0.5
+    return Chain.from_scipy(matrix)
+
+
+def test_probabilities_of_an_eddy_that_holds_almost_for_ever():
+    for leak in (1e-7, 1e-9):
+        found = long_term_behaviour(eddy(leak), 3600, throw=True).probability
+        np.testing.assert_allclose(found.value[0], [1 / 3, 1 / 3, 1, 0, 2 / 3], atol=1e-12)
+
+
+def test_what_is_not_good_enough_raises_only_if_asked_to(monkeypatch):
+    monkeypatch.setattr("jaxcell.markov.hitting.PROBABILITY_TOLERANCE", -1.0)
+    monkeypatch.setattr("jaxcell.markov.limiting._TOLERANCE", -1.0)
+    found = long_term_behaviour(eddy(0.1), 3600)
+    assert found.probability.certificate.outcome is Outcome.STALLED
+    assert found.limiting.certificate.outcome is Outcome.STALLED
+    strict = long_term_behaviour(eddy(0.1), 3600, throw=True)
+    with pytest.raises(RuntimeError, match="absorption_probabilities: the residual stayed above"):
+        strict.probability  # noqa: B018
+    with pytest.raises(RuntimeError, match="limiting_distribution: the residual stayed above"):
+        strict.limiting  # noqa: B018
+
+
+def test_who_surely_leaves_is_known_without_a_solve():
+    # From 0 to 1, from there off the grid; 2 stays; from 3 to 0 or 2; from 4 to 2.
+    chain = Chain(
+        np.int32([[1, 1, 2, 0, 2], [1, 1, 2, 2, 2]]),
+        np.array([[1, 0, 1, 0.5, 1], [0, 0, 0, 0.5, 0]]),
+    )
+    found = long_term_behaviour(chain, 3600).sure_to_leave
+    np.testing.assert_array_equal(found, [1, 1, 0, np.nan, 0])
+
+
+def test_remedies_are_none_that_are_taken():
+    currents = double_gyre()
+    water, flow = Water.of(currents), Flow.of(currents)
+    short, good = (
+        diagnose(water, flow, persistent_groups(drift_map(water, flow, step)), step)
+        for step in (10.0, 4 * crossing_time(water, flow))
+    )
+    assert short.remedies("turned") == short.remedies("all") == ("duration", "spread")
+    assert short.remedies("sampled") == ("duration",)
+    assert good.warning is None
+    assert good.remedies("turned") == ()

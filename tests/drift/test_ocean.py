@@ -499,7 +499,7 @@ def folded(dataset):
     ("change", "message"),
     [
         (lambda d: d.rename(u_eastward="u", v_northward="v"), r"u: ambiguous: on the dimensions "
-         r"\(Y, X\) it may be towards the East or along the grid.*variables=\('u', 'v'\)"),
+         r"\(Y, X\) it may be towards the East or along the grid.*name u and v with variables"),
         (folded, r"lon: .* the grid folds at row"),
         (lambda d: d.assign(lon=0 * d.lon, lat=0 * d.lat), r"lon: the cell .* sides of 0 and 0 m"),
         (lambda d: d.assign(lon=d.lon.where(d.lon > -118)), r"lon: no longitude at row 0, column"),
@@ -596,6 +596,24 @@ def test_nordic_4km():
     np.testing.assert_allclose(u, [0.17056, -0.08927, -0.16010], atol=1e-4)
     np.testing.assert_allclose(v, [0.13010, 0.13896, -0.02706], atol=1e-4)
     np.testing.assert_allclose(currents.dx, 4120, rtol=5e-3)
+
+
+def test_nordic_4km_spoilt(tmp_path):
+    """The same file with its lowest level only, its mask exchanged, or its angle in degrees."""
+    path = tmp_path / "nordic.nc"
+    with xr.open_dataset(real("nordic4km_roms_native_s.nc"), decode_times=False) as whole:
+        whole = whole.isel(ocean_time=[0]).load().drop_encoding()
+    whole.isel(s_rho=slice(0, 1)).to_netcdf(path)
+    with pytest.raises(ValueError, match=r"depths: 0 m below the surface is \d+ m away from"):
+        open_currents(path)
+    whole.assign(mask_rho=1 - whole.mask_rho).to_netcdf(path)
+    message = r"mask_rho, mask_u, mask_v: none of the 185 cells .* of the 466 that are land have"
+    with pytest.raises(ValueError, match=message):
+        open_currents(path)
+    whole.assign(angle=np.degrees(whole.angle)).to_netcdf(path)
+    currents = open_currents(path)
+    assert float(currents.u[0, 0, 10, 5]) == pytest.approx(0.17056, abs=1e-4)
+    assert float(currents.v[0, 0, 10, 5]) == pytest.approx(0.13010, abs=1e-4)
 
 
 def test_norkyst_800m():

@@ -170,3 +170,36 @@ def test_the_residual_bounds_the_relative_error(monkeypatch):
         found = absorption_times(chain, groups, throw=False)
         error = np.abs(found.value - truth) / truth
         assert 0 < error.max() <= found.certificate.residual
+
+
+def slow_eddy(cells, leak, share):
+    """A random chain that leaves, from one cell only and almost never, for one of two ends."""
+    draw = np.random.default_rng(1)
+    P = np.zeros((cells + 2, cells + 2))
+    P[-1, -1] = P[-2, -2] = 1
+    for row in P[:cells]:
+        weight = draw.random(4)
+        row[draw.choice(cells, 4, replace=False)] = weight / weight.sum()
+    P[0] *= 1 - leak
+    P[0, -2:] = leak * share, leak * (1 - share)
+    return Chain.from_scipy(P)
+
+
+@pytest.mark.parametrize("leak", [1e-7, 1e-9, 1e-11])
+def test_ends_of_an_eddy_that_holds_almost_for_ever(leak):
+    chain = slow_eddy(30, leak, 0.3)
+    found = absorption_probabilities(chain, persistent_groups(chain))
+    # Whatever way it goes, it leaves from the one cell, where the odds are 3 to 7.
+    expected = np.array([[0.3], [0.7]])
+    np.testing.assert_allclose(found.value[:, :30], np.broadcast_to(expected, (2, 30)), atol=1e-12)
+    assert found.certificate.residual < 1e-12
+
+
+def test_the_only_end_is_sure(monkeypatch):
+    monkeypatch.setattr("jaxcell.markov.transient.Transient.expect", None)  # nothing is solved
+    chain = slow_eddy(30, 1e-11, 1.0)
+    found = absorption_probabilities(chain, persistent_groups(chain))
+    assert found.value[0].tolist() == [1] * 31 + [0]
+    matrix = chain.to_scipy().toarray()[:30, :30]
+    away = Chain.from_scipy(matrix)
+    assert absorption_probabilities(away, persistent_groups(away)).leaving.tolist() == [1] * 30

@@ -150,6 +150,17 @@ def test_maximin_of_one_crossing():
     assert maximin(np.array([[0.0, 1.0, 0.0]])).value == pytest.approx(0.5, abs=1e-12)
 
 
+@pytest.mark.parametrize("scale", [1e3, 1e6, 1e9])
+def test_maximin_ends_where_intervals_are_too_narrow_to_tell(scale):
+    # Bounds of numbers so large do not come within the tolerance before intervals of p end.
+    found = maximin(scale * np.array([[0, 0.5, 1], [1, 0, 0]]))
+    best = (3 - 5**0.5) / 2
+    assert found.p == pytest.approx(best, abs=2.0**-44)
+    assert abs(found.value - scale * best) <= found.certificate.residual <= scale * 2.0**-43
+    assert found.certificate.iterations <= 44
+    assert found.certificate.outcome is Outcome.STALLED
+
+
 @pytest.mark.parametrize(("movement", "turn"), MODELS)
 def test_the_law_sums_to_the_polynomials_and_the_mean(movement, turn):
     perimeter, p = Perimeter(10, 2, movement, turn), 0.7

@@ -183,3 +183,15 @@ def test_what_is_only_told_refuses_nothing():
     ] == pytest.approx(3.5 / 9)
     lost = altered(LOCALIZATION, "cell", [0, 5, 3])
     assert checks.localization_checks(lost)["states_without_the_robot"][0] == 1
+
+
+def test_that_none_leaves_may_be_all_that_is_known_of_ends():
+    unknown = DRIFT.assign(
+        probability=np.nan * DRIFT.probability,
+        leaving=(("layer", "y", "x"), [[[0.0, 0.0, np.nan]]]),
+    )
+    found = drift_checks(unknown)
+    assert found["ends_sum_to_1"][0] == 0
+    # Where all leave, no group has a part of them.
+    gone = unknown.assign(leaving=(("layer", "y", "x"), [[[0.0, 1.0, np.nan]]]))
+    assert drift_checks(gone)["ends_sum_to_1"][0] == 0

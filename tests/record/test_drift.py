@@ -368,6 +368,27 @@ def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
 
 
 @pytest.mark.slow
+def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
+    """All stay on the map, and no way is drawn from one side of it to the other."""
+    columns = 12
+    one = sea(np.full((3, columns), 1.0), np.zeros((3, columns)), dx=3e6, dy=3e6)
+    column, row = np.meshgrid(np.arange(columns), np.arange(3))
+    one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
+    log_drift(tmp_path / "round.rrd", study(one, 3e6, edge="exit"))
+    found = read(tmp_path / "round.rrd")
+    places = found.over("hour", "/map/drifters_0/here", "Points2D:positions")
+    x = np.array([np.array(at)[:, 0] for at in places.values()])
+    assert (x >= 0).all()
+    assert (x <= 3000 * columns).all()
+    assert (np.abs(np.diff(x, axis=0)) > 20_000).any()  # some go across the seam
+    trails = found.over("hour", "/map/drifters_0/trail", "LineStrips2D:strips")
+    for time, strips in trails.items():
+        for number, strip in enumerate(strips):
+            assert np.abs(np.diff(np.array(strip)[:, 0])).max(initial=0) < 3000
+            np.testing.assert_allclose(strip[-1], places[time][number], atol=1e-3)
+
+
+@pytest.mark.slow
 def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -205,11 +206,29 @@ def test_a_full_disk_leaves_no_file(lab, tmp_path, limit):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_bad_arguments_to_rerun_raise(lab, tmp_path, monkeypatch):
-    monkeypatch.setattr(jaxcell.record.groups, "groups_text", lambda *_: 7)
-    with pytest.raises((TypeError, ValueError)):
-        log_groups(tmp_path / "a.rrd", lab.cells, lab.groups, bounce=lab.bounce)
-    assert not list(tmp_path.iterdir())
+def test_bad_arguments_to_rerun_raise(tmp_path):
+    # In a process of its own, where nothing but Rerun checks them.
+    code = """
+import pathlib, sys
+import rerun as rr
+from jaxcell.record.blueprint import recording
+
+assert "beartype" not in sys.modules
+try:
+    with recording("a.rrd", "a_test") as stream:
+        stream.log("number", rr.Scalars("none"))
+except Exception as error:
+    print(type(error).__name__, *pathlib.Path().iterdir())
+"""
+    told = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        text=True,
+    )
+    assert told.stdout.split() == ["ValueError"]
 
 
 def test_refuses_a_bad_path(lab, tmp_path):

@@ -141,10 +141,10 @@ def test_the_filter_is_a_graph_that_lights_up(case, request):
     for edge in edges:
         assert number[edge["second"]] in case.filter.transition[number[edge["first"]]]
     colors = recorded.over("step", "/filter/graph", "GraphNodes:colors")
-    white, vermilion = (int.from_bytes([*c, 255]) for c in (CURRENT, ROBOT))
+    current, vermilion = (int.from_bytes([*c, 255]) for c in (CURRENT, ROBOT))
     seen = set()
     for time, state in enumerate(run.states.tolist()):
-        lit = {s for s, color in zip(states, colors[time], strict=True) if color == white}
+        lit = {s for s, color in zip(states, colors[time], strict=True) if color == current}
         assert lit == {state} & set(states)
         been = {
             s

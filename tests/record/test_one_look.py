@@ -85,6 +85,7 @@ class Look:
     """A recording as it is shown: what its views ask for, and what there is."""
 
     def __init__(self, path):
+        self.folder = path.parent
         reader = RrdReader(path)
         (entry,) = reader.recordings()
         self.application = entry.application_id
@@ -222,6 +223,20 @@ def test_the_same_things_have_the_same_colors(looks, family):
             info = one["class_description"]["info"]
             if info["label"] in CLASSES:
                 assert info["color"] == number(CLASSES[info["label"]]), (entity, info["label"])
+
+
+@pytest.mark.parametrize("family", COMMANDS)
+def test_nothing_says_where_files_are_kept(looks, family):
+    look = looks[family]
+    told = [str(value) for (_, name), value in look.static.items() if "TextDocument" in name]
+    for path in look.folder.glob("*.nc"):
+        with xr.open_dataset(path) as dataset:
+            told.append(dataset.attrs["spec"])
+    told.append((look.folder / "summary.json").read_text())
+    read = next(word for word in COMMANDS[family].split() if word.startswith("{"))
+    name = Path(read.format(data=DATA, room="room.txt")).name
+    assert sum(name in one for one in told) >= 3
+    assert not any(str(place) in "".join(told) for place in (DATA, look.folder.parent))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -64,6 +64,20 @@ def test_what_lies_on_a_map_is_told_apart(sight):
 
 
 @pytest.mark.parametrize("sight", SIGHT)
+def test_the_state_of_a_filter_is_told_apart_in_both_themes(sight):
+    """Graphs have the background of the viewer, and lines in its colour of text."""
+    white, black = (255, 255, 255), (13, 16, 17)
+    others = [white, black, palette.PLAIN, palette.ROBOT, *CATEGORIES.values()]
+    for other in others:
+        assert distance(palette.CURRENT, other, sight) > 10, other
+    for theme in (white, black):
+        assert abs(lab(palette.CURRENT, sight)[0] - lab(theme, sight)[0]) > 35
+    # Those it has been in, and is not in.
+    for theme in (white, black):
+        assert abs(lab(palette.ROBOT, sight)[0] - lab(theme, sight)[0]) > 25
+
+
+@pytest.mark.parametrize("sight", SIGHT)
 def test_groups_are_told_apart(sight):
     for one, other in itertools.combinations(CATEGORIES, 2):
         assert distance(CATEGORIES[one], CATEGORIES[other], sight) > 10, (one, other)

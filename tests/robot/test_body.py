@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from wheels import Wheels
 
 from jaxcell.robot.body import Body, Noise
 from jaxcell.robot.packets import METRES_PER_COUNT, WHEEL_BASE
@@ -64,10 +63,10 @@ def test_the_bumper_faces_forward():
 def test_a_pressed_bumper_is_released_by_turning_away():
     body = Body(ROOM, (3.0, 1.5, 0.0))
     push(body, 10.0)
-    turner = Wheels(body)
-    turner.turn(math.pi / 4, tolerance=0.01)
+    quarter = math.pi / 4 * WHEEL_BASE / 2
+    push(body, 1.0, -quarter, quarter)
     assert body.bump_right
-    turner.turn(math.pi * 3 / 4, tolerance=0.01)
+    push(body, 1.0, -3 * quarter, 3 * quarter)
     assert not (body.bump_left)
     assert not (body.bump_right)
 

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from wheels import Wheels, map_cells
+from wheels import map_cells
 
 from jaxcell.robot.body import Body
 from jaxcell.robot.patrol import Patrol, replay_patrol, run_patrol
 from jaxcell.robot.patrol_task import save_patrols
 from jaxcell.robot.routing import wave
 from jaxcell.robot.run_log import RunLog, read_log
+from jaxcell.robot.simulated import SimulatedCreate
 from jaxcell.robot.tasks import load_task
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace, free_steps
@@ -63,7 +64,7 @@ def log_of(path, patrol) -> RunLog:
 def walker_at(task, position, workspace) -> tuple[Walker, Body]:
     x, y, _ = task.cells.centre(position)
     body = Body(workspace, (float(x), float(y), 0.0))
-    return Walker(Wheels(body), task.step, strides=task.strides), body
+    return Walker(SimulatedCreate(body), task.step, strides=task.strides), body
 
 
 def place_of(cells, body) -> int:

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from wheels import Wheels, bounce_filter, bounce_tables, map_cells
+from wheels import bounce_filter, bounce_tables, map_cells, pose_of, walker_in
 
 from jaxcell.robot.body import Body, Noise
 from jaxcell.robot.create import Create
@@ -18,17 +18,6 @@ pytestmark = pytest.mark.slow
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
 STRIDES = cell_strides(8, 1.0, 1.0)
-
-
-def pose_of(cells, cell: int) -> tuple[float, float, float]:
-    x, y, theta = cells.centre(cell)
-    return float(x), float(y), float(theta)
-
-
-def walker_in(cells, cell: int, **fields) -> tuple[Walker, Body]:
-    body = Body(cells.workspace, pose_of(cells, cell), **fields)
-    direction = cell // cells.positions
-    return Walker(Wheels(body), 1.0, strides=STRIDES, direction=direction), body
 
 
 # The serial line, the driver and the wheels are all in this one.

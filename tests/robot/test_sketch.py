@@ -15,7 +15,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from wheels import Wheels, bounce_filter, bounce_tables, map_cells
+from wheels import body_in, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.automata import Filter, subset_construction, to_c_header
 from jaxcell.robot.body import Body, Noise
@@ -23,6 +23,7 @@ from jaxcell.robot.emulator import Emulator, Line
 from jaxcell.robot.open_interface import Command
 from jaxcell.robot.packets import Contact, Mode
 from jaxcell.robot.runner import run_filter
+from jaxcell.robot.simulated import SimulatedCreate
 from jaxcell.robot.sketch import PROGRAM_BYTES, bounce_sketch, filter_sketch, table_bytes
 from jaxcell.robot.tasks import FilterTask
 from jaxcell.robot.walker import Walker
@@ -54,11 +55,6 @@ def task_of(cells: CellSpace, bounce_deg: float, filter: Filter | None = None) -
         filter=bounce_filter(cells, bounce_deg) if filter is None else filter,
         bounce=math.radians(bounce_deg),
     )
-
-
-def body_in(cells: CellSpace, cell: int, **fields) -> Body:
-    x, y, theta = map(float, cells.centre(cell))
-    return Body(cells.workspace, (x, y, theta), **fields)
 
 
 @functools.cache
@@ -95,10 +91,9 @@ class Robot(Emulator):
         "What becomes of the bytes that the robot sends."
         self.first_mode = 0
         self.deaf = False
-        self._sent = b""
         self._pulse, self._pulses = math.inf, 0
 
-    def exchange(self, until: float, data: bytes) -> bytes:
+    def talk(self, until: float, data: bytes) -> bytes:
         """Lets time pass, then takes what the board has sent, and answers."""
         while self._now < until:
             self._pass(min(0.015, until - self._now))
@@ -108,7 +103,7 @@ class Robot(Emulator):
                 self.commands.append((self._now, command))
                 self._do(command)
         self._keep_safe()
-        sent, self._sent = self.damage(self._sent), b""
+        sent, self._sent = self.damage(self._lossy(self._sent)), b""
         return sent
 
     def wake_line(self, high: bool) -> None:
@@ -130,9 +125,6 @@ class Robot(Emulator):
     def _values(self) -> dict[str, int]:
         values = super()._values()
         return {**values, "mode": values["mode"] + self.first_mode}
-
-    def _send(self, data: bytes) -> None:
-        self._sent += self._lossy(data)
 
 
 @dataclasses.dataclass
@@ -174,7 +166,7 @@ def play(program: Path, robot: Robot, *, seconds: float, rest: float = 2.0, at=N
                     data, now = board.stdout.read(count), time / 1e6
                     if at is not None:
                         at(run, now)
-                    answer = robot.exchange(now, data if baud == robot.baud else b"")
+                    answer = robot.talk(now, data if baud == robot.baud else b"")
                     answer = answer if baud == robot.baud else b""
                     board.stdin.write(struct.pack("<H", len(answer)) + answer)
                     board.stdin.flush()
@@ -209,7 +201,7 @@ def stands_still(robot: Robot) -> bool:
 def expected(cells, cell, task, *, known: bool = True, **fields):
     """What the host makes of the same start."""
     walker = Walker(
-        Wheels(body_in(cells, cell, **fields)),
+        SimulatedCreate(body_in(cells, cell, **fields)),
         task.step,
         strides=task.strides if known else None,
         direction=cell // cells.positions if known else 0,

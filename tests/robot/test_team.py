@@ -3,10 +3,11 @@ import math
 
 import numpy as np
 import pytest
-from wheels import Wheels, map_cells
+from wheels import map_cells
 
 from jaxcell.robot.body import Body
 from jaxcell.robot.run_log import RunLog, read_log
+from jaxcell.robot.simulated import SimulatedCreate
 from jaxcell.robot.tasks import load_task
 from jaxcell.robot.team import Member, member_actions, run_member, save_team
 from jaxcell.robot.walker import Walker
@@ -83,7 +84,7 @@ def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
         met += task.actions.count("2")
         body = Body(LAB.workspace, task.start)
         walker = Walker(
-            Wheels(body),
+            SimulatedCreate(body),
             1.0,
             strides=task.strides,
             direction=int(path[0, robot]) // LAB.positions,

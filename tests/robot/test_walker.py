@@ -4,25 +4,11 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from wheels import Wheels, bounce_tables, map_cells
 
 from jaxcell.robot.body import Body, Noise
+from jaxcell.robot.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace
-
-
-def walker_at(cells: CellSpace, cell: int, **fields) -> tuple[Walker, Body]:
-    x, y, theta = map(float, cells.centre(cell))
-    body = Body(cells.workspace, (x, y, theta), **fields)
-    walker = Walker(
-        Wheels(body),
-        cells.cell,
-        strides=cell_strides(cells.directions, cells.cell, cells.cell),
-        direction=cell // cells.positions,
-        tolerance=cells.cell / 200,
-        turn_tolerance=math.radians(0.2),
-    )
-    return walker, body
 
 
 @pytest.mark.parametrize("directions", [1, 4, 8, 12, 16, 360])
@@ -39,38 +25,10 @@ def test_strides_lead_to_the_centre_of_the_cell_where_the_step_ends(directions, 
         assert y + ahead * math.sin(theta) + left * math.cos(theta) == pytest.approx(centre[1])
 
 
-# Curved walls and a disc robot are among them, and directions that no line of centres has.
-@pytest.mark.parametrize(
-    ("name", "bounce_deg", "starts", "steps", "give"),
-    [
-        ("lab_a.json", 45, 6, 25, 1e-2),
-        ("lab_b.json", 135, 6, 25, 1e-2),
-        ("depot.json", 135, 3, 40, 1e-2),
-        ("maze.txt", 45, 4, 40, 1e-2),
-        ("cafe.json", 67.5, 5, 40, 1e-3),
-        ("arena.json", 90, 4, 60, 2e-3),
-    ],
-)
-def test_a_robot_without_errors_is_where_the_cells_say(name, bounce_deg, starts, steps, give):
-    cells = map_cells(name, **({"directions": 8} if name == "maze.txt" else {}))
-    image, bumped = bounce_tables(cells, bounce_deg)
-    for cell in np.random.default_rng(0).choice(cells.size, starts, replace=False).tolist():
-        walker, body = walker_at(cells, cell, give=give)
-        for _ in range(steps):
-            bump = walker.step()
-            assert bump == bumped[cell]
-            if bump:
-                walker.rotate(math.radians(bounce_deg))
-            cell = int(image[cell])
-            assert int(cells.index(*body.pose)) == cell
-            x, y, _ = map(float, cells.centre(cell))
-            assert math.hypot(body.x - x, body.y - y) < cells.cell / 20
-
-
 def test_without_a_heading_every_step_is_of_one_length():
     hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
     body = Body(hall, (0.0, 0.0, math.radians(45)))
-    walker = Walker(Wheels(body), 1.0)
+    walker = Walker(SimulatedCreate(body), 1.0)
     for _ in range(3):
         assert not walker.step()
     assert math.hypot(body.x, body.y) == pytest.approx(3, abs=0.01)
@@ -80,7 +38,7 @@ def test_without_a_heading_every_step_is_of_one_length():
 def test_what_a_step_misses_is_made_good_in_the_next():
     hall = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
     body = Body(hall, (0.0, 0.0, 0.0))
-    walker = Walker(Wheels(body), 1.0, tolerance=0.05, turn_tolerance=0.02)
+    walker = Walker(SimulatedCreate(body), 1.0, tolerance=0.05, turn_tolerance=0.02)
     for _ in range(10):
         for _ in range(4):
             walker.step()
@@ -95,7 +53,7 @@ def test_slip_is_not_seen_by_the_estimate(seed):
     hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
     noise = Noise(distance=0.1, rotation=0.05)
     body = Body(hall, (0.0, 0.0, 0.0), noise=noise, rng=np.random.default_rng(seed))
-    walker = Walker(Wheels(body), 1.0)
+    walker = Walker(SimulatedCreate(body), 1.0)
     for _ in range(2):
         walker.step()
     assert walker.estimate == pytest.approx((2, 0, 0), abs=0.01)
@@ -103,7 +61,7 @@ def test_slip_is_not_seen_by_the_estimate(seed):
 
 
 def test_bad_input():
-    wheels = Wheels(Body(Workspace([(0, 0), (9, 0), (9, 9)]), (5.0, 2.0, 0.0)))
+    wheels = SimulatedCreate(Body(Workspace([(0, 0), (9, 0), (9, 9)]), (5.0, 2.0, 0.0)))
     for field, value in itertools.product(["step", "tolerance"], [0.0, math.nan, -1.0]):
         with pytest.raises(ValueError, match=f"{field}: expected a positive number"):
             Walker(wheels, **{"step": 1.0, field: value})

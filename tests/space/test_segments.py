@@ -20,7 +20,7 @@ def workspace_of(free):
 
 def steps_on_grid(cells, step, collision):
     """What the stencil says, one cell and one direction after the other."""
-    shape = stencil(cells.directions, step, collision)
+    shape = stencil(cells.directions, step, collision, cells.free.shape)
     rows, columns = cells.free.shape
 
     def free(square):
@@ -147,3 +147,22 @@ def test_starts_from_a_corner_into_the_free_side(direction, free):
     # The centre (1.5, 1.5) is the corner of an obstacle to its lower left.
     corner = [(1.5, 1.5), (0.6, 1.5), (0.6, 0.6), (1.5, 0.6)]
     assert step(Workspace(ROOM, [corner]), (1.5, 1.5), direction) == (free or direction in (4, 6))
+
+
+@pytest.mark.parametrize("step", [41.0, 1e9, 1e300])
+@pytest.mark.parametrize("collision", ["swept", "endpoint"])
+def test_a_step_longer_than_the_map_leads_nowhere(step, collision):
+    shape = stencil(36, step, collision, (20, 35))
+    assert len(shape.offset) == len(shape.lines) == len(shape.square) == 1
+    cells = CellSpace.of(Workspace([(0, 0), (35, 0), (33, 20), (0, 18)]), 1.0, 36)
+    targets = free_steps(cells, step, collision)
+    np.testing.assert_array_equal(targets, np.tile(np.arange(cells.positions), (36, 1)))
+
+
+def test_steps_that_lead_off_the_map_are_one_way():
+    # Thirty squares long: off a map of twenty rows to the North and South alone.
+    shape = stencil(8, 30.0, "endpoint", (20, 35))
+    off = shape.way[[1, 2, 3, 5, 6, 7]]
+    assert len(set(off.tolist())) == 1
+    assert len(set(shape.way.tolist())) == 3
+    assert shape.offset[shape.way[[0, 4]]].tolist() == [[0, 30], [0, -30]]

@@ -12,12 +12,9 @@ import sweep_kills
 from distributed import LocalCluster
 from sweep_kills import tree
 
-from jaxcell.sweep import engine_named, run_sweep, sweep_status
+from jaxcell.sweep import engine_named, open_sweep, run_sweep, sweep_status
 from jaxcell.sweep.engines import worker_environment
-from jaxcell.sweep.work import Computed, Job
-
-
-pytestmark = pytest.mark.slow
+from jaxcell.sweep.work import Computed, Failed, Job
 
 
 TESTS = Path(sweep_kills.__file__).parent
@@ -36,6 +33,24 @@ def cluster():
         yield found.scheduler_address.replace("tcp://", "dask://")
 
 
+slow = pytest.mark.slow
+
+
+def jobs_of(count, task="sweep_stub:stub", **fixed):
+    """Gives jobs of one member each, and a list of the numbers of those that were taken."""
+    taken = []
+
+    def take():
+        number = len(taken)
+        if number == count:
+            return None
+        taken.append(number)
+        return Job(number, np.arange(1), task, {"x": np.array([number])}, fixed, 0, True)
+
+    return take, taken
+
+
+@slow
 def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
     before = dict(os.environ)
@@ -44,6 +59,7 @@ def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
     assert dict(os.environ) == before
 
 
+@slow
 def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
@@ -57,14 +73,107 @@ def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
     assert not any(alive(process) for process in processes)
 
 
-def test_a_chunk_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
+def test_a_job_may_take_three_workers_with_it_and_no_more(tmp_path):
+    take, _ = jobs_of(1, kill=0, folder=str(tmp_path))
+    outcomes = [outcome for _, outcome in engine_named("processes", 1)(take)]
+    assert outcomes == [Failed("its worker died each of 3 times: out of memory?")]
+    assert len({path.name.partition("-")[0] for path in tmp_path.iterdir()}) == 3
+
+
+@slow
+def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
+    take, _ = jobs_of(3, kill=1, folder=str(tmp_path))
+    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1)(take)}
+    assert outcomes[1] == Failed("its worker died each of 3 times: out of memory?")
+    assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
+    calls = [path.name.split("-") for path in tmp_path.iterdir()]
+    # The others lost none, though one of them waited beside it.
+    assert sorted(numbers for *_, numbers in calls) == ["0", "1", "1", "1", "2"]
+    assert len({process for process, _, numbers in calls if numbers == "1"}) == 3
+
+
+@slow
+def test_deaths_of_one_job_are_not_those_of_another(tmp_path):
+    take, _ = jobs_of(4, task="sweep_stub:dies_twice", folder=str(tmp_path))
+    outcomes = list(engine_named("processes", 1)(take))
+    assert [job.number for job, _ in outcomes] == [0, 1, 2, 3]
+    assert all(isinstance(outcome, Computed) for _, outcome in outcomes)
+    assert len(list(tmp_path.iterdir())) == 4 * 2
+
+
+@slow
+def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path):
     spec = stub_spec("kill = 5", text="[grid]\nx = {count = 12}")
     found = run_sweep(spec, tmp_path / "out", engine="processes", workers=1)
     assert found.done == 2
-    assert [one.chunk for one in found.failures] == [1]
+    assert [one.parameters for one in found.failures] == [{"x": 5}]
     assert found.failures[0].message == "its worker died each of 3 times: out of memory?"
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.status.values.tolist() == [1] * 5 + [2] + [1] * 6
 
 
+def test_a_job_that_hangs_is_ended():
+    take, _ = jobs_of(1, hang=0)
+    outcomes = [outcome for _, outcome in engine_named("processes", 1, 0.5)(take)]
+    assert outcomes == [Failed("TimeoutError: it was not done after 0.5 s")]
+
+
+@slow
+def test_a_job_that_hangs_takes_no_other_with_it():
+    take, _ = jobs_of(3, hang=1)
+    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 10.0)(take)}
+    assert outcomes[1] == Failed("TimeoutError: it was not done after 10 s")
+    assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
+
+
+@slow
+def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path):
+    calls = tmp_path / "calls"
+    calls.mkdir()
+    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 4}")
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=10.0)
+    assert [one.parameters for one in found.failures] == [{"x": 1}]
+    assert found.failures[0].message == "TimeoutError: it was not done after 10 s"
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.status.values.tolist() == [1, 2, 1, 1]
+    assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
+
+
+def test_workers_of_a_cluster_come_and_go(tmp_path):
+    with LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp://",
+        dashboard_address=None,
+    ) as cluster:
+        address = cluster.scheduler_address.replace("tcp://", "dask://")
+        take, taken = jobs_of(60, task="sweep_stub:who", seconds=0.02)
+        ahead, names = [], []
+        for i, (_, outcome) in enumerate(engine_named(address)(take)):
+            names.append(int(outcome.variables["name"].values[0]))
+            ahead.append(len(taken) - i)
+            if i in (5, 30):
+                cluster.scale(6 if i == 5 else 2)
+                cluster.sync(cluster._correct_state)
+    assert len(names) == 60
+    # Two jobs for each worker.
+    assert max(ahead[:5]) == 2
+    assert max(ahead[7:30]) == 12
+    assert max(ahead[45:]) <= 4
+    assert set(names[:5]) == {names[0]}
+    assert len(set(names)) >= 4
+
+
+def test_a_timeout_that_is_none():
+    with pytest.raises(ValueError, match=r"the engine local .* cannot end a chunk"):
+        engine_named("local", timeout=3.0)
+    for timeout in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="timeout: expected more than 0 s, got"):
+            engine_named("processes", timeout=timeout)
+
+
+@slow
 def test_workers_end_with_the_run(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
@@ -84,34 +193,30 @@ def test_workers_end_with_the_run(stub_spec, tmp_path):
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
+@slow
 def test_dask_gives_the_same(cluster, stub_spec, tmp_path, whole):
     out = tmp_path / "out"
     assert run_sweep(stub_spec(name="whole.toml"), out, engine=cluster).complete
     assert tree(out) == whole
 
 
+@slow
 def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
     spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"')
     assert run_sweep(spec, tmp_path / "out", engine=cluster).complete
     assert (tmp_path / "once").exists()
-    always = stub_spec("kill = 5", text="[grid]\nx = {count = 12}", name="always.toml")
+    always = stub_spec("kill = 1", text="[grid]\nx = {count = 4}", name="always.toml")
     found = run_sweep(always, tmp_path / "always", engine=cluster)
-    # Its neighbour may have been on the worker both times, as Dask counts.
-    failed = [one.chunk for one in found.failures]
-    assert 1 in failed
-    assert found.done == 3 - len(failed)
-    assert found.failures[0].message.startswith("KilledWorker: ")
+    # Its neighbours may have been on the worker both times, as Dask counts.
+    assert 1 in [one.parameters["x"] for one in found.failures]
+    assert found.done == 0
+    assert all(one.message.startswith("KilledWorker: ") for one in found.failures)
 
 
+@slow
 def test_few_jobs_are_on_their_way():
-    taken = []
-
-    def jobs():
-        for number in range(100):
-            taken.append(number)
-            yield Job(number, "sweep_stub:stub", {"x": np.array([number])}, {}, 0, True)
-
-    outcomes = engine_named("processes", 1)(jobs())
+    take, taken = jobs_of(100)
+    outcomes = engine_named("processes", 1)(take)
     first = next(outcomes)
     assert isinstance(first[1], Computed)
     assert len(taken) <= 4
@@ -151,6 +256,7 @@ def test_dask_is_an_extra(monkeypatch):
         engine_named("dask")
 
 
+@slow
 @pytest.mark.parametrize(("engine", "kills"), [("local", 20), ("processes", 2), ("dask", 1)])
 def test_sweeps_that_are_killed_and_gone_on_with(stub_spec, tmp_path, engine, kills):
     spec = stub_spec("seconds = 0.01")
@@ -169,6 +275,7 @@ def test_sweeps_that_are_killed_and_gone_on_with(stub_spec, tmp_path, engine, ki
     assert engine == "dask" or told["partial"] > 0
 
 
+@slow
 def test_a_killed_run_leaves_its_workers_to_die(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()

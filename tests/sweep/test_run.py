@@ -3,6 +3,7 @@ import json
 import os
 import random
 import resource
+import socket
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from sweep_kills import tree
 
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
 from jaxcell.sweep.lock import locked
-from jaxcell.sweep.work import compute
+from jaxcell.sweep.work import compute, with_files_found
 
 
 def test_the_result_is_that_of_each_member_alone(stub_spec, tmp_path):
@@ -55,14 +56,14 @@ def test_strings_and_booleans_are_coordinates(stub_spec, tmp_path):
 
 
 def test_the_order_of_chunks_does_not_matter(stub_spec, tmp_path, whole, monkeypatch):
-    def shuffled(jobs):
-        jobs = list(jobs)
+    def shuffled(take):
+        jobs = list(iter(take, None))
         random.Random(1).shuffle(jobs)
         assert [job.number for job in jobs] != sorted(job.number for job in jobs)
         for job in jobs:
             yield job, compute(job)
 
-    monkeypatch.setattr("jaxcell.sweep.run.engine_named", lambda name, workers: shuffled)
+    monkeypatch.setattr("jaxcell.sweep.run.engine_named", lambda *_: shuffled)
     assert run_sweep(stub_spec(name="whole.toml"), tmp_path / "out").complete
     assert tree(tmp_path / "out") == whole
 
@@ -80,27 +81,30 @@ def test_all_chunks_are_one_call_of_one_length(stub_spec, tmp_path, monkeypatch)
     assert lengths == [4] * 6
 
 
-def test_a_chunk_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_path, whole):
+def test_a_member_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_path, whole):
     spec, out = stub_spec("fail = 5"), tmp_path / "out"
     seen = []
     found = run_sweep(spec, out, progress=seen.append)
     assert not found.complete
     assert (found.done, found.chunks) == (4, 6)
     assert [one.chunk for one in found.failures] == [1, 4]
-    first = found.failures[0]
-    assert first.parameters == {"y": [0.5], "x": [4, 5, 6, 7]}
+    first, second = found.failures
+    assert first.index == {"y": 0, "x": 5}
+    assert first.parameters == {"y": 0.5, "x": 5}
+    assert second.parameters == {"y": 1.5, "x": 5}
     assert first.message == "RuntimeError: x is 5"
     assert "sweep_stub.py" in first.trace
-    assert [one.failure for one in seen if one.failure] == list(found.failures)
+    assert [failure for one in seen for failure in one.failures] == list(found.failures)
     assert [(one.done, one.failed) for one in seen] == [
-        (0, 0), (1, 0), (1, 1), (2, 1), (3, 1), (3, 2), (4, 2)
+        (0, 0), (1, 0), (2, 1), (3, 1), (4, 1), (5, 2), (6, 2)
     ]  # fmt: skip
     assert seen[-1].left == 0
-    with open_sweep(out) as dataset:
-        missing = (dataset.x >= 4) & (dataset.x < 8)
+    with open_sweep(out) as dataset, open_sweep(tmp_path / "whole") as good:
+        missing = dataset.x == 5
         assert (dataset.status == xr.where(missing, 2, 1)).all()
-        assert (dataset.value.isnull() == missing).all()
         assert (dataset["count"].where(missing, drop=True) == -1).all()
+        for name in ("value", "noise", "power"):
+            assert dataset[name].identical(good[name].where(~missing)), name
 
     # Somebody mends the task; the specification is the same.
     (tmp_path / "spec.toml").write_text(
@@ -117,10 +121,21 @@ def test_a_chunk_that_fails_is_told_and_does_not_stop_others(stub_spec, tmp_path
     assert mended.keys() == whole.keys()
 
 
+@pytest.mark.parametrize("bad", [8, 9])
+def test_a_member_fails_alone_where_others_stand_in_for_missing_ones(stub_spec, tmp_path, bad):
+    spec = stub_spec(f"fail = {bad}")
+    assert spec.chunk(2).shape != tuple(spec.lengths.values())
+    found = run_sweep(spec, tmp_path / "out")
+    assert [one.index for one in found.failures] == [{"y": 0, "x": bad}, {"y": 1, "x": bad}]
+    with open_sweep(tmp_path / "out") as dataset:
+        assert (dataset.status == xr.where(dataset.x == bad, 2, 1)).all()
+        assert (dataset["count"] == xr.where(dataset.x == bad, -1, dataset.x)).all()
+
+
 def test_where_every_chunk_fails_there_is_no_result(stub_spec, tmp_path):
     out = tmp_path / "out"
     found = run_sweep(stub_spec("fail = 5", text="[list]\nx = [5, 5]"), out)
-    assert (found.done, [one.chunk for one in found.failures]) == (0, [0])
+    assert (found.done, [one.index["member"] for one in found.failures]) == (0, [0, 1])
     with pytest.raises(ValueError, match="no chunk is done yet, of 1"):
         open_sweep(out)
 
@@ -128,7 +143,15 @@ def test_where_every_chunk_fails_there_is_no_result(stub_spec, tmp_path):
 def test_a_failure_before_the_first_result_is_in_it(stub_spec, tmp_path):
     run_sweep(stub_spec("fail = 1"), tmp_path / "out")
     with open_sweep(tmp_path / "out") as dataset:
-        assert dataset.status.values[0].tolist() == [2] * 4 + [1] * 6
+        assert dataset.status.values[0].tolist() == [1, 2] + [1] * 8
+
+
+def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, tmp_path):
+    spec = stub_spec("fail = 1", text="[list]\nx = [1, 1, 1, 1, 1, 2]")
+    found = run_sweep(spec, tmp_path / "out")
+    assert (found.done, len(found.failures)) == (0, 5)
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.status.values.tolist() == [2] * 5 + [1]
 
 
 @pytest.mark.parametrize(
@@ -144,7 +167,7 @@ def test_a_failure_before_the_first_result_is_in_it(stub_spec, tmp_path):
         (lambda found: found.assign_coords(exponent=[0, 1, 4]), "a coordinate 'exponent' with"),
         (lambda found: found.assign(value=found.value.assign_attrs(units="s")), "attributes"),
         (lambda found: found.rename(exponent="other"), "exponent"),
-        (lambda found: found.isel(member=[0, 1]), "the task gave 2 members; expected 4"),
+        (lambda found: found.isel(member=[0, 0, 0]), "the task gave 3 members; expected 1"),
         (lambda found: found.transpose("exponent", "member"), "expected member as the first"),
         (lambda found: found.assign(status=found.value), "'status'"),
         (lambda found: found.rename(exponent="y"), "'power' of dimensions"),
@@ -163,7 +186,7 @@ def test_chunks_whose_results_do_not_fit_fail(stub_spec, tmp_path, monkeypatch, 
 
     monkeypatch.setattr(sweep_stub, "stub", changed)
     found = run_sweep(stub_spec(), tmp_path / "out")
-    assert [one.chunk for one in found.failures] == [1, 4]
+    assert [one.index["x"] for one in found.failures] == [5, 5]
     assert told in found.failures[0].message
 
 
@@ -292,3 +315,40 @@ def test_parameters_that_a_task_does_not_take_are_refused_before_it_runs(lines, 
     with pytest.raises(ValueError, match=f"spec.toml: {told}"):
         run_sweep(Spec.load(tmp_path / "spec.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_files_are_found_beside_the_specification_or_here(tmp_path, monkeypatch):
+    there, here = tmp_path / "specs", tmp_path / "here"
+    for path in (there / "a.json", there / "both.json", here / "both.json", here / "b.json"):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    monkeypatch.chdir(here)
+    maps = f'["a.json", "both.json", "../here/b.json", "b.json", "{tmp_path}/none.json"]'
+    (there / "spec.toml").write_text(
+        f'task = "groups"\n[fixed]\ncollision = "swept"\n[grid]\nbounce = [1]\nmap = {maps}\n'
+    )
+    spec = Spec.load("../specs/spec.toml")
+    found = with_files_found(spec)
+    assert found.batch(found.chunk(0))["map"].tolist() == [
+        *(f"{there}/{name}" for name in ("a.json", "both.json", "../here/b.json")),
+        f"{here}/b.json",
+        f"{tmp_path}/none.json",
+    ]
+    assert found.fixed == {"collision": "swept"}
+    text = (there / "spec.toml").read_text().replace('"b.json"', '"c.json"')
+    (there / "spec.toml").write_text(text)
+    with pytest.raises(
+        ValueError, match=rf"spec.toml: map: there is no file 'c.json' in {there} nor in {here}"
+    ):
+        run_sweep(Spec.load("../specs/spec.toml"), tmp_path / "out")
+
+
+def test_a_file_that_a_worker_has_not_is_told_with_its_machine(stub_spec, tmp_path, monkeypatch):
+    def lost(batch, fixed, seed):
+        raise FileNotFoundError("/maps/a.json: there is no such file")
+
+    monkeypatch.setattr(sweep_stub, "stub", lost)
+    first = run_sweep(stub_spec(), tmp_path / "out").failures[0]
+    where = f"(on {socket.gethostname()})"
+    assert first.message == f"FileNotFoundError: /maps/a.json: there is no such file {where}"
+    assert "in lost" in first.trace

@@ -120,8 +120,12 @@ def test_chunks_hold_every_member_once(tmp_path_factory, sizes, chunk, table, da
         assert set(rows) == set(own)
         if len(own) == length:
             assert rows == own
-        found = spec.values(part)
-        assert list(itertools.product(*(found[name] for name in names))) == own
+        places = spec.places(part)
+        assert [rows[place] for place in places] == own
+        for place in places:
+            index = spec.index(part, int(place))
+            assert tuple(index.values()) == rows[place]
+            assert spec.member(index) == index
         seen += own
     assert sorted(seen) == list(itertools.product(*map(range, sizes)))
 

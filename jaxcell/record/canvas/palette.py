@@ -27,7 +27,7 @@ START: Color = BELIEF
 GOAL: Color = KNOWN
 TARGET: Color = (204, 121, 167)
 PLAIN: Color = (140, 144, 150)
-CURRENT: Color = (255, 255, 255)
+CURRENT: Color = (120, 94, 240)
 ON_GROUP: Color = (255, 255, 255)
 
 # Okabe and Ito's, without black.

@@ -19,7 +19,7 @@ def _record(value: Any) -> int | str:
 
 
 PARAMETERS = {
-    "file": Parameter(text),
+    "file": Parameter(text, file=True),
     "time": Parameter(_record, None),
     "depth": Parameter(number("a depth in metres", lambda x: x >= 0), None),
     "duration": Parameter(number("more than 0 seconds", lambda x: x > 0), None),

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _length = number("more than 0 m", lambda x: x > 0)
 
 MAP = {
-    "map": Parameter(text),
+    "map": Parameter(text, file=True),
     "directions": Parameter(whole(1), None),
     "cell": Parameter(_length, None),
     "robot_radius": Parameter(number("0 m or more", lambda x: x >= 0), None),

@@ -19,6 +19,8 @@ class Parameter:
     "Checks a value and gives what the task wants of it; raises `ValueError` that says what."
     default: Any = _NEEDED
     "Value where none is given; without it the parameter has to be given."
+    file: bool = False
+    "Whether values are names of files."
 
 
 def members(

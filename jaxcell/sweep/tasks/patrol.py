@@ -20,7 +20,7 @@ def _names(value: Any) -> tuple[str, ...]:
 
 
 PARAMETERS = {
-    "file": Parameter(text),
+    "file": Parameter(text, file=True),
     "emphasis": Parameter(_names, None),
     "share": Parameter(number("0 or more and less than 1", lambda x: 0 <= x < 1), 0.8),
 }

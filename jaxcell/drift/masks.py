@@ -1,0 +1,133 @@
+"""Where a file says that there is water, and which of its values says so."""
+
+import dataclasses
+import functools
+import re
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+from .netcdf import OceanFile
+
+
+# What the models themselves call their masks: ROMS and CROCO, then NEMO. In all of them 1 is water,
+# also where the standard name says otherwise, as that of CROCO does.
+_MODEL_NAMES = ("mask_rho", "mask_u", "mask_v", "tmask", "tmaskutil")
+_STANDARD_NAMES = ("sea_binary_mask", "land_binary_mask")
+
+_LAND, _WATER = {"land", "dry"}, {"water", "sea", "ocean", "wet"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Mask:
+    """Where a file says that there is water.
+
+    **Attributes:**
+
+    - `name`: of its variable.
+    - `water`: on one level or all.
+    - `why`: which values are water, and what that was decided on, in words.
+    """
+
+    name: str
+    water: Bool[np.ndarray, "#levels y x"]
+    why: str
+
+
+def read_mask(
+    file: OceanFile,
+    dims: tuple[str, str],
+    rows: Int[np.ndarray, " y"],
+    columns: Int[np.ndarray, " x"],
+    places: Int[np.ndarray, " levels"] | None = None,
+    depth: str | None = None,
+) -> Mask | None:
+    """Reads the mask of a file on some of its points.
+
+    That is the variable that has the name which ROMS, CROCO or NEMO gives to its mask, in which 1
+    is water; else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`,
+    say what is land and what is water; else one with a standard name of CF.
+
+    **Arguments:**
+
+    - `file`: an open file.
+    - `dims`: of y and x, which tell on which points.
+    - `rows`, `columns`, `places`: what to read.
+    - `depth`: the dimension of depth, which a mask may have.
+
+    **Returns:** the mask, or `None` if the file has none.
+    """
+    here = {
+        str(name): variable
+        for name, variable in file.dataset.variables.items()
+        if set(dims) <= set(variable.dims)
+        and all(size == 1 for dim, size in variable.sizes.items() if dim not in (*dims, depth))
+    }
+
+    def read(name: str) -> Float[np.ndarray, "#levels y x"]:
+        block: dict[str, object] = {dims[0]: rows, dims[1]: columns}
+        if depth in here[name].dims:
+            block[str(depth)] = places
+        return file.read(part(file, name, block), (depth or "", *dims))
+
+    for name in _MODEL_NAMES:
+        if name in here:
+            return Mask(name, read(name) > 0.5, "1 is water, by its name")  # packed: 0.99999
+    for name, variable in here.items():
+        meanings = _meanings(variable.attrs)
+        land = [value for value, words in meanings.items() if _about(words, _LAND, _WATER)]
+        water = [value for value, words in meanings.items() if _about(words, _WATER, _LAND)]
+        if land and water:
+            rest = [value for value in meanings if value not in land]
+            values = read(name)
+            wet = _off(values, rest) < _off(values, land)
+            return Mask(name, wet, f"{', '.join(f'{one:g}' for one in land)} is land, by its flags")
+    for name, variable in here.items():
+        standard_name = variable.attrs.get("standard_name")
+        if standard_name in _STANDARD_NAMES:
+            land_is_1 = standard_name == "land_binary_mask"
+            values = read(name)
+            wet = values < 0.5 if land_is_1 else values > 0.5
+            why = f"1 is {'land' if land_is_1 else 'water'}, by the standard name {standard_name}"
+            return Mask(name, wet, why)
+    return None
+
+
+def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
+    """A block of a variable, whose other dimensions must have length 1."""
+    array = file.dataset[name]
+    others = {str(dim): 0 for dim in array.dims if dim not in block}
+    for dim in others:
+        if array.sizes[dim] > 1:
+            raise file.error(
+                name, f"dimension {dim} of length {array.sizes[dim]}: the velocity has none such"
+            )
+    if absent := [dim for dim in block if dim not in array.dims]:
+        raise file.error(
+            name, f"expected the dimensions {', '.join(map(str, block))}; it has no {absent[0]}"
+        )
+    return array.isel(others | block)
+
+
+def _meanings(attributes: dict[str, Any]) -> dict[float, str]:
+    """What the values of a variable mean, by the flags of CF or the options of ROMS."""
+    texts = re.split(r"[\s,]+", str(attributes.get("flag_meanings", "")).strip())
+    values = np.atleast_1d(attributes.get("flag_values", ()))
+    if len(values) == len(texts) and values.dtype.kind in "iuf":
+        return {float(value): text for value, text in zip(values, texts, strict=True)}
+    options = ((re.fullmatch(r"option_?\(?(\d+)\)?", name), name) for name in attributes)
+    return {float(found[1]): str(attributes[name]) for found, name in options if found}
+
+
+def _about(words: str, some: set[str], others: set[str]) -> bool:
+    found = set(re.findall("[a-z]+", words.lower()))
+    return bool(found & some) and not found & others
+
+
+def _off(
+    values: Float[np.ndarray, "levels y x"], wanted: list[float]
+) -> Float[np.ndarray, "levels y x"]:
+    """How far values are from the nearest of those that are wanted."""
+    return functools.reduce(np.minimum, (np.abs(values - one) for one in wanted))

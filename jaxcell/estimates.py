@@ -1,0 +1,140 @@
+"""How much memory a study of a cell space takes at its peak, before it begins.
+
+The numbers are bytes as measured on maps of up to some 10^8 cells, without the 0.4 GB that Python
+and its libraries take themselves.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeAlias
+
+from . import memory
+from .space.extent import Extent
+from .space.occupancy import cutting_bytes
+
+
+Need: TypeAlias = Callable[[Extent], float | int]
+
+# Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a branch of a chain
+# with its matrix; a limiting distribution.
+IMAGE, ROADMAP, CHAIN, KEPT = 30, 60, 34, 30
+
+# Sides of cells that people choose.
+_ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+
+
+def cutting(extent: Extent) -> float | int:
+    """Bytes of the squares and the positions."""
+    return cutting_bytes(extent.squares, extent.positions)
+
+
+def moves(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of where a step leads from every position, and of the runs to the walls."""
+    ways, lines, looks = extent.steps(step, collision)
+    any_shape = 0 if extent.gridded else 8 * extent.size + 50 * extent.near_walls(step)
+    listed = 16 * extent.directions
+    return 30 * ways * extent.positions + (25 * lines + looks) * extent.squares + any_shape + listed
+
+
+def groups(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the periodic groups, told on the section of bumps; [`moves`][] are among them."""
+    ways, _, _ = extent.steps(step, collision)
+    section = 40 * extent.bumps(step)
+    return moves(extent, step, collision) + 35 * ways * extent.positions + section
+
+
+def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
+    """Bytes of the groups, and of images and steps of all cells for some bouncing angles."""
+    return groups(extent, step, collision) + IMAGE * angles * extent.size
+
+
+def localization(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the groups, the images and a filter.
+
+    How many states a filter has is not known before: that it takes the longer to localize the
+    larger the map was measured. States are watched while they are made too.
+    """
+    filter = 250 + 1.2 * (extent.rows + extent.columns)
+    return groups(extent, step, collision) + (IMAGE + filter) * extent.size
+
+
+def plans(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of a roadmap and the plan to one goal."""
+    ways, _, _ = extent.steps(step, collision)
+    kept = 20 * ways * extent.positions
+    return max(moves(extent, step, collision), kept + ROADMAP * extent.size)
+
+
+def coverage(
+    extent: Extent, step: float | None, collision: str, *, angles: int, branches: int
+) -> float | int:
+    """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them."""
+    return moves(extent, step, collision) + extent.size * (CHAIN * branches + KEPT * angles)
+
+
+def drift(cells: Sequence[int]) -> float | int:
+    """Bytes of the maps of a drifter in some layers, and of the solves for one at a time.
+
+    **Arguments:**
+
+    - `cells`: cells of water of each layer.
+    """
+    return 200 * sum(cells) + 1500 * max(cells)
+
+
+def walk(vertices: int, edges: int, weighted: bool) -> float | int:
+    """Bytes of a walk on a graph with what is measured between all pairs of vertices.
+
+    **Arguments:**
+
+    - `vertices`, `edges`: their numbers.
+    - `weighted`: whether weights of edges are sought for short commutes, by a matrix of all pairs
+        of edges.
+    """
+    return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
+
+
+def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:
+    """Refuses a study that takes more memory than is free.
+
+    **Arguments:**
+
+    - `extent`: how large the cell space is.
+    - `need`: the bytes that the study of a cell space takes.
+    - `doing`: what takes them.
+    - `step`: length of a step in metres, which no cell may be larger than, or `None`.
+
+    **Returns:** the bytes.
+
+    **Raises:** `MemoryError`, in one line with the numbers, and with the smallest cell that would
+    fit.
+    """
+    needed, available = need(extent), memory.free()
+    if available is not None and needed > available:
+        memory.check(needed, doing, _instead(extent, need, available, step))
+    return needed
+
+
+def _instead(extent: Extent, need: Need, available: int, step: float | None) -> str:
+    workspace, directions = extent.workspace, extent.directions
+    if workspace is not None:
+        for cell in _larger(extent.cell, extent.cell * 1e5 if step is None else step):
+            larger = Extent.about(workspace, cell, directions)
+            if larger is not None and need(larger) <= available:
+                return f"a cell of {cell:g} m would fit"
+    for parts in range(2, 100):
+        fewer = dataclasses.replace(extent, directions=directions // parts)
+        if directions % parts == 0 and need(fewer) <= available:
+            return f"{fewer.directions} directions would fit"
+    return "use larger cells or fewer directions"
+
+
+def _larger(cell: float, most: float) -> Iterator[float]:
+    exponent = math.floor(math.log10(cell))
+    while 10.0**exponent <= most:
+        for one in _ROUND:
+            larger = float(f"{one}e{exponent}")
+            if cell < larger <= most:
+                yield larger
+        exponent += 1

@@ -1,0 +1,105 @@
+"""How much memory is free, and what is refused because it takes more."""
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+
+_PROC = Path("/proc")
+_GROUPS = Path("/sys/fs/cgroup")
+# Of a control group without a limit, version 1 says a number next to 2^63.
+_NO_LIMIT = 2**60
+
+
+def free() -> int | None:
+    """How many bytes this process may still take, `None` where the system does not tell.
+
+    That is the least of what the machine has available, what the control groups of this process
+    leave (containers and batch systems set them), and its own limit of addresses (`ulimit -v`).
+    """
+    known = [*_machine(), *_control_groups(), *_addresses()]
+    return max(0, min(known)) if known else None
+
+
+def check(needed: float | int, doing: str, instead: str) -> None:
+    """Refuses what takes more memory than is free, before it begins.
+
+    What is free is not always known, and then nothing is refused.
+
+    **Arguments:**
+
+    - `needed`: bytes, estimated.
+    - `doing`: what takes them.
+    - `instead`: what would take fewer.
+
+    **Raises:** `MemoryError` with both numbers, in one line.
+    """
+    available = free()
+    if available is not None and needed > available:
+        raise MemoryError(
+            f"{doing} needs about {gigabytes(needed)} of memory, and {gigabytes(available)} are "
+            f"free; {instead}"
+        )
+
+
+def gigabytes(count: float | int) -> str:
+    """Bytes as people read them."""
+    return f"{count / 1e9:.1f} GB" if count < 1e11 else f"{count / 1e9:,.0f} GB"
+
+
+def _machine() -> Iterator[int]:
+    for line in _lines(_PROC / "meminfo"):
+        if line.startswith("MemAvailable:"):
+            yield int(line.split()[1]) * 1024
+            return
+    try:
+        yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError, AttributeError):
+        return
+
+
+def _control_groups() -> Iterator[int]:
+    """What the limits of this process's control groups leave, and of those that hold them."""
+    for line in _lines(_PROC / "self" / "cgroup"):
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            root, limit, used, cache = _GROUPS, "memory.max", "memory.current", "inactive_file"
+        elif "memory" in controllers.split(","):
+            root, cache = _GROUPS / "memory", "total_inactive_file"
+            limit, used = "memory.limit_in_bytes", "memory.usage_in_bytes"
+        else:
+            continue
+        # Within a container its own group is at the root.
+        here = root / path.strip("/")
+        for folder in {root, *(one for one in (here, *here.parents) if root in one.parents)}:
+            most = _number(folder / limit)
+            if most is None or most > _NO_LIMIT:
+                continue
+            stat = _lines(folder / "memory.stat")
+            # Pages of files that nobody uses are given back.
+            spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
+            yield most - (_number(folder / used) or 0) + sum(spare)
+
+
+def _addresses() -> Iterator[int]:
+    if sys.platform != "linux":
+        return
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY:
+        for line in _lines(_PROC / "self" / "statm"):
+            yield limit - int(line.split()[0]) * resource.getpagesize()
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text().splitlines()
+    except (OSError, ValueError):
+        return []
+
+
+def _number(path: Path) -> int | None:
+    text = "".join(_lines(path)).strip()
+    return int(text) if text.isdigit() else None

@@ -1,0 +1,44 @@
+"""Opens the serial line to a robot, and says in words what is wrong with it."""
+
+import re
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from .open_interface import BAUD
+
+
+if TYPE_CHECKING:
+    import serial
+
+
+@runtime_checkable
+class Port(Protocol):
+    """What the driver needs of a serial line: a `serial.Serial` or the like of it."""
+
+    timeout: float | None
+    write_timeout: float | None
+
+    @property
+    def in_waiting(self) -> int: ...
+    def read(self, size: int = 1, /) -> bytes: ...
+    def write(self, data: bytes, /) -> int | None: ...
+    def fileno(self) -> int: ...
+    def close(self) -> None: ...
+
+
+def open_line(url: str) -> "serial.SerialBase":
+    """Opens a device such as `/dev/ttyUSB0`, or what else pySerial opens, as `socket://host:port`.
+
+    **Raises:** `OSError` with a sentence if there is no such line, or another process has it.
+    """
+    import serial
+
+    try:
+        return serial.serial_for_url(url, baudrate=BAUD, exclusive=True)
+    except OSError as error:
+        raise OSError(f"{url}: {plain(error)}") from None
+
+
+def plain(error: OSError) -> str:
+    """What an error of a line says, without numbers of the operating system."""
+    text = re.sub(r"\[Errno -?\d+\] ", "", str(error))
+    return re.sub(r"\(\d+, '(.*)'\)", r"\1", text)

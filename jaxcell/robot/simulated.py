@@ -1,0 +1,84 @@
+from collections.abc import Callable
+
+from .body import Body
+from .create import Create
+from .driver import TICK
+from .emulator import Emulator
+from .open_interface import STREAM_PERIOD, StreamParser
+from .reading import STREAM
+
+
+class _Wire:
+    """A line without a length: what is written is heard at once."""
+
+    timeout: float | None = None
+    write_timeout: float | None = None
+
+    def __init__(self, robot: Emulator) -> None:
+        self._robot = robot
+        self._sent = b""
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self._sent)
+
+    def read(self, size: int = 1, /) -> bytes:
+        data, self._sent = self._sent[:size], self._sent[size:]
+        return data
+
+    def write(self, data: bytes, /) -> int:
+        self.wait(0.0, data)
+        return len(data)
+
+    def wait(self, seconds: float, data: bytes = b"") -> None:
+        """Lets the robot's time pass."""
+        self._sent += self._robot.exchange(seconds, data)
+
+    def fileno(self) -> int:
+        raise OSError("a simulated line is no file")
+
+    def close(self) -> None:
+        """Leaves the robot as it is."""
+
+
+class SimulatedCreate(Create):
+    """A [`jaxcell.robot.Create`][] with an emulated robot, armed, whose clock is the only one.
+
+    The driver, its commands and the frames of the robot are those of the real line. But there is no
+    line, thread or watchdog process between the two, and time passes only when the driver waits for
+    the robot. So a run is as fast as the machine, and the same each time.
+    """
+
+    robot: Emulator
+    "The robot, and where it truly is."
+
+    def __init__(self, body: Body) -> None:
+        """**Arguments:**
+
+        - `body`: what it drives, and where that is.
+        """
+        self.robot = Emulator(body)
+        self._wire = _Wire(self.robot)
+        self._parser, self._tick_due = StreamParser(STREAM), TICK
+        super().__init__(self._wire)
+        self._greet()
+        self.arm()
+
+    def _connect(self) -> None:
+        """Nothing is left to do for the `with` statement."""
+
+    def _now(self) -> float:
+        return self.robot.seconds
+
+    def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
+        end = self._now() + seconds
+        while not condition():
+            if self._now() >= end:
+                return False
+            self._wire.wait(STREAM_PERIOD)
+            for values in self._parser.feed(self._wire.read(self._wire.in_waiting)):
+                self._hear(values)
+            if self._now() >= self._tick_due:
+                self._tick_due = self._now() + TICK
+                self._repeat()
+        return True

@@ -1,0 +1,54 @@
+"""Speeds of a pair of wheels, whose bytes on the line are no commands."""
+
+import functools
+
+from .open_interface import MAX_SPEED, RESET, START, STOP
+
+
+def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
+    """The speeds to send for those that are wanted.
+
+    Where the line loses the opcode of a drive command, the robot takes its data for commands, and
+    would clean, dock, switch off or reset. So a pair with such a byte gives way to the next slower
+    one on the same arc: a robot that is to go straight does, and one that is to turn stays on its
+    spot.
+
+    **Arguments:**
+
+    - `right`, `left`: metres per second, -0.5 to 0.5.
+
+    **Returns:** the right and the left speed in mm/s. Their ratio is that of the wanted ones, to
+    half a mm/s of the slower wheel.
+
+    **Raises:** `ValueError` for a speed out of range.
+
+    A turn on the spot, of which the left wheel alone would be harmless:
+
+        >>> from jaxcell.robot.speeds import wheel_speeds
+        >>> wheel_speeds(right=0.118, left=-0.118)
+        (82, -82)
+    """
+    return _pair(_millimetres("right", right), _millimetres("left", left))
+
+
+@functools.lru_cache(1024)
+def _pair(right: int, left: int) -> tuple[int, int]:
+    fastest = max(abs(right), abs(left))
+    # Down to none, so that there always is one.
+    for most in range(fastest, 0, -1):
+        pair = round(right * most / fastest), round(left * most / fastest)
+        if all(map(_harmless, pair)):
+            return pair
+    return 0, 0
+
+
+def _millimetres(name: str, speed: float) -> int:
+    if not abs(speed) <= MAX_SPEED / 1000:
+        raise ValueError(f"{name} = {speed}: expected -0.5 to 0.5 m/s")
+    return round(1000 * speed)
+
+
+def _harmless(speed: int) -> bool:
+    """Whether the low byte of a speed is no opcode; the high byte never is."""
+    low = speed & 0xFF
+    return low != RESET[0] and not START[0] <= low <= STOP[0]

@@ -1,0 +1,130 @@
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from .cells import MOST_CELLS, TOLERANCE, CellSpace, along_grid
+from .occupancy import MOST_SQUARES
+from .stencil import stencil
+from .workspace import Workspace, edges
+
+
+# With more directions, steps of a few squares do nothing new.
+_MOST_DIRECTIONS = 3600
+# Stencils that cross more squares take long to list.
+_MOST_CROSSED = 50_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Extent:
+    """How large a cell space is, or will be: what its memory is estimated from."""
+
+    workspace: Workspace | None
+    rows: int
+    columns: int
+    positions: float | int
+    directions: int
+    cell: float
+    gridded: bool
+    "Whether all walls run along edges of squares."
+    walls: int
+    "Number of walls."
+    wall_length: float
+    "The sum of their lengths, in cells."
+
+    @classmethod
+    def about(cls, workspace: Workspace, cell: float, directions: int) -> "Extent | None":
+        """The extent of a cell space that is not cut yet; its positions are as many as their area.
+
+        **Arguments:** as for [`CellSpace.of`][].
+
+        **Returns:** the extent, or `None` where `CellSpace.of` tells why there is no such space.
+
+        A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
+
+            >>> from jaxcell import space
+            >>> from jaxcell.space.extent import Extent
+            >>> room = space.Workspace([(0, 0), (4, 0), (4, 2), (0, 2)])
+            >>> round(Extent.about(room, cell=0.1, directions=8).positions)
+            800
+        """
+        area = workspace.free_space.area
+        corner = workspace.boundary.min(axis=0)
+        sides = workspace.boundary.max(axis=0) - corner
+        if not (0 < cell < math.inf and sides.max() < cell * MOST_SQUARES and directions >= 1):
+            return None
+        width, height = (sides / cell).tolist()
+        positions = area / cell / cell
+        if width * height > MOST_SQUARES or positions * directions > MOST_CELLS:
+            return None
+        walls = (edges(workspace.free_space) - corner) / cell
+        shape = math.ceil(height - TOLERANCE), math.ceil(width - TOLERANCE)
+        return cls._of(workspace, walls, shape, positions, directions, cell)
+
+    @classmethod
+    def of(cls, cells: CellSpace) -> "Extent":
+        """The extent of a cell space."""
+        walls = np.empty((0, 3, 2)) if cells.workspace is None else cells.walls
+        rows, columns = cells.free.shape
+        return cls._of(
+            cells.workspace, walls, (rows, columns), cells.positions, cells.directions, cells.cell
+        )
+
+    @classmethod
+    def _of(
+        cls,
+        workspace: Workspace | None,
+        walls: Float[np.ndarray, "walls 3 2"],
+        shape: tuple[int, int],
+        positions: float | int,
+        directions: int,
+        cell: float,
+    ) -> "Extent":
+        length = float(np.hypot(*(walls[:, 2] - walls[:, 1]).T).sum())
+        gridded = along_grid(walls[:, 1:])
+        rows, columns = shape
+        return cls(
+            workspace, rows, columns, positions, directions, cell, gridded, len(walls), length
+        )
+
+    @property
+    def squares(self) -> float:
+        """Number of squares of the grid, free or not."""
+        return float(self.rows) * self.columns
+
+    @property
+    def size(self) -> float | int:
+        """Number of cells."""
+        return self.positions * self.directions
+
+    def steps(self, step: float | None, collision: str) -> tuple[int, int, int]:
+        """How many ways, orders along lines and squares to look at the moves have, at most.
+
+        **Arguments:** as for [`jaxcell.bounce.moves`][].
+        """
+        length = 1.0 if step is None else min(step / self.cell, 1e9)
+        directions = min(self.directions, _MOST_DIRECTIONS)
+        grid = (self.rows, self.columns)
+        if self.gridded and collision == "swept" and length * directions > _MOST_CROSSED:
+            ends = stencil(directions, length, "endpoint", grid)
+            inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
+            ways = int(np.count_nonzero(inside)) + (not inside.all())
+            return ways, len(ends.lines), int(min(2 * length * ways, 4 * self.squares))
+        shape = stencil(directions, length, collision if self.gridded else "endpoint", grid)
+        ways = len(shape.offset)
+        if not self.gridded:
+            # Slanted walls part directions that do the same on a grid; not all, as measured.
+            ways = min(self.directions, 32 + round(0.45 * self.directions))
+        return ways, len(shape.lines), len(shape.square) if self.gridded else 0
+
+    def bumps(self, step: float | None) -> float | int:
+        """In about how many cells a step is not possible."""
+        length = 1.0 if step is None else step / self.cell
+        return self.directions * min(self.positions, self.wall_length * length / 2)
+
+    def near_walls(self, step: float | None) -> float | int:
+        """How many pairs there are of a position and a wall that a step from it may reach."""
+        length = 1.0 if step is None else step / self.cell
+        around = 2 * length * self.wall_length + self.walls * math.pi * length**2
+        return 0.0 if self.gridded else min(around, self.walls * self.positions)

@@ -1,0 +1,63 @@
+import json
+
+import pytest
+
+from jaxcell import memory
+from jaxcell.bundled import bundled
+from jaxcell.cli import main
+from jaxcell.space import CellSpace
+
+
+LAB = bundled("maps/lab_a.json")
+COMMANDS = {
+    "groups": ["--bounce", 45],
+    "localize": ["--bounce", 45],
+    "navigate": ["--bounces", 45, "--start", 0, "--goal", 1],
+    "cover": ["--bounces", 45, "--error", 1, "--reliability", 0.8],
+    "team": ["--bounce", 45],
+    "patrol map": [],
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(monkeypatch):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_does_not_fit_is_refused_before_cells_are_cut(capsys, monkeypatch, name):
+    monkeypatch.setattr(memory, "free", lambda: 10**8)
+    monkeypatch.setattr(CellSpace, "of", None)
+    cell = 0.001 if name == "patrol map" else 0.004
+    args = [*name.split(), LAB, *COMMANDS[name], "--cell", cell]
+    assert main([str(arg) for arg in args]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    (line,) = told.err.splitlines()
+    assert line.startswith(f"jaxcell {name}: ")
+    assert "0.1 GB are free" in line
+    assert line.endswith(" m would fit")
+
+
+def test_what_would_fit_does(capsys, monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 400_000)
+    assert main(["groups", str(LAB), "--bounce", "45", "--cell", "0.1"]) == 2
+    cell = capsys.readouterr().err.split(" a cell of ")[1].split()[0]
+    assert main(["groups", str(LAB), "--bounce", "45", "--cell", cell]) == 0
+
+
+def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 300_000)
+    assert main(["drift", str(bundled("ocean/gyres.nc")), "--depths", "0"]) == 2
+    assert "cells of water needs about" in capsys.readouterr().err
+    monkeypatch.setattr(memory, "free", lambda: 60_000)
+    assert main(["patrol", "graph", str(bundled("graphs/random.json"))]) == 2
+    assert "a walk on 50 vertices and 200 edges needs about" in capsys.readouterr().err
+
+
+def test_much_memory_is_told_and_json_stays_clean(capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.cli.options._MUCH", 1e4)
+    assert main(["groups", str(LAB), "--bounce", "45", "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["positions"] == 19
+    assert told.err == "groups needs about 0.0 GB of memory\n"

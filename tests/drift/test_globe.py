@@ -1,0 +1,252 @@
+"""Grids that go round the Earth: the last column is beside the first.
+
+The oracles are the same field begun at another meridian, and many copies of it side by side, read
+as a regional grid, which has no seam where it matters.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from seas import sea
+
+from jaxcell import drift
+from jaxcell.mapping import persistent_groups
+
+
+ROWS, COLUMNS = 5, 9
+COPIES = 5
+
+
+def globe(seed=0, layers=1, dry=4, speed=2.0, columns=COLUMNS):
+    """A random current around the Earth with some land, in steps of a few cells."""
+    draw = np.random.default_rng(seed)
+    wet = np.ones((layers, ROWS, columns), bool)
+    wet.reshape(layers, -1)[:, draw.permutation(ROWS * columns)[:dry]] = False
+    east, north = draw.uniform(-speed, speed, (2, 1, layers, ROWS, columns))
+    currents = sea(east, north, wet, dx=1.0, dy=0.83)
+    column, row = np.meshgrid(np.arange(columns), np.arange(ROWS))
+    currents["lon"] = (("y", "x"), (column * 360.0 / columns + 10 + 180) % 360 - 180)
+    currents["lat"] = (("y", "x"), 3.0 * row - 6)
+    return currents
+
+
+def begun_at(currents, shift):
+    return currents.roll(x=shift, roll_coords=True)
+
+
+def copies(currents):
+    """The field several times side by side, as if each copy were elsewhere."""
+    wide = xr.concat([currents] * COPIES, dim="x", data_vars="minimal", coords="minimal")
+    return wide.assign_coords(
+        lon=(("y", "x"), np.broadcast_to(0.5 * np.arange(wide.sizes["x"]), (ROWS, wide.sizes["x"])))
+    )
+
+
+def moved(water, other, shift):
+    """The number in the other water of each cell of the water, by as many columns to the East."""
+    return other.number[water.row, (water.column + shift) % water.number.shape[1]]
+
+
+def chains(currents, **options):
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    return water, flow, drift.drift_map(water, flow, 1.0, **options)
+
+
+def same_partition(first, second):
+    pairs = set(zip(np.asarray(first).tolist(), np.asarray(second).tolist(), strict=True))
+    return len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs})
+
+
+OPTIONS = [
+    {"spread": spread, "edge": edge}
+    for spread in ("turned", "all", "sampled")
+    for edge in ("uniform", "exit")
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda one: "-".join(one.values()))
+def test_a_chain_does_not_know_where_columns_begin(options):
+    here, there = globe(), begun_at(globe(), 4)
+    water, _, chain = chains(here, samples=2, **options)
+    other, _, turned = chains(there, samples=2, **options)
+    assert water.wraps
+    to = moved(water, other, 4)
+    expected, found = chain.to_scipy().toarray(), turned.to_scipy().toarray()
+    np.testing.assert_allclose(found[np.ix_(to, to)], expected, atol=1e-12)
+    np.testing.assert_allclose(np.asarray(turned.leaving)[to], chain.leaving, atol=1e-12)
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda one: "-".join(one.values()))
+def test_a_chain_is_that_of_many_copies_folded(options):
+    water, _, chain = chains(globe(1, dry=0), samples=2, **options)
+    wide, _, unfolded = chains(copies(globe(1, dry=0)), samples=2, **options)
+    assert not wide.wraps
+    middle = wide.number[water.row, water.column + COPIES // 2 * COLUMNS]
+    home = water.number[wide.row, wide.column % COLUMNS]
+    rows = unfolded.to_scipy().toarray()[middle]
+    expected = np.zeros((water.cells, water.cells))
+    np.add.at(expected.T, home, rows.T)
+    np.testing.assert_allclose(chain.to_scipy().toarray(), expected, atol=1e-12)
+    np.testing.assert_allclose(chain.leaving, np.asarray(unfolded.leaving)[middle], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_groups_and_times_do_not_know_where_columns_begin(seed):
+    here = globe(seed, speed=0.9)
+    water, flow, chain = chains(here, edge="exit")
+    other, turned_flow, turned = chains(begun_at(here, 7), edge="exit")
+    to = moved(water, other, 7)
+    found, again = (drift.long_term_behaviour(one, 1.0) for one in (chain, turned))
+    assert same_partition(found.groups.group, np.asarray(again.groups.group)[to])
+    assert same_partition(found.transient.group, np.asarray(again.transient.group)[to])
+    times = np.asarray(again.absorption.value)[to]
+    np.testing.assert_allclose(times, found.absorption.value, rtol=1e-9)
+    leaving = np.asarray(again.probability.leaving)[to]
+    np.testing.assert_allclose(leaving, found.probability.leaving, atol=1e-9)
+    expected = drift.diagnose(water, flow, found.groups, 1.0)
+    told = drift.diagnose(other, turned_flow, again.groups, 1.0)
+    assert told.warning == expected.warning
+    assert (told.locked, told.whole_pieces) == (expected.locked, expected.whole_pieces)
+    assert sorted(told.pieces.tolist()) == sorted(expected.pieces.tolist())
+
+
+def test_pieces_meet_across_the_seam():
+    wet = np.zeros((ROWS, COLUMNS), bool)
+    wet[1, [0, -1]] = True  # side by side
+    wet[3, 4] = wet[4, -1] = True  # alone, and at no corner of another
+    currents = sea(np.ones((ROWS, COLUMNS)), np.zeros((ROWS, COLUMNS)), wet)
+    round_it = currents.assign_coords(lon=globe().lon, lat=globe().lat)
+    assert drift.Water.of(currents).piece.tolist() == [0, 1, 2, 3]
+    water = drift.Water.of(round_it)
+    assert water.piece.tolist() == [0, 0, 1, 2]
+    assert water.neighbor[:, 0].tolist() == [-1, -1, -1, 1, -1, -1, -1, -1]
+    wet[2, 0] = wet[3, -1] = True  # from corner to corner
+    water = drift.Water.of(round_it.assign(water=(("layer", "y", "x"), wet[None])))
+    assert water.piece.tolist() == [0, 0, 0, 1, 0, 0]
+
+
+def test_the_nearest_water_may_be_across_the_seam():
+    wet = np.zeros((ROWS, COLUMNS), bool)
+    wet[1], wet[1, 0] = True, False
+    currents = sea(np.zeros((ROWS, COLUMNS)), np.zeros((ROWS, COLUMNS)), wet)
+    water = drift.Water.of(currents.assign_coords(lon=globe().lon, lat=globe().lat))
+    x = np.array([[0.2, -0.2, COLUMNS + 0.2, 2 * COLUMNS - 0.2, COLUMNS / 1.0 - 1.1]])
+    landed = water.landing(x, np.full(x.shape, 1.0), origin=np.full(5, 3))
+    assert water.column[landed[0]].tolist() == [1, COLUMNS - 1, 1, COLUMNS - 1, COLUMNS - 1]
+
+
+@pytest.mark.slow
+def test_voyages_do_not_know_where_columns_begin():
+    def solve(currents, place):
+        waters = [drift.Water.of(currents, layer) for layer in range(2)]
+        flows = [drift.Flow.of(currents, layer) for layer in range(2)]
+        layers = [
+            drift.drift_map(one, flow, 1.0, edge="exit")
+            for one, flow in zip(waters, flows, strict=True)
+        ]
+        both = drift.Sea.of(waters, layers)
+        goal = int(waters[0].number[place])
+        return waters, drift.discounted_voyage(both, goal), drift.surest_voyage(both, goal)
+
+    here = globe(5, layers=2, dry=3)
+    place = int(np.argmax(np.asarray(here.water[0, 2])))
+    waters, value, surest = solve(here, (2, place))
+    others, turned, turned_surest = solve(begun_at(here, 5), (2, (place + 5) % COLUMNS))
+    to = np.concatenate(
+        [moved(waters[0], others[0], 5), moved(waters[1], others[1], 5) + others[0].cells]
+    )
+    np.testing.assert_allclose(np.asarray(turned.value)[to], value.value, rtol=1e-7)
+    probability = np.asarray(turned_surest.probability)[to]
+    np.testing.assert_allclose(probability, surest.probability, atol=1e-9)
+    assert 0.01 < probability.mean() < 1
+
+
+def test_a_replay_does_not_know_where_columns_begin():
+    here = globe(2)
+    water, flow = drift.Water.of(here), drift.Flow.of(here)
+    turned = begun_at(here, 4)
+    other, turned_flow = drift.Water.of(turned), drift.Flow.of(turned)
+    # In one row, so that the same drifters are released.
+    cells = water.number[2, :3]
+    cells = np.sort(cells[cells >= 0])
+    to = moved(water, other, 4)
+    key = jax.random.key(3)
+    found = drift.replay(key, water, flow, cells, 1.0, 6, drifters=40, rho=0.6)
+    again = drift.replay(key, other, turned_flow, to[cells], 1.0, 6, drifters=40, rho=0.6)
+    x, y = np.asarray(found.x), np.asarray(found.y)
+    assert x.min() < -0.5  # some go across the seam
+    np.testing.assert_allclose(np.asarray(again.x), x + 4, atol=1e-9)
+    np.testing.assert_allclose(again.y, y, atol=1e-9)
+    np.testing.assert_array_equal(again.cell, np.where(found.cell >= 0, to[found.cell], -1))
+
+
+def test_a_jet_goes_round_the_earth():
+    currents = globe(dry=0)
+    jet = currents.assign(u=xr.ones_like(currents.u), v=xr.zeros_like(currents.v))
+    water, flow, chain = chains(jet, rho=1.0, edge="exit")
+    groups = persistent_groups(chain)
+    assert np.asarray(groups.group).reshape(ROWS, COLUMNS).tolist() == [
+        [row] * COLUMNS for row in range(ROWS)
+    ]
+    drifted = drift.replay(
+        jax.random.key(0), water, flow, int(water.number[2, 0]), 1.0, 2 * COLUMNS, drifters=3
+    )
+    np.testing.assert_allclose(drifted.x[-1] - drifted.x[0], 2 * COLUMNS, atol=1e-9)
+    assert (drifted.cell[COLUMNS] == drifted.cell[0]).all()
+    assert (drifted.cell[1] == water.number[2, 1]).all()
+    found = drift.compare(water, chain, drifted, [k / 3600 for k in range(2 * COLUMNS)])
+    np.testing.assert_allclose(found.total_variation, 0, atol=1e-12)
+    np.testing.assert_allclose(found.transport, 0, atol=1e-12)
+
+
+def test_distances_go_the_shorter_way_round():
+    water = drift.Water.of(globe(dry=0))
+    x = jnp.array([[0.0, 0.0], [COLUMNS - 1.0, COLUMNS - 1.0]])
+    cell = np.array([[18, 18], [18 + COLUMNS - 1] * 2], np.int32)
+    drifted = drift.Replay(x, 0 * x + 2, cell, 3600.0)
+    whole = np.arange(water.cells, dtype=np.int32)[None]
+    stays = drift.drift_map(
+        water, drift.Flow(jnp.zeros((1, 2, ROWS, COLUMNS)), jnp.zeros(1), True), 1.0, edge="exit"
+    )
+    assert (np.asarray(stays.image) == whole).all()
+    assert drift.compare(water, stays, drifted, [0, 1]).transport.tolist() == [0, 1]
+    apart = persistent_groups(stays)
+    sees = drift.visible_deployment(water, 1.6, apart)
+    # A camera sees its row from the column before to that after: three cameras for nine columns.
+    assert len(sees.cover) == 3 * ROWS
+
+
+def test_lyapunov_exponents_and_ridges_are_those_of_many_copies():
+    here = globe(4, dry=0, speed=0.8)
+    water, flow = drift.Water.of(here), drift.Flow.of(here)
+    wide = copies(here)
+    plain, beyond = drift.Water.of(wide), drift.Flow.of(wide)
+    middle = plain.number[water.row, water.column + COPIES // 2 * COLUMNS]
+    found = drift.ftle(water, flow, 1.0, steps=4)
+    expected = drift.ftle(plain, beyond, 1.0, steps=4)
+    np.testing.assert_allclose(found, expected[middle], atol=1e-9)
+    crest = drift.ridges(water, found, share=1)
+    all_copies = found[water.number[plain.row, plain.column % COLUMNS]]
+    np.testing.assert_array_equal(crest, drift.ridges(plain, all_copies, share=1)[middle])
+    assert crest.reshape(ROWS, COLUMNS)[:, [0, -1]].any()
+    label = np.where(water.column < 4, 0, 1)
+    ridge = water.column == COLUMNS - 1
+    # Borders are columns 3, 4, 8 and 0; the ridge is 8, and 0 and 7 are beside it.
+    assert drift.agreement(water, label, ridge, within=0).near == 1 / 4
+    assert drift.agreement(water, label, ridge).near == 2 / 4
+
+
+def test_a_flow_of_another_kind_is_refused():
+    here = globe()
+    plain = drift.Flow.of(copies(here).isel(x=slice(COLUMNS)))
+    with pytest.raises(ValueError, match="flow: wraps: expected True as for this water, got False"):
+        drift.drift_map(drift.Water.of(here), plain, 1.0)
+    waters = [drift.Water.of(one) for one in (here, copies(here).isel(x=slice(COLUMNS)))]
+    both = [
+        drift.drift_map(w, f, 1.0)
+        for w, f in zip(waters, (drift.Flow.of(here), plain), strict=True)
+    ]
+    with pytest.raises(ValueError, match="layers 0 and 1: only one of them goes round the Earth"):
+        drift.Sea.of(waters, both)

@@ -1,0 +1,168 @@
+"""Files with a part of the levels, and depths with the sign that they are known by."""
+
+import re
+
+import croco
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.drift import open_currents
+
+
+SEA = np.ones((3, 4), bool)
+LEVELS, DEPTH, HC, THETA = 32, 40.0, 20.0, 5.0
+# The velocity of each level tells which one it is.
+SPEED = 0.01 * np.arange(1, LEVELS + 1)
+
+
+def height(s, stretching, depth=DEPTH):
+    """The height of a level over a flat surface, by the formula of CF."""
+    return depth * (HC * s + depth * stretching) / (HC + depth)
+
+
+HEIGHTS = height(*croco.stretched(LEVELS, THETA))
+
+
+def write(tmp_path, part=slice(None), **options):
+    options = {"u": SPEED, "v": 0.0, "levels": LEVELS, "depth": DEPTH, "theta": THETA} | options
+    return croco.write(tmp_path / "croco.nc", SEA, part=part, **options)
+
+
+@pytest.mark.parametrize(
+    ("part", "depths"),
+    [
+        (slice(None), (0, 0.01, 7.5, 39.99, 40)),
+        (slice(-1, None), (0,)),
+        (slice(-8, None), (0, 3, 4.1)),
+        (slice(0, 8), (40, 38, 16.7)),
+        (slice(4, 12), (20,)),
+        (slice(None, None, 2), (1, 25)),
+    ],
+)
+def test_depths_that_the_levels_reach(tmp_path, part, depths):
+    currents = open_currents(write(tmp_path, part), depths=depths)
+    expected = np.interp(-np.sort(np.array(depths, float)), HEIGHTS[part], SPEED[part])
+    np.testing.assert_allclose(currents.u[0, :, 1, 1], expected, atol=1e-12)
+
+
+# Levels of the file, the depth that is asked for, and what is said of it.
+BEYOND = {
+    "the lowest is not the surface": (slice(0, 1), None, HEIGHTS[0], 0, "-0.984375 only"),
+    "nor when asked": (slice(0, 1), 0, HEIGHTS[0], 0, "-0.984375 only"),
+    "one in the middle": (slice(20, 21), 0, HEIGHTS[20], 0, "-0.359375 only"),
+    "the second alone": (slice(28, 29), 0, HEIGHTS[28], 0, "-0.109375 only"),
+    "the two lowest": (
+        slice(0, 2), 0, HEIGHTS[1], HEIGHTS[1] - HEIGHTS[0], "2 levels from -0.984375 to -0.95312"),
+    "all but the upper two": (
+        slice(0, 30), 0, HEIGHTS[29], HEIGHTS[29] - HEIGHTS[28], "30 levels from -0.984375 to"),
+    "the surface is not 10 m": (slice(-1, None), 10, HEIGHTS[-1], 0, "-0.015625 only"),
+    "the upper eight are not 30 m": (
+        slice(-8, None), 30, HEIGHTS[-8], HEIGHTS[-7] - HEIGHTS[-8], "8 levels from -0.23"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BEYOND)
+def test_depths_that_the_levels_do_not_reach(tmp_path, case):
+    part, depths, nearest, layer, has = BEYOND[case]
+    depth = depths or 0
+    message = (
+        f"depths: {depth:g} m below the surface is {abs(nearest + depth):.3g} m away from the "
+        "nearest level of the file at row 0, column 0; expected a layer "
+        f"({layer:.3g} m there) at most; s_rho has {has}"
+    )
+    path = write(tmp_path, part)
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        open_currents(path, depths=depths)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_cells_in_which_the_levels_reach_count_only(tmp_path):
+    """The upper half reaches 20 m where the sea is deep, and elsewhere the bed is above that."""
+    wet = SEA.copy()
+    wet[0, 0] = False
+    depth = np.where(np.arange(4) < 2, 15.0, 2000.0)
+    options = {"u": SPEED, "v": 0.0, "levels": LEVELS, "theta": THETA, "part": slice(16, None)}
+    path = croco.write(tmp_path / "croco.nc", wet, depth=depth, **options)
+    currents = open_currents(path, depths=20)
+    np.testing.assert_array_equal(currents.water[0], (depth > 20) & wet)
+    shelf = croco.write(tmp_path / "croco.nc", wet, depth=np.minimum(depth, 30), **options)
+    with pytest.raises(ValueError, match=r"depths: 20 m below .* at row 0, column 2"):
+        open_currents(shelf, depths=20)
+
+
+@pytest.mark.parametrize(("levels", "theta"), [(3, 0.1), (5, 10.0), (40, 10.0)])
+def test_a_whole_file_reaches_from_the_surface_to_the_bed(tmp_path, levels, theta):
+    """However thick its last layers are beside the others."""
+    speed = 0.01 * np.arange(1, levels + 1)
+    path = write(tmp_path, levels=levels, theta=theta, u=speed)
+    currents = open_currents(path, depths=(0, DEPTH))
+    np.testing.assert_allclose(currents.u[0, :, 1, 1], speed[[-1, 0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(("level", "is_read"), [(0, False), (20, False), (31, True)])
+def test_a_level_that_is_a_scalar_coordinate(tmp_path, level, is_read):
+    with xr.open_dataset(write(tmp_path), decode_times=False) as whole:
+        scalar = whole.assign_coords(s_rho=whole.sc_r).isel(s_rho=level)
+        scalar.to_netcdf(tmp_path / "one.nc")
+    if is_read:
+        currents = open_currents(tmp_path / "one.nc")
+        np.testing.assert_allclose(currents.u[0, 0, 1, 1], SPEED[level])
+        return
+    s = (level + 0.5 - LEVELS) / LEVELS
+    message = f"s_rho: u has a single level, and it is not that of the surface: {s:g}"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        open_currents(tmp_path / "one.nc")
+
+
+def fixed(depth, **attributes):
+    """Currents on fixed depths: 0.5 m/s at the surface, less by 0.01 with each metre."""
+    east = 0.5 - 0.01 * np.abs(depth)[None, :, None, None] * np.ones((1, 1, 3, 4))
+    dims = ("time", "depth", "lat", "lon")
+    return xr.Dataset(
+        {"uo": (dims, east), "vo": (dims, 0 * east)},
+        {
+            "time": ("time", [0.0], {"units": "hours since 2020-01-01"}),
+            "depth": ("depth", depth, {"units": "m"} | attributes),
+            "lat": 0.1 * np.arange(3),
+            "lon": 0.1 * np.arange(4),
+        },
+    )
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("first", [0.0, 0.5])
+@pytest.mark.parametrize("positive", ["down", "up", "Down", None])
+def test_the_surface_is_nearest_to_0(tmp_path, sign, order, first, positive):
+    depth = sign * np.array([first, 5.0, 10.0])[::order]
+    attributes = {} if positive is None else {"positive": positive}
+    fixed(depth, **attributes).to_netcdf(tmp_path / "sea.nc")
+    currents = open_currents(tmp_path / "sea.nc")
+    np.testing.assert_array_equal(currents.depth, [first, 5, 10])
+    np.testing.assert_allclose(currents.u[0, :, 1, 1], [0.5 - 0.01 * first, 0.45, 0.4])
+    odd = positive is not None and (sign > 0) == (positive == "up")
+    assert ("taken as below the surface" in currents.attrs["notes"]) == odd
+    deep = open_currents(tmp_path / "sea.nc", depths=10)
+    np.testing.assert_allclose(deep.u, 0.4)
+
+
+def test_depths_on_both_sides_of_0(tmp_path):
+    depth = np.array([0.5, -5.0, -10.0])
+    fixed(depth, positive="up").to_netcdf(tmp_path / "up.nc")
+    np.testing.assert_array_equal(open_currents(tmp_path / "up.nc").depth, [-0.5, 5, 10])
+    fixed(depth).to_netcdf(tmp_path / "sea.nc")
+    with pytest.raises(ValueError, match=r"sea.nc: depth: expected depths on one side of 0, got"):
+        open_currents(tmp_path / "sea.nc")
+
+
+@pytest.mark.parametrize(("level", "depth"), [(0, 0.0), (2, 10.0)])
+def test_a_depth_that_is_a_scalar_coordinate(tmp_path, level, depth):
+    fixed(np.array([0.0, -5, -10])).isel(depth=level).to_netcdf(tmp_path / "sea.nc")
+    for depths in (None, depth):
+        currents = open_currents(tmp_path / "sea.nc", depths=depths)
+        assert currents.depth.values.tolist() == [depth]
+        np.testing.assert_allclose(currents.u, 0.5 - 0.01 * depth)
+    with pytest.raises(ValueError, match=r"depths: uo has a single level, at .* by depth; got 3"):
+        open_currents(tmp_path / "sea.nc", depths=3)

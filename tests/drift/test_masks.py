@@ -1,0 +1,158 @@
+"""What is water and what is land, by whatever a file says it with."""
+
+import croco
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis.extra.numpy import arrays
+
+from jaxcell.cli import main
+from jaxcell.drift import open_currents
+
+
+WET = croco.island()
+FLAGS = {"flag_values": np.array([0, 1], "i4"), "flag_meanings": "land water"}
+
+
+@pytest.mark.parametrize("standard_name", ["land_binary_mask", "sea_binary_mask", None])
+def test_in_a_file_of_croco_1_is_water(tmp_path, standard_name):
+    mask = croco.AGRIF | ({"standard_name": standard_name} if standard_name else {})
+    path = croco.write(tmp_path / "croco.nc", WET, mask=mask)
+    currents = open_currents(path)
+    np.testing.assert_array_equal(currents.water[0], WET)
+    for name, speed, axis in (("u", 0.3, 1), ("v", -0.2, 0)):
+        expected = croco.centres(WET, speed, axis)
+        np.testing.assert_allclose(currents[name][0, 0], expected, atol=1e-12)
+    assert "mask_rho: 1 is water, by its name" in currents.attrs["notes"]
+
+
+def test_no_drifter_is_dropped_ashore(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    path = croco.write(tmp_path / "croco.nc", WET)
+    currents = open_currents(path)
+    row, column = 4, 4
+    assert not WET[row, column]
+    start = ",".join(f"{float(currents[name][row, column])}" for name in ("lon", "lat"))
+    assert main(["drift", str(path), f"--start={start}", "--json"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "is not in the water at 0 m" in captured.err
+    assert "the nearest water is 2 km away" in captured.err
+
+
+def regular(wet, **mask):
+    """Currents on longitude and latitude, missing on land, with a mask that is called `m`."""
+    u = np.where(wet, 0.1, np.nan)[None, None]
+    dims = ("time", "depth", "lat", "lon")
+    variables = dict.fromkeys(("uo", "vo"), (dims, u))
+    if mask:
+        variables[mask.pop("name", "m")] = (("lat", "lon"), mask.pop("values"), mask)
+    j, i = (0.1 * np.arange(size) for size in wet.shape)
+    hours = ("time", [0.0], {"units": "hours since 2020-01-01"})
+    coords = {"time": hours, "depth": [0.0], "lat": j, "lon": i}
+    return xr.Dataset(variables, coords)
+
+
+def write(tmp_path, dataset):
+    dataset.to_netcdf(tmp_path / "sea.nc")
+    return tmp_path / "sea.nc"
+
+
+# The values of land and of water, and the attributes that say which is which.
+MASKS = {
+    "by flags": (0, 1, FLAGS),
+    "flags before the standard name": (0, 1, FLAGS | {"standard_name": "land_binary_mask"}),
+    "flags the other way": (
+        2, 1, {"flag_values": np.array([1, 2], "i4"), "flag_meanings": "sea land"}),
+    "a third flag": (
+        2, 0, {"flag_values": np.array([0, 1, 2], "i4"), "flag_meanings": "ocean, lake, land"}),
+    "options": (1, 0, {"option_0": "water", "option_1": "land"}),
+    "options without a dash": (0, 1, {"option0": "land", "option1": "water"}),
+    "options in brackets": (0, 1, {"option(0)": "land", "option(1)": "water"}),
+    "sea by standard name": (0, 1, {"standard_name": "sea_binary_mask"}),
+    "land by standard name": (1, 0, {"standard_name": "land_binary_mask"}),
+    "by name, as NEMO": (0, 1, {"name": "tmask"}),
+    "by name before flags": (0, 1, {"name": "tmask", "option_0": "water", "option_1": "land"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", MASKS)
+@pytest.mark.parametrize("lost", [False, True])
+def test_elsewhere_attributes_say_it(tmp_path, case, lost):
+    """Also where land has a velocity, so that nothing but the mask tells."""
+    on_land, on_water, attributes = MASKS[case]
+    values = np.where(WET, float(on_water), on_land)
+    dataset = regular(WET if lost else np.ones_like(WET), values=values, **attributes)
+    currents = open_currents(write(tmp_path, dataset))
+    np.testing.assert_array_equal(currents.water[0], WET)
+    assert f"{attributes.get('name', 'm')}: " in currents.attrs["notes"]
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [{}, {"flag_meanings": "good bad", "flag_values": np.array([0, 1], "i4")},
+     {"flag_meanings": "land water"}, {"option_0": "land"}],
+)  # fmt: skip
+def test_what_says_nothing_of_water_is_no_mask(tmp_path, attributes):
+    dataset = regular(WET, values=np.where(WET, 0.0, 1.0), **attributes)
+    np.testing.assert_array_equal(open_currents(write(tmp_path, dataset)).water[0], WET)
+
+
+def exchanged(file):
+    file["mask_rho"][:] = 1 - file["mask_rho"][:]
+
+
+def test_a_mask_against_all_the_data_is_refused(tmp_path):
+    path = croco.write(tmp_path / "croco.nc", WET, change=exchanged)
+    land = (~WET).sum()
+    # Every water cell here has another beside it, and so a current through that side.
+    message = (
+        rf"{path}: mask_rho: none of the {land} cells that are water by it has a current other "
+        rf"than 0, but {WET.sum()} of the {WET.sum()} that are land have; are land and water "
+        r"exchanged\? \(1 is water, by its name\)"
+    )
+    with pytest.raises(ValueError, match=message) as caught:
+        open_currents(path)
+    assert "\n" not in str(caught.value)
+    dataset = regular(WET, values=1.0 * WET, standard_name="land_binary_mask")
+    message = rf"sea.nc: m: none of the {land} .* {WET.sum()} of .*by the standard name land_bin"
+    with pytest.raises(ValueError, match=message):
+        open_currents(write(tmp_path, dataset))
+
+
+def test_masks_of_the_sides_against_all_the_data_are_refused(tmp_path):
+    def closed(file):
+        for name, dims in croco.SIDES.items():
+            is_open = file[name][0, 0] != 0
+            file.createVariable(f"mask_{name}", "f8", dims)[:] = ~is_open
+
+    path = croco.write(tmp_path / "croco.nc", WET, change=closed)
+    with pytest.raises(ValueError, match=r"mask_rho, mask_u, mask_v: none of the .* exchanged\?"):
+        open_currents(path)
+
+
+def test_a_sea_at_rest_and_a_sea_with_some_current_are_read(tmp_path):
+    still = open_currents(croco.write(tmp_path / "still.nc", WET, u=0.0, v=0.0))
+    np.testing.assert_array_equal(still.water[0], WET)
+
+    def garbage(file):
+        for name in ("u", "v"):
+            values = file[name][:]
+            values[values == 0] = 0.7
+            values[..., 3, :] = 0
+            file[name][:] = values
+
+    part = open_currents(croco.write(tmp_path / "garbage.nc", WET, change=garbage))
+    np.testing.assert_array_equal(part.water[0], WET)
+
+
+@given(arrays(bool, (4, 5)))
+def test_never_refused_if_right_and_never_read_if_wrong(tmp_path_factory, wet):
+    """Where water and land have neighbours of their kind, so that there is a current."""
+    if not (wet[:, 1:] & wet[:, :-1]).any() or wet.all():
+        return
+    path = tmp_path_factory.getbasetemp() / "croco.nc"
+    np.testing.assert_array_equal(open_currents(croco.write(path, wet)).water[0], wet)
+    with pytest.raises(ValueError, match=r"are land and water exchanged\?"):
+        open_currents(croco.write(path, wet, change=exchanged))

@@ -1,0 +1,111 @@
+"""The angle of a grid in any unit, and rows at the poles."""
+
+import croco
+import numpy as np
+import pytest
+import xarray as xr
+
+from jaxcell.drift import open_currents
+
+
+SEA = np.ones((4, 5), bool)
+EAST, NORTH = 0.35, -0.12
+
+
+def turned(tmp_path, turn_deg, **options):
+    """A file in which the water goes the same way everywhere, on a grid that is turned."""
+    turn = np.radians(turn_deg)
+    u = EAST * np.cos(turn) + NORTH * np.sin(turn)
+    v = NORTH * np.cos(turn) - EAST * np.sin(turn)
+    path = tmp_path / "croco.nc"
+    return croco.write(path, SEA, u=u, v=v, turn_deg=turn_deg, **options)
+
+
+@pytest.mark.parametrize("turn_deg", [21.0, -21.4, 0.4, -1.5, 57.0, 133.0, -179.9, 0.0])
+@pytest.mark.parametrize("angle", ["radians", "degrees"])
+@pytest.mark.parametrize("units", [None, "radians", "degree"])
+def test_the_positions_tell_the_unit_of_the_angle(tmp_path, turn_deg, angle, units):
+    """Whatever the file says of it: there are files of radians that say degree."""
+    path = turned(tmp_path, turn_deg, angle=angle, units=units)
+    currents = open_currents(path)
+    np.testing.assert_allclose(currents.u, EAST, atol=1e-12)
+    np.testing.assert_allclose(currents.v, NORTH, atol=1e-12)
+    np.testing.assert_allclose(currents.angle, np.radians(turn_deg), atol=1e-12)
+    if turn_deg:
+        message = f"turned to East and North by the variable angle, in {angle} as lon_rho and"
+        assert message in currents.attrs["notes"]
+
+
+@pytest.mark.parametrize("off", [-4.0, 4.0])
+def test_an_angle_that_is_a_little_off_is_taken(tmp_path, off):
+    def shift(file):
+        file["angle"][:] += np.radians(off)
+
+    currents = open_currents(turned(tmp_path, 30, change=shift))
+    direction = np.degrees(np.arctan2(currents.v, currents.u) - np.arctan2(NORTH, EAST))
+    np.testing.assert_allclose(direction, off, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "values", "said"),
+    [
+        (30, np.radians(36), r"off by [56]\S* degrees if it is in radians, and by 29\.\d if"),
+        (30, np.radians(120), r"off by 9\d\.?\d* degrees if it is in radians, and by 2[78]\S* if"),
+        (-30, 30, r"off by \d+\.?\d* degrees if it is in radians, and by 60 if it is in degrees"),
+        (170, np.radians(-10), r"off by 180 degrees if it is in radians, and by 170 if"),
+    ],
+)
+def test_an_angle_that_is_not_that_of_the_grid_is_refused(tmp_path, turn_deg, values, said):
+    def replace(file):
+        file["angle"][:] = values
+
+    path = turned(tmp_path, turn_deg, change=replace)
+    message = rf"{path}: angle: expected .* within 5 degrees of that from lon_rho and lat_rho; .*"
+    with pytest.raises(ValueError, match=message + said) as caught:
+        open_currents(path)
+    assert "\n" not in str(caught.value)
+
+
+def globe(lat, curved=False, wet=True):
+    lon = np.arange(0.0, 360, 30)
+    flow = np.where(np.broadcast_to(wet, (len(lon), len(lat))).T, 0.1, np.nan)[None]
+    names = {"uo": "eastward_sea_water_velocity", "vo": "northward_sea_water_velocity"}
+    if curved:
+        lon, lat = np.meshgrid(lon, lat)
+        dims = ("y", "x")
+        positions = {"lon": (dims, lon), "lat": (dims, lat)}
+    else:
+        dims = ("lat", "lon")
+        positions = {"lon": ("lon", lon), "lat": ("lat", lat)}
+    variables = {
+        name: (("time", *dims), flow, {"standard_name": meaning}) for name, meaning in names.items()
+    }
+    hours = {"time": ("time", [0.0], {"units": "hours since 2020-01-01"})}
+    return xr.Dataset(variables, positions | hours)
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize(("lat", "row", "pole"), [([60, 70, 80, 90], 3, 90), ([-90, -80], 0, -90)])
+def test_a_row_at_a_pole_is_refused(tmp_path, curved, lat, row, pole):
+    path = tmp_path / "sea.nc"
+    globe(np.array(lat, float), curved).to_netcdf(path)
+    message = rf"{path}: lon: the cell at row {row}, column \d has sides of \d\S* and \d\S* m; .*"
+    message += rf"the row at latitude {pole} is at a pole: leave it out with bounds"
+    with pytest.raises(ValueError, match=message):
+        open_currents(path)
+    if len(lat) > 2:
+        rest = open_currents(path, bounds=(-180, 55, 180, 85))
+        assert rest.water.all()
+        np.testing.assert_array_equal(rest.lat[:, 0], [60, 70, 80])
+    wet = np.abs(lat) < 90
+    globe(np.array(lat, float), curved, wet).to_netcdf(tmp_path / "land.nc")
+    np.testing.assert_array_equal(open_currents(tmp_path / "land.nc").water[0, :, 0], wet)
+
+
+@pytest.mark.parametrize("step", [10.0, 1 / 12, 1e-3])
+def test_cells_that_end_at_a_pole_are_read(tmp_path, step):
+    lat = 90 - step * np.array([3.5, 2.5, 1.5, 0.5])
+    globe(lat).to_netcdf(tmp_path / "sea.nc")
+    currents = open_currents(tmp_path / "sea.nc")
+    side = np.radians(30) * 6371000 * np.sin(np.radians(90 - lat))
+    np.testing.assert_allclose(currents.dx[:, 0], side, rtol=1e-6)

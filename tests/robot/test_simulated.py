@@ -1,0 +1,131 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from wheels import body_in, bounce_filter, map_cells, walker_in
+
+from jaxcell.robot.body import Body, Noise
+from jaxcell.robot.create import Create
+from jaxcell.robot.driver import RobotStopped
+from jaxcell.robot.emulator import Emulator, Line
+from jaxcell.robot.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.runner import run_filter
+from jaxcell.robot.simulated import SimulatedCreate
+from jaxcell.robot.walker import Walker, cell_strides
+from jaxcell.space import Workspace
+
+
+LAB = map_cells("lab_a.json")
+ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
+HALL = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
+
+
+@pytest.mark.slow
+def test_it_agrees_with_the_robot_on_the_line():
+    cell, bounce = 70, math.radians(45)
+    filter = bounce_filter(LAB, 45)
+    walker, body = walker_in(LAB, cell)
+    outcome = run_filter(walker, filter, bounce)
+    strides = cell_strides(8, 1.0, 1.0)
+    with Emulator(body_in(LAB, cell), line=Line(speedup=20.0)) as robot:
+        with Create.open(robot.port, patience=5.0) as create:
+            create.arm()
+            walker = Walker(create, 1.0, strides=strides, direction=cell // LAB.positions)
+            assert run_filter(walker, filter, bounce) == outcome
+        x, y, theta = robot.pose
+    # Steps may miss by 4 mm and turns by 0.4 degrees.
+    assert body.pose[:2] == pytest.approx((x, y), abs=0.03)
+    assert math.remainder(body.theta - theta, 2 * math.pi) == pytest.approx(0, abs=0.02)
+    assert LAB.index(*body.pose) == LAB.index(x, y, theta)
+
+
+def test_it_goes_as_far_as_it_is_told():
+    body = Body(ROOM, (1.0, 1.5, 0.0))
+    robot = SimulatedCreate(body)
+    assert robot.forward(0.537, tolerance=1e-3) == pytest.approx((0.537, 0, False, 0), abs=1e-3)
+    assert robot.turn(-1.2, tolerance=5e-3) == pytest.approx((0, -1.2, False, 0), abs=5e-3)
+    assert robot.turn(1.2, tolerance=5e-3) == pytest.approx((0, 1.2, False, 0), abs=5e-3)
+    assert robot.forward(-0.3, tolerance=1e-3) == pytest.approx((-0.3, 0, False, 0), abs=1e-3)
+    assert body.pose == pytest.approx((1.237, 1.5, 0.0), abs=5e-3)
+    x = body.x
+    moved = robot.forward(5.0)
+    # The bumper gives way by 2 cm.
+    assert moved.bumped
+    assert moved.distance == pytest.approx(4.02 - x, abs=1e-3)
+    # It is still pressed.
+    assert robot.forward(0.1) == (0.0, 0.0, True, 0.0)
+    began = robot.robot.seconds
+    with pytest.raises(RobotStopped, match=r"-1 are left|are left after"):
+        robot.forward(-5.0, timeout=30.0)
+    assert 30 < robot.robot.seconds - began < 31
+
+
+def test_a_run_is_the_same_each_time():
+    def run():
+        walker, body = walker_in(LAB, 70)
+        return [walker.step() for _ in range(3)], body.pose, walker.estimate
+
+    assert run() == run()
+
+
+@pytest.mark.parametrize("speed", [0.72, 1.0, 2.15, 4.0])
+def test_a_turn_does_not_move_the_centre(speed):
+    body = Body(HALL, (0.0, 0.0, 0.3))
+    robot = SimulatedCreate(body)
+    for angle in np.radians([3, -45, 180]):
+        before, heading = complex(body.x, body.y), body.theta
+        moved = robot.turn(angle, speed=speed)
+        assert abs(complex(body.x, body.y) - before) < 1e-3
+        assert math.hypot(moved.distance, moved.left) < 1e-3
+        assert moved.angle == pytest.approx(angle, abs=math.radians(1.01))
+        assert body.theta - heading == pytest.approx(moved.angle, abs=math.radians(0.22))
+
+
+# 200 turns and steps take 10 s with checked types.
+@pytest.mark.parametrize("count", [10, pytest.param(100, marks=pytest.mark.slow)])
+def test_the_odometry_is_the_truth(count):
+    rng = np.random.default_rng(0)
+    body = Body(HALL, (0.0, 0.0, 0.0))
+    robot = SimulatedCreate(body)
+    walker = Walker(robot, 0.3)
+    for _ in range(count):
+        walker.rotate(rng.uniform(-math.pi, math.pi))
+        walker.step()
+        x, y, angle = walker.estimate
+        assert math.hypot(x - body.x, y - body.y) < 1e-3
+        off = abs(math.remainder(angle - body.theta, 2 * math.pi))
+        # The encoders tell an angle to a count, 0.108 degrees.
+        assert off < METRES_PER_COUNT / WHEEL_BASE
+    assert off < math.radians(0.1)
+
+
+def test_an_arc_is_counted_as_one():
+    body = Body(HALL, (0.0, 0.0, 0.0))
+    robot = SimulatedCreate(body)
+    # On half a circle of a metre, in half a minute.
+    for _ in itertools.repeat(None, 2100):
+        robot.drive(right=0.11175, left=0.08825)
+        robot._after(robot.sensors())
+    robot.stop()
+    place = robot.sensors().place
+    assert abs(place - complex(body.x, body.y)) < 2e-3
+    assert body.y == pytest.approx(2, abs=0.1)
+
+
+def test_each_motion_slips_in_its_own_way():
+    rng = np.random.default_rng(0)
+    ratios = []
+    for _ in range(40):
+        body = Body(ROOM, (1.0, 1.5, 0.0), noise=Noise(distance=0.2), rng=rng)
+        robot = SimulatedCreate(body)
+        ways = []
+        for _ in range(2):
+            x = body.x
+            gone = robot.forward(0.1, tolerance=1e-3).distance
+            ways.append((body.x - x) / gone - 1)
+        ratios.append(ways)
+    first, second = np.array(ratios).T
+    assert first.std() == pytest.approx(0.2, rel=0.35)
+    assert second.std() == pytest.approx(0.2, rel=0.35)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.45

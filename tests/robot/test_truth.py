@@ -1,0 +1,193 @@
+"""Through the whole driver and the emulated robot, without noise, all comes true on every map."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from wheels import (
+    MAPS,
+    body_in,
+    bounce_filter,
+    bounce_tables,
+    map_cells,
+    place_of,
+    pose_of,
+    walker_in,
+)
+
+from jaxcell.robot.patrol import Patrol, run_patrol
+from jaxcell.robot.patrol_task import save_patrols
+from jaxcell.robot.routing import wave
+from jaxcell.robot.runner import run_filter, run_plan
+from jaxcell.robot.simulated import SimulatedCreate
+from jaxcell.robot.tasks import load_task
+from jaxcell.robot.team import member_actions, run_member, save_team
+from jaxcell.robot.walker import Walker
+from jaxcell.space import CellSpace, free_steps
+
+
+# The cells that a map suggests, but larger ones for the hall, which is 200 m long.
+CASES = {
+    "arena.json": (90, {}),
+    "cafe.json": (67.5, {}),
+    "complex.json": (135, {}),
+    "depot.json": (135, {}),
+    "harbour.json": (45, {}),
+    "lab_a.json": (45, {}),
+    "lab_b.json": (135, {}),
+    "maze.txt": (45, {"directions": 8}),
+    "office.yaml": (45, {"directions": 8}),
+    "room_200x125.json": (45, {"cell": 12.5, "directions": 8}),
+}
+# Those with cells of centimetres, where runs are short.
+QUICK = ("arena.json", "cafe.json")
+
+
+LONG = ("complex.json", "depot.json", "harbour.json", "room_200x125.json")
+
+
+def cells_of(name: str) -> CellSpace:
+    return map_cells(name, **CASES[name][1])
+
+
+def some_maps(*names: str):
+    """Maps for the quick tests, and all the others for the slow ones."""
+    others = [pytest.param(name, marks=pytest.mark.slow) for name in CASES if name not in names]
+    return pytest.mark.parametrize("name", [*names, *others])
+
+
+def starts_in(cells: CellSpace, count: int, seed: int = 0) -> list[int]:
+    return np.random.default_rng(seed).choice(cells.size, count, replace=False).tolist()
+
+
+def test_every_map_is_here():
+    assert set(CASES) == {
+        path.name for path in MAPS.iterdir() if path.suffix in (".json", ".txt", ".yaml")
+    }
+
+
+@some_maps(*QUICK)
+def test_a_robot_bounces_as_the_cells_say(name):
+    cells, bounce = cells_of(name), CASES[name][0]
+    image, bumped = bounce_tables(cells, bounce)
+    # One step before a bump, so that there is one of each.
+    at = np.flatnonzero(~bumped & bumped[image])
+    for cell in np.random.default_rng(1).choice(at, 2, replace=False).tolist():
+        walker, body = walker_in(cells, cell)
+        for _ in range(4):
+            assert walker.step() == bumped[cell]
+            if bumped[cell]:
+                walker.rotate(math.radians(bounce))
+            cell = int(image[cell])
+            assert place_of(cells, body) == cell
+            x, y, _ = pose_of(cells, cell)
+            assert math.hypot(body.x - x, body.y - y) < cells.cell / 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_a_filter_is_right_from_many_starts(name):
+    cells, bounce = cells_of(name), CASES[name][0]
+    filter = bounce_filter(cells, bounce)
+    image, bumped = bounce_tables(cells, bounce)
+    # Where cells are of a metre and free ways long, a run takes an hour of the robot's time.
+    for cell in starts_in(cells, 2 if name in LONG else 8):
+        walker, body = walker_in(cells, cell)
+        outcome = run_filter(walker, filter, math.radians(bounce), limit=300)
+        observed = ""
+        for _ in outcome.observations:
+            observed += str(int(bumped[cell]))
+            cell = int(image[cell])
+        assert outcome.observations == observed
+        assert outcome.result == "localized"
+        assert place_of(cells, body) == cell
+        assert cell in outcome.cells
+
+
+def plan_from(cells: CellSpace, cell: int, count: int) -> tuple[list[float], int]:
+    """A plan that turns by any angle at a bump, and where it ends."""
+    there, rng = free_steps(cells, 1.0, "swept"), np.random.default_rng(cell)
+    actions = []
+    for _ in range(count):
+        way, position = divmod(cell, cells.positions)
+        turn = int(rng.integers(1, cells.directions)) if there[way, position] == position else 0
+        actions.append(2 * math.pi * turn / cells.directions)
+        cell = (way + turn) % cells.directions * cells.positions + int(there[way, position])
+    return actions, cell
+
+
+@some_maps("cafe.json")
+def test_a_plan_arrives(name):
+    cells = cells_of(name)
+    count, length = (1, 6) if name == "cafe.json" else (2, 15)
+    for cell in starts_in(cells, count, seed=3):
+        actions, goal = plan_from(cells, cell, length)
+        walker, body = walker_in(cells, cell)
+        assert run_plan(walker, actions).result == "arrived"
+        assert place_of(cells, body) == goal
+
+
+def team_walk(cells: CellSpace, starts: list[int], steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """A walk of robots that turn by a quarter where a wall or another robot is."""
+    there, quarter = free_steps(cells, 1.0, "swept"), cells.directions // 4
+    path, bumped = [np.array(starts)], []
+    for _ in range(steps):
+        way, here = np.divmod(path[-1], cells.positions)
+        end = there[way, here]
+        hit = end == here
+        for i, k in itertools.permutations(range(len(here)), 2):
+            hit[i] |= end[i] in (end[k], here[k])
+        way = np.where(hit, (way + quarter) % cells.directions, way)
+        path.append(way * cells.positions + np.where(hit, here, end))
+        bumped.append(hit)
+    return np.array(path), np.array(bumped)
+
+
+@some_maps("cafe.json")
+def test_each_robot_of_a_team_arrives(name, tmp_path):
+    cells = cells_of(name)
+    robots, steps = (2, 4) if name == "cafe.json" else (3, 10)
+    path, bumped = team_walk(cells, starts_in(cells, robots, seed=5), steps)
+    actions = member_actions(path, bumped, free_steps(cells, 1.0, "swept"))
+    common = {
+        "cell_m": cells.cell,
+        "directions": cells.directions,
+        "step_m": cells.cell,
+        "robot_radius_m": cells.workspace.robot_radius,
+    }
+    poses = [pose_of(cells, z) for z in path[0].tolist()]
+    save_team(tmp_path / "team.json", common, poses, [math.pi / 2] * robots, actions)
+    for robot in range(robots):
+        task = load_task(tmp_path / "team.json", robot)
+        walker, body = walker_in(cells, int(path[0, robot]))
+        assert run_member(walker, task, sleep=lambda _: None).result == "arrived"
+        assert place_of(cells, body) == path[-1, robot]
+
+
+@some_maps("cafe.json")
+def test_a_patrol_visits_what_is_drawn(name, tmp_path):
+    cells = cells_of(name)
+    plane = CellSpace.of(cells.workspace, cells.cell, 4)
+    ways = free_steps(plane, 1.0, "swept")
+    start = plane.positions // 2
+    away = wave(ways, start)
+    far = 2 if name == "cafe.json" else 8
+    goals = np.flatnonzero((away > 0) & (away <= far))
+    image = np.full((1, plane.positions), start)
+    image[0, start] = np.random.default_rng(7).choice(goals)
+    save_patrols(
+        tmp_path / "patrol.json",
+        cells,
+        [(image, np.ones((1, plane.positions)))],
+        [start],
+        1.0,
+    )
+    task = load_task(tmp_path / "patrol.json")
+    body = body_in(plane, start)
+    patrol = Patrol(task, start=start, facing=0, seed=0, visits=2, most_bumps=1, limit=999)
+    walker = Walker(SimulatedCreate(body), task.step, strides=task.strides)
+    outcome = run_patrol(walker, patrol)
+    assert (outcome.result, outcome.visited) == ("patrolled", (image[0, start], start))
+    assert "1" not in outcome.observations
+    assert int(plane.index(body.x, body.y)) % plane.positions == start

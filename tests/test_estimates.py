@@ -1,0 +1,129 @@
+import math
+
+import numpy as np
+import pytest
+
+from jaxcell import estimates, memory
+from jaxcell.automata import subset_construction
+from jaxcell.bounce import (
+    Roadmap,
+    all_plans,
+    bounce_groups,
+    bounce_map,
+    coverage_policy,
+    group_summary,
+    moves,
+)
+from jaxcell.bundled import bundled
+from jaxcell.space import CellSpace, Workspace, visible_cells, visible_centres
+from jaxcell.space.extent import Extent
+
+
+LAB = Workspace.load(bundled("maps/lab_a.json"))
+CAFE = Workspace.load(bundled("maps/cafe.json"))
+
+
+@pytest.mark.parametrize(("workspace", "cell"), [(LAB, 0.1), (LAB, 0.07), (CAFE, 0.05)])
+def test_the_extent_is_known_before_cells_are_cut(workspace, cell):
+    before, after = Extent.about(workspace, cell, 16), Extent.of(CellSpace.of(workspace, cell, 16))
+    assert (before.rows, before.columns) == (after.rows, after.columns)
+    assert before.positions == pytest.approx(after.positions, rel=0.05)
+    assert before.gridded == after.gridded == (cell == 0.1)
+    assert before.wall_length == pytest.approx(after.wall_length)
+
+
+@pytest.mark.parametrize(("directions", "step"), [(8, None), (360, None), (72, 0.3), (8, 1e9)])
+def test_ways_of_a_grid_are_counted(directions, step):
+    cells = CellSpace.of(LAB, 0.1, directions)
+    ways, lines, _ = Extent.of(cells).steps(step, "swept")
+    possible = moves(cells, step=step)
+    assert (ways, lines) == (possible.target.shape[0], possible.order.shape[0])
+
+
+def test_what_cannot_be_is_left_to_the_cells():
+    for cell in (0.0, math.nan, math.inf, 1e-12, 5e-324):
+        assert Extent.about(LAB, cell, 8) is None
+    assert Extent.about(LAB, 1.0, 0) is None
+    assert Extent.about(LAB, 1.0, 10**9) is None
+
+
+# The peak of `group_summary` above that of a tiny map, in bytes, as the system told it.
+MEASURED = [
+    ("maps/lab_a.json", 0.005, 8, None, "swept", 0.68e9),
+    ("maps/room_200x125.json", 0.1, 360, None, "swept", 2.86e9),
+    ("maps/room_200x125.json", 0.2, 360, 1.0, "swept", 3.81e9),
+    ("maps/room_200x125.json", 0.2, 8, 2.0, "swept", 0.55e9),
+    ("maps/cafe.json", 0.005, 16, None, "swept", 0.93e9),
+    ("maps/cafe.json", 0.01, 72, None, "swept", 0.75e9),
+]
+
+
+@pytest.mark.parametrize(("name", "cell", "directions", "step", "collision", "peak"), MEASURED)
+def test_groups_take_what_was_measured(name, cell, directions, step, collision, peak):
+    extent = Extent.about(Workspace.load(bundled(name)), cell, directions)
+    assert estimates.groups(extent, step, collision) == pytest.approx(peak, rel=0.3)
+
+
+def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 10**9)
+    extent = Extent.about(LAB, 1e-3, 8)
+
+    def need(extent):
+        return estimates.groups(extent, None, "swept")
+
+    with pytest.raises(MemoryError, match=r"groups needs .* GB .*; a cell of 0.005 m would fit"):
+        estimates.check(extent, need, "groups", None)
+    assert need(Extent.about(LAB, 0.005, 8)) == estimates.check(
+        Extent.about(LAB, 0.005, 8), need, "groups", None
+    )
+    assert need(Extent.about(LAB, 0.004, 8)) > 1e9
+    # No cell is larger than a step, so there are fewer directions.
+    with pytest.raises(MemoryError, match="use larger cells or fewer directions"):
+        estimates.check(extent, need, "groups", 1e-3)
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        lambda: CellSpace.of(LAB, 0.01, 8),
+        lambda: moves(CellSpace.of(LAB, 0.5, 8)),
+        lambda: group_summary(CellSpace.of(LAB, 0.5, 8), math.pi),
+        lambda: bounce_groups(CellSpace.of(LAB, 0.5, 8), math.pi),
+        lambda: bounce_map(CellSpace.of(LAB, 0.5, 8), math.pi),
+        lambda: Roadmap.of(CellSpace.of(LAB, 0.5, 8), [math.pi]),
+        lambda: coverage_policy(CellSpace.of(LAB, 0.5, 8), [math.pi], 0.0, 1.0),
+        lambda: visible_cells(CellSpace.of(LAB, 0.2, 8), 1.0),
+        lambda: visible_centres(CellSpace.of(LAB, 0.2, 8), 1.0),
+    ],
+)
+def test_what_does_not_fit_is_refused_where_it_is_made(monkeypatch, study):
+    # Enough for the cells of 0.2 m, and for no study of those of 0.5 m.
+    monkeypatch.setattr(memory, "free", lambda: 20_000)
+    with pytest.raises(MemoryError, match=r"needs about .* of memory"):
+        study()
+
+
+def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path):
+    cells = CellSpace.of(LAB, 1.0, 8)
+    roadmap = Roadmap.of(cells, [math.pi])
+    room = 2 * 6 * roadmap.entry.size * roadmap.walls
+    limit = memory.check
+
+    def check(needed, *args):
+        monkeypatch.setattr(memory, "free", lambda: room - 1)
+        limit(needed, *args)
+
+    monkeypatch.setattr(memory, "check", check)
+    with pytest.raises(MemoryError, match=r"plans from .* write them to a file"):
+        all_plans(cells, [math.pi])
+    monkeypatch.undo()
+    all_plans(cells, [math.pi], file=tmp_path / "plans.nc")
+
+
+def test_states_are_watched_while_they_are_made(monkeypatch):
+    # Each string of zeros leaves one cell fewer: all sets together grow with the square.
+    image = np.maximum(np.arange(300) - 1, 0)
+    bumped = np.arange(300) == 0
+    monkeypatch.setattr(memory, "free", lambda: 3000)
+    with pytest.raises(MemoryError, match=r"a filter of more than .* states needs"):
+        subset_construction(image, bumped)

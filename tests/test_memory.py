@@ -1,0 +1,85 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jaxcell import memory
+
+
+@pytest.fixture
+def system(tmp_path, monkeypatch):
+    """Writes files of a system that tells as little as is written."""
+    monkeypatch.setattr(memory, "_PROC", tmp_path / "proc")
+    monkeypatch.setattr(memory, "_GROUPS", tmp_path / "groups")
+    monkeypatch.setattr(memory, "_addresses", lambda: iter(()))
+
+    def write(name, text):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+    return write
+
+
+def test_what_the_machine_has_available(system):
+    system("proc/meminfo", "MemTotal: 8000 kB\nMemFree: 10 kB\nMemAvailable:    5000 kB\n")
+    assert memory.free() == 5000 * 1024
+
+
+@pytest.mark.parametrize("place", ["groups/job/step", "groups/job", "groups"])
+def test_what_control_groups_leave(system, place):
+    system("proc/meminfo", "MemAvailable: 5000 kB\n")
+    system("proc/self/cgroup", "0::/job/step\n")
+    system("groups/job/step/memory.max", "max\n")
+    system(f"{place}/memory.max", "3000000\n")
+    system(f"{place}/memory.current", "1000000\n")
+    system(f"{place}/memory.stat", "anon 5\ninactive_file 200000\nactive_file 7\n")
+    assert memory.free() == 2_200_000
+
+
+def test_what_control_groups_of_version_1_leave(system):
+    system("proc/meminfo", "MemAvailable: 5000 kB\n")
+    system("proc/self/cgroup", "5:cpu:/\n4:memory:/job\n0::/\n")
+    system("groups/memory/memory.limit_in_bytes", "9223372036854771712\n")
+    system("groups/memory/job/memory.limit_in_bytes", "3000000\n")
+    system("groups/memory/job/memory.usage_in_bytes", "1000000\n")
+    assert memory.free() == 2_000_000
+
+
+def test_a_group_that_is_full_leaves_nothing(system):
+    system("proc/self/cgroup", "0::/\n")
+    system("groups/memory.max", "10")
+    system("groups/memory.current", "11")
+    assert memory.free() == 0
+
+
+def test_nothing_is_refused_where_nothing_is_known(system, monkeypatch):
+    system("proc/meminfo", "MemTotal: none of our business\n")
+    monkeypatch.setattr(os, "sysconf", lambda name: -1 if name == "SC_PAGE_SIZE" else 1)
+    monkeypatch.delattr(os, "sysconf")
+    assert memory.free() is None
+    memory.check(1e30, "this", "that")
+
+
+def test_a_refusal_is_one_line_with_both_numbers(monkeypatch):
+    monkeypatch.setattr(memory, "free", lambda: 2 * 10**9)
+    memory.check(2e9, "this", "that")
+    with pytest.raises(MemoryError) as refused:
+        memory.check(3.21e9, "this", "that would fit")
+    expected = "this needs about 3.2 GB of memory, and 2.0 GB are free; that would fit"
+    assert str(refused.value) == expected
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of addresses are known on Linux")
+def test_the_limit_of_addresses_counts():
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9));"
+        "from jaxcell.memory import free; print(free())"
+    )
+    root = Path(memory.__file__).parents[1]
+    told = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=root, check=True
+    )
+    assert 10**8 < int(told.stdout) < 10**9
