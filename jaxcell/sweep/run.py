@@ -5,15 +5,16 @@ import dataclasses
 import errno
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from .engines import engine_named
+from .frame import DONE
 from .spec import Chunk, Spec
-from .store import DONE, Failure, SweepStore, made_with, reading, running
+from .store import DAMAGED, Failure, SweepStore, made_with, reading, running
 from .work import Failed, Job, check_parameters, failure, jax_is_wide
 
 
@@ -28,6 +29,8 @@ class SweepStatus:
     done: int
     "Chunks that are done."
     failures: tuple[Failure, ...]
+    damaged: int
+    "Chunks that were done and have lost a file; [`verify_sweep`][] looks into the files too."
     running: str | None
     "Which process is at work on it, if any."
 
@@ -61,6 +64,8 @@ def run_sweep(
     engine: str = "local",
     workers: int | None = None,
     resume: bool = False,
+    anyway: bool = False,
+    chunks: Collection[int] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
     """Runs a sweep.
@@ -76,14 +81,18 @@ def run_sweep(
     - `engine`: `local`, `processes`, `dask` or `dask://host:port`; see [`engine_named`][].
     - `workers`: how many processes, for `processes` and `dask`.
     - `resume`: go on with the sweep that is there, if there is one: chunks that are done stay,
-        those that failed are tried again.
+        those that failed are tried again. If `spec` has all members of that sweep and others, it
+        grows to these: members that are done stay.
+    - `anyway`: resume although versions, the task, or files that members read are others now; the
+        attribute `resumed_anyway` of the result tells which.
+    - `chunks`: the numbers of chunks to compute; by default all that are not done.
     - `progress`: called when the work begins and with each chunk that ends.
 
     **Returns:** how far the sweep is. A chunk that fails does not stop the others.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not take, or if the sweep that is there is of another specification, or was begun with another
-    version of jaxcell or JAX; `FileExistsError` if one is there and `resume` was not asked for;
+    version of jaxcell or JAX, another task, or other files; `FileExistsError` if one is there and `resume` was not asked for;
     `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
     the scheduler of a cluster cannot be reached.
 
@@ -108,10 +117,16 @@ def run_sweep(
     except ValueError as error:
         raise ValueError(f"{spec.path}: {error}") from error
     wide = jax_is_wide()
-    with SweepStore.opened(folder, spec, resume, made_with(wide)) as store:
-        numbers = np.flatnonzero(store.states() != DONE)
+    made = made_with(spec, wide)
+    with SweepStore.opened(folder, spec, resume, made, anyway) as store:
+        states = store.states()
+        for number in np.flatnonzero(states == DAMAGED):
+            store.forget(spec.chunk(int(number)))
+        numbers = np.flatnonzero(states != DONE)
+        if chunks is not None:
+            numbers = np.intersect1d(numbers, [*chunks])
         count = _Count(spec.chunk_count, spec.chunk_count - numbers.size)
-        jobs = (_job(spec, int(number), wide) for number in numbers)
+        jobs = (job_of(store, int(number), wide) for number in numbers)
         if progress is not None:
             progress(count.told(None))
         with contextlib.closing(start(jobs)) as outcomes:
@@ -171,6 +186,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         spec.chunk_count,
         int((states == DONE).sum()),
         tuple(store.failures(states)),
+        int((states == DAMAGED).sum()),
         running(folder),
     )
 
@@ -206,9 +222,14 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
         [1, 1] [1, 1]
     """
     path = Path(out) / "sweep.zarr"
+    told = sweep_status(out)
     if not path.is_dir():
-        told = sweep_status(out)
         raise ValueError(f"{path}: no chunk is done yet, of {told.chunks}")
+    if told.damaged:
+        raise ValueError(
+            f"{path}: {told.damaged} of {told.chunks} chunks are damaged; to mend them: "
+            f"jaxcell sweep verify {out}"
+        )
     with reading(path):
         return xr.open_zarr(path, consolidated=True)
 
@@ -240,8 +261,11 @@ class _Count:
         )
 
 
-def _job(spec: Spec, number: int, wide: bool) -> Job:
-    return Job(number, spec.task, spec.batch(spec.chunk(number)), spec.fixed, spec.seed, wide)
+def job_of(store: SweepStore, number: int, wide: bool) -> Job:
+    """The members of a chunk that are missing, as a job."""
+    spec, chunk = store.spec, store.spec.chunk(number)
+    batch = spec.batch(chunk, store.missing(chunk))
+    return Job(number, spec.task, batch, spec.fixed, spec.seed, wide)
 
 
 @contextlib.contextmanager

@@ -6,16 +6,18 @@ import math
 import os
 import reprlib
 import tomllib
+from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .design import Parameter, check_name, read_parameters
+from .design import Parameter, check_name, parameter_difference, read_parameters
 
 
-_TABLES = ("fixed", "grid", "list", "random")
+_PARAMETERS = ("grid", "list", "random")
+_TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
 # A chunk is a file for each variable of the result, and a line in the books of the driver.
@@ -161,11 +163,17 @@ class Spec:
         )
         return Chunk(number, index, region)
 
-    def batch(self, chunk: Chunk) -> dict[str, np.ndarray]:
+    def batch(self, chunk: Chunk, wanted: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """The parameters of each member of a chunk, the last dimension fastest.
 
         All chunks have batches of one length, so that one compilation does for all. Where a chunk
         at an edge has fewer members, the last one along that dimension stands in for those beyond.
+
+        **Arguments:**
+
+        - `chunk`: the chunk.
+        - `wanted`: booleans of its shape. Where some of its members are not wanted, the batch has
+            those that are, and no more.
         """
         places = np.meshgrid(
             *(
@@ -174,6 +182,9 @@ class Spec:
             ),
             indexing="ij",
         )
+        if wanted is not None and not wanted.all():
+            inside = tuple(map(slice, chunk.shape))
+            places = [along[inside][wanted] for along in places]
         along = dict(zip(self.dimensions, places, strict=True))
         return {
             parameter.name: parameter.values[along[parameter.dimension].ravel()]
@@ -189,18 +200,65 @@ class Spec:
         }
 
     def differences(self, other: "Spec") -> list[str]:
-        """What another specification says otherwise: a field and both values each."""
-        ours, theirs = dict(_flat(self.document)), dict(_flat(other.document))
+        """What another specification says otherwise.
+
+        A field with both values; of a parameter the number of values and those that are new or
+        missing in the other.
+        """
         told = []
+        ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
                 place = next((i for i, (a, b) in pairs if a != b), 0)
                 told.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
+        there_by, here_by = (
+            {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
+        )
+        for name in dict.fromkeys(itertools.chain(there_by, here_by)):
+            difference = parameter_difference(there_by.get(name), here_by.get(name))
+            if difference is not None:
+                told.append(f"{name}: {difference}")
         if not told and list(self.dimensions) != list(other.dimensions):
             told.append(f"grid: in the order {', '.join(self.dimensions)} there")
         return told
+
+    def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
+        """Where the members of another specification are among those of this one.
+
+        **Returns:** for each dimension and each place along it the place in `old`, -1 where it has
+        none; or `None` if a member of `old` is missing here, or something else is different.
+        """
+        names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
+        if (
+            list(_flat(self._rest())) != list(_flat(old._rest()))
+            or list(self.dimensions) != list(old.dimensions)
+            or names != {one.name: (one.dimension, one.values.dtype.kind) for one in old.parameters}
+        ):
+            return None
+        found = {}
+        for dimension in self.dimensions:
+            there: dict[tuple[Any, ...], deque[int]] = {}
+            for place, row in enumerate(old._rows(dimension)):
+                there.setdefault(row, deque()).append(place)
+            places = [
+                there[row].popleft() if there.get(row) else -1 for row in self._rows(dimension)
+            ]
+            if any(there.values()):
+                return None
+            found[dimension] = np.array(places)
+        return found
+
+    def _rest(self) -> dict[str, Any]:
+        """The document without the parameters, its fields in order."""
+        rest = {name: self.document[name] for name in sorted(self.document)}
+        return {name: value for name, value in rest.items() if name not in _PARAMETERS}
+
+    def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
+        """The values at each place along a dimension, of parameters by name."""
+        own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
+        return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
