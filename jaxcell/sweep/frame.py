@@ -5,6 +5,7 @@ compression), and chunks of nothing but the fill value have files too. So a bit 
 seen when it is read, and a file that is gone when it is looked for.
 """
 
+import hashlib
 import json
 import warnings
 from collections.abc import Mapping
@@ -29,7 +30,8 @@ _STATUS: dict[str, Any] = {
     "flag_meanings": "to_do done failed",
 }
 _CODECS = (ZstdCodec(), Crc32cCodec())
-_ALL_FILES = {"write_empty_chunks": True}
+_ALL_FILES: Any = {"write_empty_chunks": True}
+_SIGNATURE = "attributes_sha256"
 
 
 def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[str, Any]) -> None:
@@ -42,7 +44,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
     - `first`: what the task gave for one of the chunks.
     - `attributes`: of the result, beside those that tell the specification.
     """
-    own = {**described(spec), **attributes}
+    own = signed({**described(spec), **attributes})
     group = zarr.create_group(folder, zarr_format=3, attributes=own)
     dimensions = spec.dimensions
     sizes, lengths = tuple(dimensions.values()), tuple(spec.lengths.values())
@@ -190,13 +192,26 @@ def _coordinate(
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
-    """The attributes of a result."""
-    return dict(json.loads((folder / "zarr.json").read_bytes())["attributes"])
+    """The attributes of a result.
+
+    **Raises:** `ValueError` if they are not those that were written.
+    """
+    attributes = dict(json.loads((folder / "zarr.json").read_bytes())["attributes"])
+    if attributes != signed(attributes) and _SIGNATURE in attributes:
+        raise ValueError(f"the attributes do not have the checksum {_SIGNATURE}")
+    return attributes
 
 
 def write_attributes(folder: Path, attributes: Mapping[str, Any]) -> None:
     """Puts others in the place of the attributes of a result."""
     path = folder / "zarr.json"
-    document = {**json.loads(path.read_bytes()), "attributes": dict(attributes)}
+    document = {**json.loads(path.read_bytes()), "attributes": signed(attributes)}
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2), encoding="utf-8")
+
+
+def signed(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes with their checksum."""
+    plain = {name: value for name, value in attributes.items() if name != _SIGNATURE}
+    text = json.dumps(plain, sort_keys=True).encode()
+    return {**plain, _SIGNATURE: hashlib.sha256(text).hexdigest()}

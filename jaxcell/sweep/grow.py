@@ -10,9 +10,10 @@ import secrets
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import zarr
 
 from .frame import DONE, TO_DO, fill, make_frame, open_arrays
 from .spec import Chunk, Spec
@@ -23,14 +24,20 @@ if TYPE_CHECKING:
     from .store import SweepStore
 
 
-def grow(old: "SweepStore", spec: Spec, places: Mapping[str, np.ndarray]) -> None:
+def grow(
+    old: "SweepStore",
+    spec: Spec,
+    places: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any],
+) -> None:
     """Makes a store one of a larger specification; chunks that are damaged are to do there.
 
     **Arguments:**
 
     - `old`: the store; nobody else writes there.
     - `spec`: the larger specification.
-    - `places`: where its members are in the store, by [`Spec.places_in`][].
+    - `places`: where its members are in the store, by `Spec.places_in`.
+    - `attributes`: of the larger result, beside those that tell its specification.
     """
     temporary = old.folder / f".sweep-{secrets.token_hex(4)}"
     temporary.mkdir()
@@ -38,7 +45,7 @@ def grow(old: "SweepStore", spec: Spec, places: Mapping[str, np.ndarray]) -> Non
         for number in old.damaged():
             old.forget(old.spec.chunk(number))
         result = temporary / "sweep.zarr"
-        make_frame(result, spec, _frame(old), old.made_now(spec))
+        make_frame(result, spec, _frame(old), attributes)
         arrays = open_arrays(result)
         for number in range(spec.chunk_count):
             _copy(old, arrays, spec.chunk(number), [*places.values()])
@@ -86,7 +93,9 @@ def _frame(old: "SweepStore") -> Computed:
     return Computed(variables, coordinates)
 
 
-def _copy(old: "SweepStore", arrays: Mapping, chunk: Chunk, places: list[np.ndarray]) -> None:
+def _copy(
+    old: "SweepStore", arrays: Mapping[str, zarr.Array], chunk: Chunk, places: list[np.ndarray]
+) -> None:
     """Copies the members of a chunk of the larger store that are done in the smaller one."""
     sources = [place[part] for place, part in zip(places, chunk.region, strict=True)]
     inside = tuple(np.flatnonzero(source >= 0) for source in sources)

@@ -92,9 +92,9 @@ def run_sweep(
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not take, or if the sweep that is there is of another specification, or was begun with another
-    version of jaxcell or JAX, another task, or other files; `FileExistsError` if one is there and `resume` was not asked for;
-    `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
-    the scheduler of a cluster cannot be reached.
+    version of jaxcell or JAX, another task, or other files; `FileExistsError` if one is there and
+    `resume` was not asked for; `BlockingIOError` if another run is at work on it; `OSError` if the
+    store cannot be written, or the scheduler of a cluster cannot be reached.
 
     The periodic groups of two angles on one map:
 
@@ -126,7 +126,7 @@ def run_sweep(
         if chunks is not None:
             numbers = np.intersect1d(numbers, [*chunks])
         count = _Count(spec.chunk_count, spec.chunk_count - numbers.size)
-        jobs = (job_of(store, int(number), wide) for number in numbers)
+        jobs = (_job(store, int(number), wide) for number in numbers)
         if progress is not None:
             progress(count.told(None))
         with contextlib.closing(start(jobs)) as outcomes:
@@ -230,7 +230,7 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
             f"{path}: {told.damaged} of {told.chunks} chunks are damaged; to mend them: "
             f"jaxcell sweep verify {out}"
         )
-    with reading(path):
+    with reading(Path(out)):
         return xr.open_zarr(path, consolidated=True)
 
 
@@ -261,7 +261,7 @@ class _Count:
         )
 
 
-def job_of(store: SweepStore, number: int, wide: bool) -> Job:
+def _job(store: SweepStore, number: int, wide: bool) -> Job:
     """The members of a chunk that are missing, as a job."""
     spec, chunk = store.spec, store.spec.chunk(number)
     batch = spec.batch(chunk, store.missing(chunk))

@@ -184,7 +184,7 @@ class Spec:
         )
         if wanted is not None and not wanted.all():
             inside = tuple(map(slice, chunk.shape))
-            places = [along[inside][wanted] for along in places]
+            places = tuple(along[inside][wanted] for along in places)
         along = dict(zip(self.dimensions, places, strict=True))
         return {
             parameter.name: parameter.values[along[parameter.dimension].ravel()]

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import hashlib
 import importlib.metadata
 import json
 import os
@@ -63,7 +62,10 @@ def reading(folder: Path) -> Iterator[None]:
         if isinstance(error, ValueError | OSError) and str(folder) in message:
             raise
         told = f"{type(error).__name__}: {message}" if message else type(error).__name__
-        raise ValueError(f"{folder}: the sweep there is damaged: {told}") from error
+        raise ValueError(
+            f"{folder}: the sweep there is damaged: {told}; to mend it: "
+            f"jaxcell sweep verify {folder}"
+        ) from error
 
 
 class SweepStore:
@@ -108,7 +110,7 @@ class SweepStore:
         """
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder / "lock"):
-            _tidy(folder)
+            tidy(folder)
             kept = folder / "spec.toml"
             if kept.exists():
                 if not resume:
@@ -143,7 +145,7 @@ class SweepStore:
         if others:
             write_attributes(store.zarr, {**store.attributes(), **made, **store.went_on(others)})
         if places is not None:
-            grow(store, spec, places)
+            grow(store, spec, places, {**made, **store.went_on()})
 
     def attributes(self) -> dict[str, Any]:
         """Those of the result."""
@@ -152,36 +154,17 @@ class SweepStore:
 
     def differences(self) -> list[str]:
         """What the result was made with that is otherwise now: versions, files, the task."""
-        if not self.arrays:
-            return []
-        attributes = self.attributes()
-        if "digests" not in attributes:
-            raise ValueError(
-                f"{self.folder}: an old version of jaxcell wrote it, without checksums; it can be "
-                "read, but not gone on with"
-            )
-        with reading(self.folder):
-            there = json.loads(attributes["digests"])
-            return [
-                f"{name}: {attributes.get(name)} there, {here} here"
-                for name, here in self.made.items()
-                if name != "digests" and attributes.get(name) != here
-            ] + changed(there, json.loads(self.made["digests"]))
+        return differences(self.folder, self.attributes(), self.made) if self.arrays else []
 
     def coordinates(self) -> list[str]:
         """The coordinates of the other dimensions of what the task gives."""
         own = {*self.spec.dimensions, "status", *(one.name for one in self.spec.parameters)}
         return sorted(set(self.arrays) - own - set(self.variables))
 
-    def made_now(self, spec: Spec) -> dict[str, Any]:
-        """The attributes of a result that is made now, beside those that tell a specification."""
-        attributes = {**self.made, "spec_sha256": hashlib.sha256(spec.text).hexdigest()}
-        if (revision := git_revision()) is not None:
-            attributes["git_revision"] = revision
-        return attributes | (self.went_on() if self.arrays else {})
-
     def went_on(self, others: Sequence[str] = ()) -> dict[str, Any]:
         """The attribute that tells with what a run went on all the same, if one did."""
+        if not self.arrays:
+            return {}
         told = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
         return {"resumed_anyway": json.dumps(told)} if told else {}
 
@@ -348,7 +331,7 @@ class SweepStore:
     def _create(self, first: Computed) -> None:
         """Makes the result with nothing in it."""
         temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
-        make_frame(temporary, self.spec, first, self.made_now(self.spec))
+        make_frame(temporary, self.spec, first, self.made)
         os.replace(temporary, self.zarr)
 
     def _write_state(self, chunk: Chunk, state: int) -> None:
@@ -362,7 +345,7 @@ class SweepStore:
                 os.fsync(file.fileno())
 
 
-def _tidy(folder: Path) -> None:
+def tidy(folder: Path) -> None:
     """Ends the growth that a run was killed in, and removes what it left half written."""
     finish_growth(folder)
     for path in folder.glob(".sweep-????????"):
@@ -378,12 +361,29 @@ def _tidy(folder: Path) -> None:
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
     """What the numbers in a store may depend on beside its specification."""
+    revision = git_revision()
     return {
         "jaxcell_version": __version__,
         "jax_version": importlib.metadata.version("jax"),
         "jax_enable_x64": int(wide),
         "digests": json.dumps(digests(spec)),
+        **({} if revision is None else {"git_revision": revision}),
     }
+
+
+def differences(folder: Path, attributes: Mapping[str, Any], made: Mapping[str, Any]) -> list[str]:
+    """What a result was made with, by its attributes, that is otherwise now."""
+    if "digests" not in attributes:
+        raise ValueError(
+            f"{folder}: an old version of jaxcell wrote it, without checksums; it can be read, but "
+            "not verified or gone on with"
+        )
+    with reading(folder):
+        return [
+            f"{name}: {attributes.get(name)} there, {here} here"
+            for name, here in made.items()
+            if name not in ("digests", "git_revision") and attributes.get(name) != here
+        ] + changed(json.loads(attributes["digests"]), json.loads(made["digests"]))
 
 
 def running(folder: Path) -> str | None:
