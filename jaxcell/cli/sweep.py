@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ..files import replacing
-from .terminal import note, status, table
+from .terminal import note, own_command, status, table
 
 
 if TYPE_CHECKING:
@@ -37,7 +37,11 @@ class Sweep:
     workers: int | None = None
     """Number of processes of the engines processes and dask; by default that of processors."""
     resume: bool = False
-    """Go on with the sweep in the folder, if there is one."""
+    """Go on with the sweep in the folder, if there is one; with more values of its parameters,
+    too."""
+    anyway: bool = False
+    """With --resume: go on although files, the task or versions are others now. The result tells
+    which, in the attribute resumed_anyway."""
     out: Path | None = None
     """Folder for the result; by default runs/ and the name of the specification."""
     netcdf: bool = False
@@ -52,6 +56,8 @@ class Sweep:
         sys.path.append(os.getcwd())
         from ..sweep import Spec, run_sweep
 
+        if self.anyway and not self.resume:
+            raise ValueError("--anyway: expected with --resume")
         spec = Spec.load(self.spec)
         out = Path("runs") / self.spec.stem if self.out is None else self.out
         began = time.perf_counter()
@@ -63,6 +69,7 @@ class Sweep:
                     engine=self.engine,
                     workers=self.workers,
                     resume=self.resume,
+                    anyway=self.anyway,
                     progress=show,
                 )
         except KeyboardInterrupt:
@@ -114,6 +121,7 @@ def _described(found: "SweepStatus") -> dict[str, Any]:
             {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
             for one in found.failures
         ],
+        "damaged": found.damaged,
         "running": found.running,
     }
 
@@ -124,6 +132,8 @@ def _show(folder: Path, found: "SweepStatus") -> None:
         ("chunks done", f"{found.done:,} of {found.chunks:,}"),
         ("chunks failed", f"{len(found.failures):,}"),
     ]
+    if found.damaged:
+        rows.append(("chunks damaged", f"{found.damaged:,}"))
     if found.running is not None:
         rows.append(("at work", found.running))
     table(f"{folder}: {found.task}", ("the sweep", ""), rows)
@@ -131,6 +141,8 @@ def _show(folder: Path, found: "SweepStatus") -> None:
         note(_told(failure))
     if len(found.failures) > _MOST_FAILURES:
         note(f"... and others: all are in {folder / 'failures'}")
+    if found.damaged:
+        note(f"To mend what is damaged: {own_command('jaxcell')} sweep verify {folder}")
     if found.done:
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 

@@ -50,6 +50,7 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
         "done": 3,
         "failed": 0,
         "failures": [],
+        "damaged": 0,
         "running": None,
     }
     with xr.open_dataset("runs/some/sweep.nc") as one, open_sweep("runs/some") as other:
