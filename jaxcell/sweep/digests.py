@@ -31,11 +31,8 @@ def digests(spec: Spec) -> dict[str, str]:
             found[os.path.join(os.path.dirname(text), image.relative_to(path.parent))] = _digest(
                 image
             )
-    module, colon, _ = spec.task.partition(":")
-    if colon and (module_spec := importlib.util.find_spec(module)) is not None:
-        source = module_spec.origin
-        if source is not None and os.path.isfile(source):
-            found[f"task {spec.task}"] = _digest(Path(source))
+    if ":" in spec.task and (source := _source(spec.task.partition(":")[0])) is not None:
+        found[f"task {spec.task}"] = _digest(source)
     return found
 
 
@@ -79,6 +76,16 @@ def _image(path: Path) -> Path | None:
         return None
     name = document.get("image") if isinstance(document, dict) else None
     return path.parent / name if isinstance(name, str) else None
+
+
+def _source(module: str) -> Path | None:
+    """The file of a module, if there is one."""
+    try:
+        found = importlib.util.find_spec(module)
+    except (ImportError, ValueError):
+        return None
+    origin = "" if found is None else found.origin or ""
+    return Path(origin) if os.path.isfile(origin) else None
 
 
 def _digest(path: Path) -> str:

@@ -76,6 +76,7 @@ class SweepStore:
         again. Nothing in it depends on the order of chunks or on the time.
     - `spec.toml` is the specification as it was given.
     - `failures/` has a file for each chunk that failed.
+    - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
     - `lock` tells which process writes.
     """
 

@@ -92,6 +92,16 @@ def test_damage_is_not_mended_with_other_files(begun, tmp_path):
     assert verify_sweep("out").whole
 
 
+def test_a_task_that_cannot_be_found_is_told_where_it_is_needed(begun, tmp_path, monkeypatch):
+    (tmp_path / "user_task.py").unlink()
+    monkeypatch.delitem(sys.modules, "user_task")
+    importlib.invalidate_caches()
+    assert verify_sweep("out").damaged == ()
+    (tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0").unlink()
+    with pytest.raises(ValueError, match=r"task user_task:task: .* there, no such file here"):
+        verify_sweep("out")
+
+
 def test_files_that_are_read(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Image.fromarray(np.zeros((2, 2), np.uint8)).save("room.pgm")
