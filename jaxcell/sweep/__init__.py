@@ -34,7 +34,13 @@ guarantee:
     power, and with `resume` another one computes what is missing and no more.
 - The numbers depend on the specification alone: not on the engine, the number of processes, the
     order in which chunks end, or interruptions. The bytes of the store are the same. A store that
-    was begun with another specification, or another version of jaxcell or JAX, is refused.
+    was begun with another specification, another version of jaxcell or JAX, another module of the
+    task, or other contents of the files that parameters name, is refused. (`anyway` goes on, and
+    the attribute `resumed_anyway` of the result tells with what.)
+- A sweep grows: a specification with all members of the one in the store, and others anywhere among
+    them, keeps what is done, and the result is that of a run of the larger one from the start.
+- Every file of the result has a checksum, and every chunk that is done has all its files.
+    `verify_sweep` reads them all, and computes again what is damaged.
 - One run at a time writes to a store.
 - A member that fails is reported with its parameters and does not stop the others: a chunk that
     fails is computed again in halves, and these in halves. A worker that dies is replaced, and with
@@ -51,12 +57,13 @@ Nothing here imports JAX; the tasks do.
 """
 
 from .engines import engine_named as engine_named
+from .failures import Failure as Failure
+from .mend import Verified as Verified, verify_sweep as verify_sweep
+from .progress import Progress as Progress
 from .run import (
-    Progress as Progress,
     SweepStatus as SweepStatus,
     open_sweep as open_sweep,
     run_sweep as run_sweep,
     sweep_status as sweep_status,
 )
 from .spec import Spec as Spec
-from .store import Failure as Failure
