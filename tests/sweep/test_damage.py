@@ -1,5 +1,6 @@
 """Stores with flipped bits and files that are gone: seen, told, and mended."""
 
+import functools
 import json
 import random
 import shutil
@@ -201,6 +202,20 @@ def test_the_command(out, capsys):
     }
     assert main(["sweep", "verify", str(out)]) == 0
     assert main(["sweep", "verify", str(out / "none")]) == 2
+
+
+def test_a_task_that_prints_leaves_the_output_to_what_was_found(out, capfd, monkeypatch):
+    flip(out / "sweep.zarr" / "count" / "c" / "0" / "4", random.Random(2))
+    monkeypatch.setattr(sweep_stub, "stub", functools.partial(chatty, sweep_stub.stub))
+    assert main(["sweep", "verify", str(out), "--json"]) == 0
+    told = capfd.readouterr()
+    assert json.loads(told.out)["whole"]
+    assert told.err.count("from Python") == 1
+
+
+def chatty(task, batch, fixed, seed):
+    print("from Python")
+    return task(batch, fixed, seed)
 
 
 def test_what_cannot_be_computed_again_is_told(out, monkeypatch):

@@ -119,3 +119,17 @@ def test_files_that_are_read(tmp_path, monkeypatch):
     (tmp_path / "room.pgm").write_bytes(b"")
     again = digests(Spec.load("beside/spec.toml"))
     assert {name for name in found if found[name] != again[name]} == {"room.pgm"}
+
+
+def test_the_image_of_a_map_may_lie_anywhere(tmp_path):
+    (tmp_path / "images").mkdir()
+    (tmp_path / "specs").mkdir()
+    image = tmp_path / "images" / "room.pgm"
+    Image.fromarray(np.zeros((2, 2), np.uint8)).save(image)
+    (tmp_path / "specs" / "whole.yaml").write_text(f"image: {image}")
+    (tmp_path / "specs" / "near.yaml").write_text("image: ../images/room.pgm")
+    (tmp_path / "specs" / "spec.toml").write_text(
+        'task = "groups"\n[grid]\nmap = ["whole.yaml", "near.yaml"]\n'
+    )
+    found = digests(Spec.load(tmp_path / "specs" / "spec.toml"))
+    assert set(found) == {"whole.yaml", "near.yaml", "../images/room.pgm", str(image)}
