@@ -57,7 +57,7 @@ def test_folders_with_nothing_in_common_are_told_from_the_current_one(study, tmp
     origin = json.loads((tmp_path / "out" / "origin.json").read_text())
     assert origin == {"from": "current", "folder": "../study/specs"}
     assert kept_spec(tmp_path / "out").folder == study / "specs"
-    monkeypatch.chdir(study)
+    monkeypatch.chdir(tmp_path.parent)
     with pytest.raises(ValueError, match=r"map: there is no file '../maps/lab_a.json' in .* nor"):
         with_files_found(kept_spec(tmp_path / "out"))
 
@@ -71,6 +71,7 @@ def test_a_damaged_origin_is_none(study, tmp_path, text):
     assert kept_spec(tmp_path / "out").folder == tmp_path / "out"
 
 
+@pytest.mark.slow
 def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
     spec, out = Spec.load("../study/specs/spec.toml"), tmp_path / "runs" / "out"
     run_sweep(spec, out, chunks=[0])
