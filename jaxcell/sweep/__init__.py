@@ -50,8 +50,8 @@ guarantee:
 - Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
     halves of one that failed have others. Only a few chunks are in memory at a time.
 - Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
-    or else to the current one. Workers are told whole paths. A task of your own is given what the
-    specification says.
+    or else to the current one; the store remembers where that folder is. Workers are told whole
+    paths. A task of your own is given what the specification says.
 
 Nothing here imports JAX; the tasks do.
 """
