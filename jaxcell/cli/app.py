@@ -24,6 +24,7 @@ from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .sweep import Sweep, SweepState
+from .sweep_verify import SweepVerify
 from .sweep_view import SweepView
 from .team import Team
 from .view import View
@@ -46,6 +47,7 @@ _COMMANDS = {
     "robot sketch": RobotSketch,
     "sweep": Sweep,
     "sweep status": SweepState,
+    "sweep verify": SweepVerify,
     "sweep view": SweepView,
     "team": Team,
     "view": View,
