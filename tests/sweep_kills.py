@@ -88,7 +88,7 @@ def await_chunks(folder: Path, count: int) -> None:
 
 
 def main() -> None:
-    file, base, engine, kills, seed = sys.argv[1:]
+    file, base, engine, kills, seed, *begun = sys.argv[1:]
     spec, rng = Spec.load(file), random.Random(int(seed))
     whole, folder = Path(base) / "whole", Path(base) / "killed"
     began = time.monotonic()
@@ -97,9 +97,12 @@ def main() -> None:
     expected = tree(whole)
     done, rounds, partial = 0, 0, 0
     while done < int(kills):
+        if begun and not folder.exists():
+            # A smaller sweep, to grow.
+            shutil.copytree(begun[0], folder)
         # Half of the kills at a moment, half at an operation on a file.
         if engine == "local" and rng.random() < 0.5:
-            killed = ended(forked(spec, folder, engine, events=rng.randrange(60)))
+            killed = ended(forked(spec, folder, engine, events=rng.randrange(200 if begun else 60)))
         else:
             process = forked(spec, folder, engine)
             if engine == "local":

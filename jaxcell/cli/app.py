@@ -26,6 +26,7 @@ from .robot_sketch import RobotSketch
 from .run import Run
 from .studies import Cover
 from .sweep import Sweep, SweepState
+from .sweep_verify import SweepVerify
 from .sweep_view import SweepView
 from .team import Team
 from .view import View
@@ -49,6 +50,7 @@ _COMMANDS = {
     "run": Run,
     "sweep": Sweep,
     "sweep status": SweepState,
+    "sweep verify": SweepVerify,
     "sweep view": SweepView,
     "team": Team,
     "view": View,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ..files import replacing
-from .terminal import duration, note, status, stdout_on_stderr, steps, table
+from .terminal import duration, note, own_command, status, stdout_on_stderr, steps, table
 
 
 if TYPE_CHECKING:
@@ -37,7 +37,11 @@ class Sweep:
     workers: int | None = None
     """Number of processes of the engines processes and dask; by default that of processors."""
     resume: bool = False
-    """Go on with the sweep in the folder, if there is one."""
+    """Go on with the sweep in the folder, if there is one; with more values of its parameters,
+    too."""
+    anyway: bool = False
+    """With --resume: go on although files, the task or versions are others now. The result tells
+    which, in the attribute resumed_anyway."""
     timeout: float | None = None
     """Seconds after which a chunk is ended and computed again in halves, until the members that
     take so long alone have failed. Not for the engine local, which cannot end a chunk."""
@@ -57,6 +61,8 @@ class Sweep:
         sys.path.append(os.getcwd())
         from ..sweep import Spec, run_sweep
 
+        if self.anyway and not self.resume:
+            raise ValueError("--anyway: expected with --resume")
         spec = Spec.load(self.spec)
         out = Path("runs") / self.spec.stem if self.out is None else self.out
         began = time.perf_counter()
@@ -68,6 +74,7 @@ class Sweep:
                     engine=self.engine,
                     workers=self.workers,
                     resume=self.resume,
+                    anyway=self.anyway,
                     timeout=self.timeout,
                     max_failures=self.max_failures,
                     progress=show,
@@ -123,6 +130,7 @@ def _described(found: "SweepStatus") -> dict[str, Any]:
             {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
             for one in found.failures
         ],
+        "damaged": found.damaged,
         "running": found.running,
         "members_per_second": found.rate,
         "seconds_left": found.left,
@@ -135,6 +143,8 @@ def _show(folder: Path, found: "SweepStatus") -> None:
         ("chunks done", f"{found.done:,} of {found.chunks:,}"),
         ("members failed", f"{len(found.failures):,}"),
     ]
+    if found.damaged:
+        rows.append(("chunks damaged", f"{found.damaged:,}"))
     if found.running is not None:
         rows.append(("at work", found.running))
     if found.rate is not None and found.left is not None:
@@ -147,6 +157,8 @@ def _show(folder: Path, found: "SweepStatus") -> None:
         note(failure_told(failure))
     if len(found.failures) > _MOST_FAILURES:
         note(f"... and others: all are in {folder / 'failures'}")
+    if found.damaged:
+        note(f"To mend what is damaged: {own_command('jaxcell')} sweep verify {folder}")
     if found.done:
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 

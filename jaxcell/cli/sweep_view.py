@@ -40,12 +40,13 @@ class SweepView:
     """The recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd there."""
 
     def run(self) -> int:
-        from ..sweep import Spec, sweep_status
+        from ..sweep import sweep_status
+        from ..sweep.files import kept_spec
 
         if self.out is not None and self.out.suffix != ".rrd":
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
         found = sweep_status(self.folder)
-        spec = Spec.load(self.folder / "spec.toml")
+        spec = kept_spec(self.folder)
         if self.select:
             return self._member(spec, found.failures)
         from .. import record
@@ -63,10 +64,12 @@ class SweepView:
     def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
         from ..sweep import open_sweep
         from ..sweep.store import reading
+        from ..sweep.work import with_files_found, with_task_found
         from .sweep_member import check_detail, member_detail
 
         # A task may stand in a file beside the user.
         sys.path.append(str(Path.cwd()))
+        spec = with_task_found(spec)
         check_detail(spec.task)
         places = selected(spec, self.select)
         name = ",".join(re.sub(r"[^\w.=+-]+", "_", f"{k}={v}") for k, v in named(spec, places))
@@ -81,7 +84,7 @@ class SweepView:
         out = self.folder / "members" / f"{name}.rrd" if self.out is None else self.out
         out.parent.mkdir(parents=True, exist_ok=True)
         _show(name, member)
-        member_detail(spec.task, parameters(spec, places), spec.seed, out)
+        member_detail(spec.task, parameters(with_files_found(spec), places), spec.seed, out)
         return _open(out)
 
 

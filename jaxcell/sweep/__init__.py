@@ -34,7 +34,13 @@ guarantee:
     power, and with `resume` another one computes what is missing and no more.
 - The numbers depend on the specification alone: not on the engine, the number of processes, the
     order in which chunks end, or interruptions. The bytes of the store are the same. A store that
-    was begun with another specification, or another version of jaxcell or JAX, is refused.
+    was begun with another specification, another version of jaxcell or JAX, another module of the
+    task, or other contents of the files that parameters name, is refused. (`anyway` goes on, and
+    the attribute `resumed_anyway` of the result tells with what.)
+- A sweep grows: a specification with all members of the one in the store, and others anywhere among
+    them, keeps what is done, and the result is that of a run of the larger one from the start.
+- Every file of the result has a checksum, and every chunk that is done has all its files.
+    `verify_sweep` reads them all, and computes again what is damaged.
 - One run at a time writes to a store.
 - A member that fails is reported with its parameters and does not stop the others: a chunk that
     fails is computed again in halves, and these in halves. A worker that dies is replaced, and with
@@ -44,19 +50,20 @@ guarantee:
 - Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
     halves of one that failed have others. Only a few chunks are in memory at a time.
 - Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
-    or else to the current one. Workers are told whole paths. A task of your own is given what the
-    specification says.
+    or else to the current one; the store remembers where that folder is. Workers are told whole
+    paths. A task of your own is given what the specification says.
 
 Nothing here imports JAX; the tasks do.
 """
 
 from .engines import engine_named as engine_named
+from .failures import Failure as Failure
+from .mend import Verified as Verified, verify_sweep as verify_sweep
+from .progress import Progress as Progress
 from .run import (
-    Progress as Progress,
     SweepStatus as SweepStatus,
     open_sweep as open_sweep,
     run_sweep as run_sweep,
     sweep_status as sweep_status,
 )
 from .spec import Spec as Spec
-from .store import Failure as Failure

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import reprlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,10 @@ _MOST_VALUES = 10_000_000
 _LARGEST = 1e300
 # A range ends before its stop, where rounding may have left the last value an ulp too small.
 _STEP_TOLERANCE = 1e-9
+_MOST_LISTED = 6
+_LONGEST = 60
+_KIND_NAMES = {"i": "integers", "f": "floats", "b": "booleans", "U": "strings"}
+_TABLE_OF = {LIST_DIMENSION: "[list]", RANDOM_DIMENSION: "[random]"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +94,42 @@ def check_name(name: str) -> None:
         raise ValueError(
             f"{name!r}: expected a name of letters, digits and underscores, other than {reserved}"
         )
+
+
+def parameter_difference(there: Parameter | None, here: Parameter | None) -> str | None:
+    """What is different between the values of a parameter there and here, if anything."""
+    if there is None or here is None:
+        sizes = ["nothing" if one is None else _values(one.values.size) for one in (there, here)]
+        return f"{sizes[0]} there, {sizes[1]} here"
+    if there.dimension != here.dimension:
+        tables = [_TABLE_OF.get(one.dimension, "[grid]") for one in (there, here)]
+        return f"in {tables[0]} there, in {tables[1]} here"
+    kinds = [_KIND_NAMES[one.values.dtype.kind] for one in (there, here)]
+    if kinds[0] != kinds[1]:
+        return f"{kinds[0]} there, {kinds[1]} here"
+    old, new = there.values.tolist(), here.values.tolist()
+    if old == new:
+        return None
+    told = f"{_values(len(old))} there, {len(new)} here"
+    parts = {"new": Counter(new) - Counter(old), "missing": Counter(old) - Counter(new)}
+    if not any(parts.values()):
+        return f"{told}; in another order"
+    listed = [f"{name}: {_listed([*some.elements()])}" for name, some in parts.items() if some]
+    return "; ".join([told, ", ".join(listed)])
+
+
+def _values(count: int) -> str:
+    return f"{count} value{'s' * (count != 1)}"
+
+
+def _listed(values: Sequence[Any]) -> str:
+    """A few of many values."""
+    texts = [
+        text if len(text) <= _LONGEST else text[:_LONGEST] + "..." for text in map(str, values)
+    ]
+    if len(texts) <= _MOST_LISTED:
+        return ", ".join(texts)
+    return f"{', '.join(texts[: _MOST_LISTED - 2])}, ..., {texts[-1]}"
 
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:

@@ -14,6 +14,8 @@ class Parts:
     """What is known of a chunk. Places are those in its batch."""
 
     chunk: Chunk
+    members: int
+    "How many of its members the run is to compute."
     computed: list[tuple[np.ndarray, Computed]] = dataclasses.field(default_factory=list)
     "Places, and their results."
     failed: dict[int, Failed] = dataclasses.field(default_factory=dict)
@@ -39,24 +41,19 @@ class Halving:
 
     def settle(self, job: Job, outcome: Computed | Failed) -> Parts | None:
         """Takes the outcome of a job, and gives the chunk if all of it is known now."""
+        chunk = self._spec.chunk(job.number)
+        inside = np.intersect1d(job.places, self._spec.places(chunk))
         if job.number not in self.begun:
-            self.begun[job.number] = Parts(self._spec.chunk(job.number))
+            self.begun[job.number] = Parts(chunk, inside.size)
         parts = self.begun[job.number]
         parts.open -= 1
         if isinstance(outcome, Computed):
             parts.computed.append((job.places, outcome))
-        elif (inside := np.intersect1d(job.places, self._spec.places(parts.chunk))).size == 1:
+        elif inside.size == 1:
             parts.failed[int(inside[0])] = outcome
             self.failed += 1
         else:
             halves = np.array_split(inside, 2)
-            self._halves += [_part(job, half) for half in reversed(halves)]
+            self._halves += [job.part(half) for half in reversed(halves)]
             parts.open += len(halves)
         return None if parts.open else self.begun.pop(job.number)
-
-
-def _part(job: Job, places: np.ndarray) -> Job:
-    """A job with some of the members of another one."""
-    rows = np.searchsorted(job.places, places)
-    batch = {name: values[rows] for name, values in job.batch.items()}
-    return dataclasses.replace(job, places=places, batch=batch)

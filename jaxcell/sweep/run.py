@@ -3,27 +3,22 @@
 import contextlib
 import dataclasses
 import errno
-import json
-import math
 import os
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from ..files import replacing
 from .engines import engine_named
+from .failures import Failure
+from .files import kept_spec
+from .frame import DONE
 from .halving import Halving
-from .spec import Chunk, Spec
-from .store import DONE, Failure, SweepStore, made_with, reading, running
-from .work import Computed, Job, check_parameters, failure, jax_is_wide, with_files_found
-
-
-# How far a run is, for those who ask meanwhile.
-_PROGRESS = "progress.json"
-_SECONDS_BETWEEN = 1.0
+from .progress import Count, Progress, read_down, written_down
+from .spec import Spec
+from .store import DAMAGED, SweepStore, made_with, reading, running
+from .work import Computed, Job, failure, jax_is_wide, prepared
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +33,8 @@ class SweepStatus:
     "Chunks all of whose members are done."
     failures: tuple[Failure, ...]
     "Members that failed."
+    damaged: int
+    "Chunks that were done and have lost a file; [`verify_sweep`][] looks into the files too."
     running: str | None
     "Which process is at work on it, if any."
     rate: float | None
@@ -50,24 +47,6 @@ class SweepStatus:
         return self.done == self.chunks
 
 
-@dataclasses.dataclass(frozen=True)
-class Progress:
-    """How far a run is."""
-
-    chunks: int
-    "All chunks of the sweep."
-    done: int
-    "Chunks that have been computed, those of former runs included."
-    failed: int
-    "Members that failed in this run."
-    rate: float
-    "Members computed in this run a second, those that failed included."
-    left: float
-    "Seconds that the rest will take at this rate."
-    failures: tuple[Failure, ...]
-    "Those in the chunk that ended just now."
-
-
 def run_sweep(
     spec: Spec,
     out: str | os.PathLike[str],
@@ -75,6 +54,8 @@ def run_sweep(
     engine: str = "local",
     workers: int | None = None,
     resume: bool = False,
+    anyway: bool = False,
+    chunks: Collection[int] | None = None,
     timeout: float | None = None,
     max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -91,8 +72,12 @@ def run_sweep(
     - `out`: the folder of the store. One run at a time can be at work on it.
     - `engine`: `local`, `processes`, `dask` or `dask://host:port`; see [`engine_named`][].
     - `workers`: how many processes, for `processes` and `dask`.
-    - `resume`: go on with the sweep that is there, if there is one: chunks that are done stay,
-        those of which members failed are tried again.
+    - `resume`: go on with the sweep that is there, if there is one: members that are done stay,
+        those that failed are tried again. If `spec` has all members of that sweep and others, it
+        grows to these.
+    - `anyway`: resume although versions, the task, or files that members read are others now; the
+        attribute `resumed_anyway` of the result tells which.
+    - `chunks`: the numbers of chunks to compute; by default all that are not done.
     - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
     - `max_failures`: the run ends when more members than that have failed.
     - `progress`: called when the work begins and with each chunk that ends.
@@ -102,9 +87,9 @@ def run_sweep(
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not take, or if the sweep that is there is of another specification, or was begun with another
-    version of jaxcell or JAX; `FileExistsError` if one is there and `resume` was not asked for;
-    `BlockingIOError` if another run is at work on it; `OSError` if the store cannot be written, or
-    the scheduler of a cluster cannot be reached.
+    version of jaxcell or JAX, another task, or other files; `FileExistsError` if one is there and
+    `resume` was not asked for; `BlockingIOError` if another run is at work on it; `OSError` if the
+    store cannot be written, or the scheduler of a cluster cannot be reached.
 
     The periodic groups of two angles on one map:
 
@@ -124,18 +109,19 @@ def run_sweep(
     start = engine_named(engine, workers, timeout)
     if max_failures is not None and max_failures < 0:
         raise ValueError(f"max_failures: expected 0 or more, got {max_failures}")
-    try:
-        check_parameters(spec)
-        found = with_files_found(spec)
-    except ValueError as error:
-        raise ValueError(f"{spec.path}: {error}") from error
+    found = prepared(spec)
     wide = jax_is_wide()
-    with SweepStore.opened(folder, spec, resume, made_with(wide)) as store:
-        numbers = np.flatnonzero(store.states() != DONE)
-        count = _Count(spec.chunk_count, spec.chunk_count - numbers.size)
-        work = Halving(spec, (_job(found, int(number), wide) for number in numbers))
+    with SweepStore.opened(folder, spec, resume, made_with(spec, wide), anyway) as store:
+        states = store.states()
+        for number in np.flatnonzero(states == DAMAGED):
+            store.forget(spec.chunk(int(number)))
+        numbers = np.flatnonzero(states != DONE)
+        if chunks is not None:
+            numbers = np.intersect1d(numbers, [*chunks])
+        count = Count(spec.chunk_count, spec.chunk_count - numbers.size)
+        work = Halving(spec, (_job(store, found, int(number), wide) for number in numbers))
         with (
-            _written_down(folder) as write_down,
+            written_down(folder) as write_down,
             contextlib.closing(start(work.take)) as outcomes,
             _writing(folder),
         ):
@@ -155,7 +141,7 @@ def run_sweep(
                         outcome = failure(error)
                 parts = work.settle(job, outcome)
                 if parts is not None:
-                    count.add(parts.chunk)
+                    count.add(parts.members)
                     tell(store.write(parts))
                 if max_failures is not None and work.failed > max_failures:
                     # Of chunks that are not whole, what failed is kept.
@@ -192,13 +178,12 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         ('groups', {'bounce': 2}, True, None)
     """
     folder = Path(out)
-    if not (folder / "spec.toml").is_file():
-        raise ValueError(f"{folder}: expected the folder of a sweep; it has no spec.toml")
-    spec = Spec.load(folder / "spec.toml")
+    spec = kept_spec(folder)
     store = SweepStore(folder, spec, {})
     states = store.states()
     at_work = running(folder)
-    rate, left = _read_down(folder) if at_work is not None else (None, None)
+    with reading(folder):
+        rate, left = read_down(folder) if at_work is not None else (None, None)
     return SweepStatus(
         spec.task,
         spec.dimensions,
@@ -206,6 +191,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
         spec.chunk_count,
         int((states == DONE).sum()),
         tuple(store.failures(states)),
+        int((states == DAMAGED).sum()),
         at_work,
         rate,
         left,
@@ -243,76 +229,24 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
         [1, 1] [1, 1]
     """
     path = Path(out) / "sweep.zarr"
+    told = sweep_status(out)
     if not path.is_dir():
-        told = sweep_status(out)
         raise ValueError(f"{path}: no chunk is done yet, of {told.chunks}")
-    with reading(path):
+    if told.damaged:
+        raise ValueError(
+            f"{path}: {told.damaged} of {told.chunks} chunks are damaged; to mend them: "
+            f"jaxcell sweep verify {out}"
+        )
+    with reading(Path(out)):
         return xr.open_zarr(path, consolidated=True)
 
 
-class _Count:
-    """What a run has done so far."""
-
-    def __init__(self, chunks: int, done: int) -> None:
-        self.chunks, self.done, self.failed = chunks, done, 0
-        self._left, self._ended, self._members = chunks - done, 0, 0
-        self._began = time.monotonic()
-
-    def add(self, chunk: Chunk) -> None:
-        self.done += 1
-        self._ended += 1
-        self._members += int(np.prod(chunk.shape))
-
-    def told(self, failures: tuple[Failure, ...]) -> Progress:
-        self.failed += len(failures)
-        seconds = max(time.monotonic() - self._began, 1e-9)
-        each = seconds / self._ended if self._ended else float("nan")
-        return Progress(
-            self.chunks,
-            self.done,
-            self.failed,
-            self._members / seconds,
-            (self._left - self._ended) * each,
-            failures,
-        )
-
-
-def _job(spec: Spec, number: int, wide: bool) -> Job:
-    batch = spec.batch(spec.chunk(number))
-    places = np.arange(len(next(iter(batch.values()))))
-    return Job(number, places, spec.task, batch, spec.fixed, spec.seed, wide)
-
-
-@contextlib.contextmanager
-def _written_down(folder: Path) -> Iterator[Callable[[Progress], None]]:
-    """Keeps in the folder how fast a run is."""
-    path = folder / _PROGRESS
-    path.unlink(missing_ok=True)
-    last = -math.inf
-
-    def write(progress: Progress) -> None:
-        nonlocal last
-        if math.isfinite(progress.left) and time.monotonic() >= last + _SECONDS_BETWEEN:
-            last = time.monotonic()
-            with replacing(path) as temporary:
-                now = {"rate": progress.rate, "left": progress.left, "at": time.time()}
-                temporary.write_text(json.dumps(now), encoding="utf-8")
-
-    try:
-        yield write
-    finally:
-        path.unlink(missing_ok=True)
-
-
-def _read_down(folder: Path) -> tuple[float | None, float | None]:
-    """Members a second and seconds left of the run at work, once it knows."""
-    try:
-        with reading(folder):
-            kept = json.loads((folder / _PROGRESS).read_text(encoding="utf-8"))
-            since = max(time.time() - float(kept["at"]), 0.0)
-            return float(kept["rate"]), max(float(kept["left"]) - since, 0.0)
-    except FileNotFoundError:
-        return None, None
+def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
+    """The members of a chunk that are missing."""
+    chunk = spec.chunk(number)
+    job, missing = Job.of(spec, chunk, wide), store.missing(chunk).ravel()
+    # One that is whole has those too that stand in for others, so that it is of the usual length.
+    return job if missing.all() else job.part(spec.places(chunk)[missing])
 
 
 @contextlib.contextmanager

@@ -6,16 +6,18 @@ import math
 import os
 import reprlib
 import tomllib
+from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .design import Parameter, check_name, read_parameters
+from .design import Parameter, check_name, parameter_difference, read_parameters
 
 
-_TABLES = ("fixed", "grid", "list", "random")
+_PARAMETERS = ("grid", "list", "random")
+_TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
 # A chunk is a file for each variable of the result, and a line in the books of the driver.
@@ -64,6 +66,8 @@ class Spec:
 
     path: Path
     "The file."
+    folder: Path
+    "Where names of files in it start: the folder of the file, or of that it is a copy of."
     text: bytes
     "What is in it."
     document: Mapping[str, Any]
@@ -78,8 +82,15 @@ class Spec:
     "How many chunk members lie along each dimension; at an edge fewer may."
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "Spec":
+    def load(
+        cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
+    ) -> "Spec":
         """Reads a specification.
+
+        **Arguments:**
+
+        - `path`: the file.
+        - `folder`: where names of files in it start; by default the folder of the file.
 
         **Raises:** `ValueError` that names the file, the field, and what is wrong;
         `FileNotFoundError`.
@@ -92,7 +103,7 @@ class Spec:
         text = path.read_bytes()
         try:
             document = tomllib.loads(text.decode("utf-8"))
-            return cls._read(path, text, document)
+            return cls._read(path, path.parent if folder is None else Path(folder), text, document)
         except RecursionError:
             raise ValueError(f"{path}: its brackets are nested too deeply") from None
         except ValueError as error:
@@ -102,7 +113,7 @@ class Spec:
             raise ValueError(f"{path}: {cut}") from None
 
     @classmethod
-    def _read(cls, path: Path, text: bytes, document: dict[str, Any]) -> "Spec":
+    def _read(cls, path: Path, folder: Path, text: bytes, document: dict[str, Any]) -> "Spec":
         unknown = next((field for field in document if field not in _FIELDS), None)
         if unknown is not None:
             raise ValueError(f"unknown field {unknown!r}; expected {', '.join(_FIELDS)}")
@@ -126,7 +137,7 @@ class Spec:
                 raise ValueError(f"fixed.{name}: it is a parameter too; expected one of both")
         sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
         lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
-        spec = cls(path, text, document, task, seed, fixed, parameters, lengths)
+        spec = cls(path, folder, text, document, task, seed, fixed, parameters, lengths)
         if spec.chunk_count > _MOST_CHUNKS:
             raise ValueError(
                 f"chunk: {spec.chunk_count} chunks for {spec.members} members; expected at most "
@@ -202,18 +213,65 @@ class Spec:
         }
 
     def differences(self, other: "Spec") -> list[str]:
-        """What another specification says otherwise: a field and both values each."""
-        ours, theirs = dict(_flat(self.document)), dict(_flat(other.document))
+        """What another specification says otherwise.
+
+        A field with both values; of a parameter the number of values and those that are new or
+        missing in the other.
+        """
         told = []
+        ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
                 place = next((i for i, (a, b) in pairs if a != b), 0)
                 told.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
+        there_by, here_by = (
+            {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
+        )
+        for name in dict.fromkeys(itertools.chain(there_by, here_by)):
+            difference = parameter_difference(there_by.get(name), here_by.get(name))
+            if difference is not None:
+                told.append(f"{name}: {difference}")
         if not told and list(self.dimensions) != list(other.dimensions):
             told.append(f"grid: in the order {', '.join(self.dimensions)} there")
         return told
+
+    def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
+        """Where the members of another specification are among those of this one.
+
+        **Returns:** for each dimension and each place along it the place in `old`, -1 where it has
+        none; or `None` if a member of `old` is missing here, or something else is different.
+        """
+        names = {one.name: (one.dimension, one.values.dtype.kind) for one in self.parameters}
+        if (
+            list(_flat(self._rest())) != list(_flat(old._rest()))
+            or list(self.dimensions) != list(old.dimensions)
+            or names != {one.name: (one.dimension, one.values.dtype.kind) for one in old.parameters}
+        ):
+            return None
+        found = {}
+        for dimension in self.dimensions:
+            there: dict[tuple[Any, ...], deque[int]] = {}
+            for place, row in enumerate(old._rows(dimension)):
+                there.setdefault(row, deque()).append(place)
+            places = [
+                there[row].popleft() if there.get(row) else -1 for row in self._rows(dimension)
+            ]
+            if any(there.values()):
+                return None
+            found[dimension] = np.array(places)
+        return found
+
+    def _rest(self) -> dict[str, Any]:
+        """The document without the parameters, its fields in order."""
+        rest = {name: self.document[name] for name in sorted(self.document)}
+        return {name: value for name, value in rest.items() if name not in _PARAMETERS}
+
+    def _rows(self, dimension: str) -> Iterator[tuple[Any, ...]]:
+        """The values at each place along a dimension, of parameters by name."""
+        own = sorted((one.name, one) for one in self.parameters if one.dimension == dimension)
+        return zip(*(one.values.tolist() for _, one in own), strict=True)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

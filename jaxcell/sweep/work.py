@@ -18,7 +18,8 @@ import xarray as xr
 from ..study import Study, parameters
 from ..study.loading import load_module
 from .design import LIST_DIMENSION
-from .spec import Spec
+from .files import find_file, folders
+from .spec import Chunk, Spec
 from .studies import studies, study_task
 
 
@@ -43,6 +44,19 @@ class Job:
     seed: int
     wide: bool
     "Whether JAX is to compute with 64 bits, as in the process that asks for the chunk."
+
+    @classmethod
+    def of(cls, spec: Spec, chunk: Chunk, wide: bool) -> "Job":
+        """A whole chunk."""
+        batch = spec.batch(chunk)
+        places = np.arange(len(next(iter(batch.values()))))
+        return cls(chunk.number, places, spec.task, batch, spec.fixed, spec.seed, wide)
+
+    def part(self, places: np.ndarray) -> "Job":
+        """Some of the members, by their places in the batch of the whole chunk."""
+        rows = np.searchsorted(self.places, places)
+        batch = {name: values[rows] for name, values in self.batch.items()}
+        return dataclasses.replace(self, places=places, batch=batch)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,6 +136,26 @@ def check_parameters(spec: Spec) -> None:
         members(spec.task, known, spec.batch(spec.chunk(0)), spec.fixed)
 
 
+def prepared(spec: Spec) -> Spec:
+    """A specification that has been looked at, as jobs are told it: with its files found.
+
+    **Raises:** `ValueError` as `check_parameters` and `with_files_found` do, with its name.
+    """
+    try:
+        spec = with_task_found(spec)
+        check_parameters(spec)
+        return with_files_found(spec)
+    except ValueError as error:
+        raise ValueError(f"{spec.path}: {error}") from error
+
+
+def with_task_found(spec: Spec) -> Spec:
+    """A specification whose task, if it is named by its file, is found from any folder."""
+    file, colon, name = spec.task.partition(":")
+    path = find_file(spec, file) if colon and file.endswith(".py") else None
+    return spec if path is None else dataclasses.replace(spec, task=f"{path}:{name}")
+
+
 def with_files_found(spec: Spec) -> Spec:
     """A specification whose built-in task finds its files wherever it runs.
 
@@ -160,11 +194,9 @@ def _parameters(task: str) -> Mapping[str, Any] | None:
 def _found(spec: Spec, name: str, value: Any) -> Any:
     if not isinstance(value, str) or Path(value).is_absolute():
         return value
-    folders = dict.fromkeys((spec.path.parent.resolve(), Path.cwd()))
-    for folder in folders:
-        if (folder / value).exists():
-            return str(folder / value)
-    looked = " nor in ".join(map(str, folders))
+    if (path := find_file(spec, value)) is not None:
+        return str(path)
+    looked = " nor in ".join(map(str, folders(spec)))
     raise ValueError(f"{name}: there is no file {value!r} in {looked}")
 
 

@@ -99,6 +99,7 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
         "robot replay": [path],
         "robot run": [path, "--simulate", LAB],
         "sweep status": [path],
+        "sweep verify": [path],
         "sweep view": [path],
         "view": [path],
     }

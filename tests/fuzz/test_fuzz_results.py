@@ -14,7 +14,7 @@ from PIL import Image
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
 from jaxcell.space import CellSpace
-from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
+from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 
 
 SPEC = 'task = "sweep_stub:stub"\nchunk = 2\n[grid]\nx = [1, 2, 3]\n[fixed]\nfail = 3\n'
@@ -106,7 +106,7 @@ def test_damaged_sweeps(tmp_path, sweep, data):
     else:
         _, content = data.draw(damaged({name: (out / name).read_bytes()}))
         (out / name).write_bytes(content)
-    for use in (sweep_status, describe, open_sweep, gone_on_with):
+    for use in (sweep_status, describe, open_sweep, gone_on_with, verify_sweep):
         try:
             with limits():
                 use(out)

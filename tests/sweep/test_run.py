@@ -268,7 +268,12 @@ def test_chunks_that_a_power_cut_spoilt_are_written_again(stub_spec, tmp_path, w
     (out / ".spec-01234567.toml").touch()
     assert run_sweep(spec, out, resume=True).complete
     assert tree(out) == whole
-    assert sorted(path.name for path in out.iterdir()) == ["lock", "spec.toml", "sweep.zarr"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "lock",
+        "origin.json",
+        "spec.toml",
+        "sweep.zarr",
+    ]
 
 
 def test_provenance(stub_spec, tmp_path):

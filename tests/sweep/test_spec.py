@@ -202,16 +202,58 @@ def test_differences(tmp_path):
     new = load(tmp_path, 'task = "a:b"\nseed = 0\n[fixed]\nq = 1.0\n[grid]\nx = [3]\ny = [1, 2]')
     assert old.differences(new) == [
         "fixed.q: 1 there, 1.0 here",
-        "grid.x.count: 1000 there, nothing here",
         "seed: nothing there, 0 here",
-        "grid.x: nothing there, [3] here",
+        "x: 1000 values there, 1 here; missing: 0, 1, 2, 4, ..., 999",
     ]
     turned = load(tmp_path, 'task = "a:b"\n[fixed]\nq = 1\n[grid]\ny = [1, 2]\nx = {count = 1000}')
     assert old.differences(turned) == ["grid: in the order x, y there"]
     long = ", ".join(map(str, range(1000)))
     first = load(tmp_path, f'task = "a:b"\n[grid]\nx = [{long}]')
-    second = load(tmp_path, f'task = "a:b"\n[grid]\nx = [{long}.5]')
+    second = load(tmp_path, f'task = "a:b"\n[grid]\nx = [{long}, 1000]')
+    assert first.differences(second) == ["x: 1000 values there, 1001 here; new: 1000"]
+    first = load(tmp_path, f'task = "a:b"\nfixed.q = [{long}]\n[grid]\nx = [1]')
+    second = load(tmp_path, f'task = "a:b"\nfixed.q = [{long}.5]\n[grid]\nx = [1]')
     (told,) = first.differences(second)
     assert len(told) < 200
     assert "999] there" in told
     assert "999.5] here" in told
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("[grid]\nx = [1, 2]", "[grid]\nx = [2, 1]", "x: 2 values there, 2 here; in another order"),
+        ("[grid]\nx = [1, 2]", "[grid]\nx = [1, 2.0]", "x: integers there, floats here"),
+        ("[grid]\nx = [1]", "[list]\nx = [1]", "x: in [grid] there, in [list] here"),
+        ("[grid]\nx = [1]", "[grid]\nx = [1]\ny = [1]", "y: nothing there, 1 value here"),
+        ("[grid]\nx = ['a']", "[grid]\nx = ['b']", "x: 1 value there, 1 here; new: b, missing: a"),
+    ],
+)
+def test_differences_of_parameters(tmp_path, old, new, told):
+    first = load(tmp_path, f'task = "a:b"\n{old}')
+    second = load(tmp_path, f'task = "a:b"\n{new}')
+    assert first.differences(second) == [told]
+
+
+def test_the_same_values_written_otherwise_are_no_difference(tmp_path):
+    first = load(tmp_path, 'task = "a:b"\n[grid]\nx = [0, 1, 2]')
+    second = load(tmp_path, 'task = "a:b"\n[grid]\nx = {count = 3}')
+    assert first.differences(second) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "places"),
+    [
+        ("[grid]\nx = [1, 2]", "[grid]\nx = [3, 2, 1]", {"x": [-1, 1, 0]}),
+        ("[grid]\nx = [1, 2]", "[grid]\nx = [1, 3]", None),
+        ("[grid]\nx = [1]", "[grid]\nx = [1]\ny = [1]", None),
+        ("[grid]\nx = [1]\ny = [1]", "[grid]\ny = [1, 2]\nx = [1]", None),
+        ("[grid]\nx = [1]\n[fixed]\nq = 1", "[grid]\nx = [1, 2]\n[fixed]\nq = 2", None),
+        ("[list]\nx = [1, 1]\ny = [2, 2]", "[list]\ny = [2, 3, 2]\nx = [1, 1, 1]",
+         {"member": [0, -1, 1]}),
+    ],
+)  # fmt: skip
+def test_places(tmp_path, old, new, places):
+    first = load(tmp_path, f'task = "a:b"\n{old}')
+    found = load(tmp_path, f'task = "a:b"\n{new}').places_in(first)
+    assert (found and {name: some.tolist() for name, some in found.items()}) == places

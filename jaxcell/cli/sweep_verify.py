@@ -1,0 +1,61 @@
+import dataclasses
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from .terminal import note, status, stdout_on_stderr, table
+
+
+_MOST_LISTED = 10
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SweepVerify:
+    """Read all that is in a sweep, and compute again what is damaged: flipped bits, files gone.
+
+    Exit status: 0 nothing is damaged any more, 1 something could not be computed, 2 bad input."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of the sweep."""
+    engine: str = "local"
+    """Where chunks are computed: local, processes, dask, or dask://host:port; see sweep."""
+    workers: int | None = None
+    """Number of processes of the engines processes and dask; by default that of processors."""
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+    def run(self) -> int:
+        # As in `sweep`.
+        os.environ.setdefault("JAX_ENABLE_X64", "1")
+        sys.path.append(os.getcwd())
+        from ..sweep import verify_sweep
+
+        with stdout_on_stderr(), status(f"reading {self.folder}"):
+            found = verify_sweep(self.folder, engine=self.engine, workers=self.workers)
+        rows = [
+            ("chunks checked", f"{found.chunks:,}"),
+            ("damaged", f"{len(found.damaged):,}"),
+            ("recomputed", f"{found.recomputed:,}"),
+            ("chunks done", f"{found.status.done:,} of {found.status.chunks:,}"),
+        ]
+        if self.json:
+            summary = {
+                "out": str(self.folder),
+                "chunks": found.chunks,
+                "damaged": list(found.damaged),
+                "recomputed": found.recomputed,
+                "done": found.status.done,
+                "whole": found.whole,
+            }
+            print(json.dumps(summary))
+        else:
+            table(f"{self.folder}: {found.status.task}", ("the sweep", ""), rows)
+            for one in found.damaged[:_MOST_LISTED]:
+                note(f"damaged: {one}")
+            if len(found.damaged) > _MOST_LISTED:
+                note(f"... and others: {len(found.damaged) - _MOST_LISTED:,}")
+        return 0 if found.whole else 1

@@ -1,0 +1,115 @@
+"""A sweep that grows: a store of more members that keeps those that are done.
+
+The larger store is built beside the smaller one, as a run of the larger specification from the
+start would have made it, in the folder `grown`, which gets its name when all is on the disk. From
+then on any run that opens the store puts it in place, however often runs are killed meanwhile.
+"""
+
+import os
+import secrets
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import zarr
+
+from .frame import DONE, TO_DO, fill, make_frame, open_arrays
+from .spec import Chunk, Spec
+from .work import Computed, Variable
+
+
+if TYPE_CHECKING:
+    from .store import SweepStore
+
+
+def grow(
+    old: "SweepStore",
+    spec: Spec,
+    places: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any],
+) -> None:
+    """Makes a store one of a larger specification; chunks that are damaged are to do there.
+
+    **Arguments:**
+
+    - `old`: the store; nobody else writes there.
+    - `spec`: the larger specification.
+    - `places`: where its members are in the store, by `Spec.places_in`.
+    - `attributes`: of the larger result, beside those that tell its specification.
+    """
+    temporary = old.folder / f".sweep-{secrets.token_hex(4)}"
+    temporary.mkdir()
+    if old.arrays:
+        for number in old.damaged():
+            old.forget(old.spec.chunk(number))
+        result = temporary / "sweep.zarr"
+        make_frame(result, spec, _frame(old), attributes)
+        arrays = open_arrays(result)
+        for number in range(spec.chunk_count):
+            _copy(old, arrays, spec.chunk(number), [*places.values()])
+    (temporary / "spec.toml").write_bytes(spec.text)
+    # All of it, before the name that says that it is whole.
+    os.sync()
+    os.replace(temporary, old.folder / "grown")
+    finish_growth(old.folder)
+
+
+def finish_growth(folder: Path) -> None:
+    """Puts a larger store in place, if one was made."""
+    grown = folder / "grown"
+    if not grown.is_dir():
+        return
+    if (grown / "sweep.zarr").exists():
+        if (folder / "sweep.zarr").exists():
+            os.replace(folder / "sweep.zarr", grown / "smaller.zarr")
+        os.replace(grown / "sweep.zarr", folder / "sweep.zarr")
+    if (grown / "spec.toml").exists():
+        # Failures are told by the numbers of chunks, which are others now.
+        shutil.rmtree(folder / "failures", ignore_errors=True)
+        os.replace(grown / "spec.toml", folder / "spec.toml")
+    shutil.rmtree(grown)
+
+
+def _frame(old: "SweepStore") -> Computed:
+    """What a task would have given for no member."""
+    inner = len(old.spec.dimensions)
+    variables = {
+        name: Variable(
+            dimensions,
+            np.empty((0, *old.arrays[name].shape[inner:]), old.arrays[name].dtype),
+            dict(old.arrays[name].attrs),
+        )
+        for name, dimensions in old.variables.items()
+    }
+    coordinates = {}
+    for name in old.coordinates():
+        array = old.arrays[name]
+        values = np.asarray(array[...])
+        if values.dtype.kind == "T":
+            values = values.astype(np.str_)
+        coordinates[name] = Variable((name,), values, dict(array.attrs))
+    return Computed(variables, coordinates)
+
+
+def _copy(
+    old: "SweepStore", arrays: Mapping[str, zarr.Array], chunk: Chunk, places: list[np.ndarray]
+) -> None:
+    """Copies the members of a chunk of the larger store that are done in the smaller one."""
+    sources = [place[part] for place, part in zip(places, chunk.region, strict=True)]
+    inside = tuple(np.flatnonzero(source >= 0) for source in sources)
+    if not all(one.size for one in inside):
+        return
+    there = tuple(source[one] for source, one in zip(sources, inside, strict=True))
+    done = np.zeros(chunk.shape, bool)
+    done[np.ix_(*inside)] = np.asarray(old.arrays["status"].oindex[there]) == DONE
+    if not done.any():
+        return
+    for name in old.variables:
+        array = arrays[name]
+        values = np.full(chunk.shape + array.shape[len(places) :], fill(array.dtype), array.dtype)
+        values[np.ix_(*inside)] = old.arrays[name].oindex[there]
+        values[~done] = fill(array.dtype)
+        array[chunk.region] = values
+    arrays["status"][chunk.region] = np.where(done, DONE, TO_DO).astype(np.int8)

@@ -1,0 +1,187 @@
+"""More values of a parameter: what is done stays, and what comes out is the larger sweep."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import sweep_kills
+import sweep_stub
+from sweep_kills import tree
+
+from jaxcell.sweep import open_sweep, run_sweep, verify_sweep
+
+
+SMALL = "[grid]\ny = [0.5, 1.5]\nx = [0, 2, 4, 6, 8, 10, 12]"
+GROWN = {
+    "appended": "[grid]\ny = [0.5, 1.5]\nx = [0, 2, 4, 6, 8, 10, 12, 14, 16, 18]",
+    "between": "[grid]\ny = [0.5, 1.5]\nx = {count = 14}",
+    "before": "[grid]\ny = [-1.0, 0.5, 1.5]\nx = [-2, 0, 2, 4, 6, 8, 10, 12]",
+    "turned": "[grid]\ny = [2.5, 1.5, 0.5]\nx = [12, 10, 8, 6, 4, 2, 0]",
+}
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """The members that the task was asked for."""
+    members = []
+    kept = sweep_stub.stub
+
+    def counted(batch, fixed, seed):
+        keys = [name for name in ("x", "y") if name in batch]
+        members.extend(zip(*(batch[name].tolist() for name in keys), strict=True))
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", counted)
+    return members
+
+
+def members(spec):
+    boxes = (spec.batch(spec.chunk(number)) for number in range(spec.chunk_count))
+    return {(x, y) for box in boxes for x, y in zip(box["x"], box["y"], strict=True)}
+
+
+@pytest.mark.parametrize("how", sorted(GROWN))
+def test_a_sweep_grows(stub_spec, tmp_path, computed, how):
+    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN[how], name="large.toml")
+    run_sweep(large, tmp_path / "whole")
+    run_sweep(small, tmp_path / "out")
+    computed.clear()
+    assert run_sweep(large, tmp_path / "out", resume=True).complete
+    assert set(computed) == members(large) - members(small)
+    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+    assert (tmp_path / "out" / "spec.toml").read_bytes() == large.text
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["lock", "origin.json", "spec.toml", "sweep.zarr"]
+    assert verify_sweep(tmp_path / "out").damaged == ()
+    with pytest.raises(ValueError, match=r"small\.toml: not the spec.* missing: "):
+        run_sweep(stub_spec(text=SMALL, name="small.toml"), tmp_path / "out", resume=True)
+
+
+@pytest.mark.parametrize(
+    ("small", "large"),
+    [
+        (
+            "[random]\nsamples = 7\nx = {integers = [0, 99]}\ny = {normal = [0, 1]}",
+            "[random]\nsamples = 19\nx = {integers = [0, 99]}\ny = {normal = [0, 1]}",
+        ),
+        (
+            "[list]\nx = [5, 5, 7]\ny = [1, 1, 2]",
+            "[list]\nx = [7, 5, 5, 5, 7]\ny = [2, 1, 3, 1, 2]",
+        ),
+    ],
+)
+def test_samples_and_lists_grow(stub_spec, tmp_path, computed, small, large):
+    small, large = stub_spec(text=small), stub_spec(text=large, name="large.toml")
+    run_sweep(large, tmp_path / "whole")
+    run_sweep(small, tmp_path / "out")
+    computed.clear()
+    assert run_sweep(large, tmp_path / "out", resume=True).complete
+    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+    assert 0 < len(computed) < large.members
+
+
+@pytest.mark.parametrize("kind", ["uniform", "loguniform", "normal", "integers", "choice"])
+@pytest.mark.parametrize("ends", ["[1, 5]", "[1, 300]", "[1, 5000000000]", "[1, 70000]"])
+def test_more_samples_begin_with_the_same(stub_spec, kind, ends):
+    text = "[random]\nsamples = {}\nx = {{{} = {}}}"
+    few = stub_spec(text=text.format(37, kind, ends)).parameters[0].values
+    many = stub_spec(text=text.format(1000, kind, ends)).parameters[0].values
+    np.testing.assert_array_equal(few, many[:37])
+
+
+def test_what_was_not_done_is_computed_too(stub_spec, tmp_path, computed):
+    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
+    run_sweep(large, tmp_path / "whole")
+    run_sweep(small, tmp_path / "out", chunks=[1])
+    (tmp_path / "out" / "failures").mkdir()
+    (tmp_path / "out" / "failures" / "0000003.json").write_text("{}")
+    computed.clear()
+    done = small.batch(small.chunk(1))
+    run_sweep(large, tmp_path / "out", resume=True)
+    assert set(computed) == members(large) - set(zip(done["x"], done["y"], strict=True))
+    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+
+
+def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
+    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
+    run_sweep(large, tmp_path / "whole")
+    run_sweep(small, tmp_path / "out")
+    path = tmp_path / "out" / "sweep.zarr" / "value" / "c" / "0" / "1"
+    path.write_bytes(b"?" + path.read_bytes()[1:])
+    assert run_sweep(large, tmp_path / "out", resume=True).complete
+    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+
+
+def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
+    run_sweep(stub_spec(text=SMALL), tmp_path / "out")
+    large = stub_spec(text=GROWN["between"], name="large.toml")
+    monkeypatch.setattr("jaxcell.sweep.store.__version__", "9.9")
+    with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
+        run_sweep(large, tmp_path / "out", resume=True)
+    run_sweep(large, tmp_path / "out", resume=True, anyway=True)
+    with open_sweep(tmp_path / "out") as dataset:
+        (told,) = json.loads(dataset.attrs["resumed_anyway"])
+        assert dataset.attrs["jaxcell_version"] == "9.9"
+    assert told.startswith("jaxcell_version: ")
+
+
+def test_the_difference_is_shown(stub_spec, tmp_path):
+    run_sweep(stub_spec(text="[grid]\nx = {count = 36}"), tmp_path / "out")
+    other = stub_spec(text="[grid]\nx = {start = 0, stop = 72, step = 6}", name="other.toml")
+    with pytest.raises(ValueError, match="not the specification of the sweep") as told:
+        run_sweep(other, tmp_path / "out", resume=True)
+    assert str(told.value).endswith(
+        "x: 36 values there, 12 here; new: 36, 42, 48, 54, 60, 66, missing: 1, 2, 3, 4, ..., 35"
+    )
+
+
+@pytest.mark.parametrize("stop", range(4))
+def test_a_growth_that_was_stopped_is_ended_by_the_next_run(stub_spec, tmp_path, monkeypatch, stop):
+    class StopError(Exception):
+        pass
+
+    def replace(*paths):
+        calls.append(paths)
+        if len(calls) > stop:
+            raise StopError
+        kept(*paths)
+
+    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["appended"], name="large.toml")
+    run_sweep(large, tmp_path / "whole")
+    run_sweep(small, tmp_path / "out")
+    calls, kept = [], os.replace
+    with monkeypatch.context() as patch:
+        patch.setattr("jaxcell.sweep.grow.os", SimpleNamespace(replace=replace, sync=os.sync))
+        with pytest.raises(StopError):
+            run_sweep(large, tmp_path / "out", resume=True)
+    assert run_sweep(large, tmp_path / "out", resume=True).complete
+    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):
+    small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
+    run_sweep(small, tmp_path / "small")
+    found = subprocess.run(
+        [
+            sys.executable,
+            Path(sweep_kills.__file__),
+            large.path,
+            tmp_path,
+            "local",
+            "25",
+            "1",
+            tmp_path / "small",
+        ],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert found.returncode == 0, found.stderr
+    assert json.loads(found.stdout)["kills"] >= 25

@@ -1,0 +1,129 @@
+"""Only members that are missing or failed are computed, and only they are written."""
+
+import itertools
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import sweep_stub
+from sweep_kills import tree
+
+from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
+
+
+@pytest.fixture
+def task(monkeypatch):
+    """The batches that the task was asked for, and the values of `x` with which it fails."""
+    calls, bad = [], set()
+    kept = sweep_stub.stub
+
+    def picky(batch, fixed, seed):
+        calls.append(batch["x"].tolist())
+        if bad & set(calls[-1]):
+            raise RuntimeError("no")
+        return kept(batch, fixed, seed)
+
+    monkeypatch.setattr(sweep_stub, "stub", picky)
+    return calls, bad
+
+
+def test_a_resume_computes_the_members_that_failed(stub_spec, tmp_path, whole, task):
+    calls, bad = task
+    spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
+    bad |= {1, 5, 6}
+    assert len(run_sweep(spec, out).failures) == 6
+    calls.clear()
+    bad.discard(5)
+    found = run_sweep(spec, out, resume=True)
+    # Four chunks have failures: of x 0 to 3 and of x 4 to 7.
+    assert calls == [[1], [5, 6], [5], [6]] * 2
+    assert [one.parameters["x"] for one in found.failures] == [1, 6, 1, 6]
+    bad.clear()
+    calls.clear()
+    assert run_sweep(spec, out, resume=True).complete
+    assert calls == [[1], [6]] * 2
+    assert tree(out) == whole
+
+
+def test_a_run_that_stopped_at_failures_goes_on_with_what_is_missing(
+    stub_spec, tmp_path, whole, task
+):
+    calls, bad = task
+    spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
+    bad |= {2}
+    assert len(run_sweep(spec, out, max_failures=0).failures) == 1
+    assert calls == [[0, 1, 2, 3], [0, 1], [2, 3], [2]]
+    with open_sweep(out) as dataset:
+        assert dataset.status.values[0].tolist() == [1, 1, 2, 0] + [0] * 6
+        assert dataset["count"].values[0, :4].tolist() == [0, 1, -1, -1]
+    bad.clear()
+    calls.clear()
+    assert run_sweep(spec, out, resume=True).complete
+    assert calls[0] == [2, 3]
+    assert len(calls) == 6
+    assert tree(out) == whole
+
+
+def test_members_that_fail_where_others_grew_leave_those_alone(stub_spec, tmp_path, task):
+    calls, bad = task
+    small = stub_spec(text="[grid]\nx = [1, 3]")
+    large = stub_spec(text="[grid]\nx = [1, 2, 3, 4]", name="large.toml")
+    run_sweep(large, tmp_path / "whole")
+    run_sweep(small, tmp_path / "out")
+    calls.clear()
+    bad |= {4}
+    found = run_sweep(large, tmp_path / "out", resume=True)
+    assert calls == [[2, 4], [2], [4]]
+    assert [one.parameters for one in found.failures] == [{"x": 4}]
+    with open_sweep(tmp_path / "out") as dataset, open_sweep(tmp_path / "whole") as expected:
+        assert dataset.status.values.tolist() == [1, 1, 1, 2]
+        kept = dataset.x != 4
+        assert dataset.where(kept, drop=True).equals(expected.where(kept, drop=True))
+        assert np.isnan(dataset.value.sel(x=4))
+    bad.clear()
+    assert run_sweep(large, tmp_path / "out", resume=True).complete
+    assert calls[3:] == [[4]]
+    assert tree(tmp_path / "out") == tree(tmp_path / "whole")
+
+
+def test_rates_are_of_the_members_that_were_computed(stub_spec, tmp_path, task, monkeypatch):
+    spec, seen = stub_spec(), []
+    task[1].add(5)
+    run_sweep(spec, tmp_path / "out")
+    clock = SimpleNamespace(monotonic=itertools.count().__next__, time=time.time)
+    monkeypatch.setattr("jaxcell.sweep.progress.time", clock)
+    run_sweep(spec, tmp_path / "out", resume=True, progress=seen.append)
+    assert [(one.done, one.failed) for one in seen] == [(4, 0), (5, 1), (6, 2)]
+    # The clock is read twice for each: two members, one a chunk.
+    assert seen[-1].rate < 2 / 3
+
+
+def test_a_damaged_chunk_with_a_member_that_fails_is_mended(stub_spec, tmp_path, task):
+    _, bad = task
+    bad |= {5}
+    out = tmp_path / "out"
+    run_sweep(stub_spec(), out)
+    sound = tree(out)
+    path = out / "sweep.zarr" / "value" / "c" / "0" / "1"
+    path.write_bytes(b"?" + path.read_bytes()[1:])
+    found = verify_sweep(out)
+    assert (found.damaged, found.recomputed, found.whole) == (("chunk 1: value",), 1, True)
+    assert tree(out) == sound
+    assert len(found.status.failures) == 2
+    # One that was done before is not mended when it fails.
+    bad |= {4}
+    path.unlink()
+    assert not verify_sweep(out).whole
+    assert len(sweep_status(out).failures) == 3
+
+
+def test_metadata_is_mended_where_every_chunk_has_a_member_that_fails(stub_spec, tmp_path, task):
+    task[1].add(5)
+    out = tmp_path / "out"
+    run_sweep(stub_spec(text="[list]\nx = [5, 1, 2, 3, 5, 4]"), out)
+    sound = tree(out)
+    (out / "sweep.zarr" / "value" / "zarr.json").unlink()
+    found = verify_sweep(out)
+    assert (found.damaged, found.whole) == (("value/zarr.json",), True)
+    assert tree(out) == sound
