@@ -2,16 +2,47 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float, Int, Integer, Shaped
 
+from ..base.quantities import Checks, Result, quantity
 from ..space import CellSpace
 from .dynamics import Collision
 from .navigate import Plan, read_plan
 from .plan_files import read_roadmap, read_ways, write_plans
-from .roadmap import Method, Roadmap
+from .roadmap import Method, Roadmap, describe_space
 from .ways import Ways, block_size, costs, solve
+
+
+# Costs of so many pairs are read at a time.
+_PAIRS = 1 << 24
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CostSummary(Result):
+    """What the plans between all pairs of cells cost."""
+
+    title: ClassVar[str] = "Costs of the plans between all pairs of cells"
+
+    cells: CellSpace
+    reachable_pairs: Annotated[
+        float,
+        quantity(
+            "", "share of pairs of cells with a path from one to the other", "1", kind="share"
+        ),
+    ]
+    mean_cost: Annotated[
+        float, quantity("", "mean cost of the plans between pairs with a path", "1")
+    ]
+    largest_cost: Annotated[float, quantity("", "largest cost of a plan between two cells", "1")]
+    costliest: Plan
+    "A plan with the largest cost."
+
+    def checks(self) -> Checks:
+        error = abs(self.largest_cost - self.costliest.cost)
+        return {**self.costliest.checks(), "largest_cost_minus_that_of_the_plan": (error, 0)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,6 +54,7 @@ class AllPlans:
     cost as that of a run to the wall, of a way, and of a run from the entry to the goal.
     """
 
+    cells: CellSpace
     roadmap: Roadmap
     source: Ways | Path
     "The ways to all entries, or the file that holds them."
@@ -31,7 +63,7 @@ class AllPlans:
         """What [`jaxcell.bounce.plan`][] gives."""
         roadmap = self.roadmap
         start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
-        return read_plan(roadmap, self._ways(roadmap.entry_of[[goal]]), start, goal)
+        return read_plan(self.cells, roadmap, self._ways(roadmap.entry_of[[goal]]), start, goal)
 
     def costs(
         self, goals: Int[np.ndarray, "goals"] | None = None
@@ -84,6 +116,20 @@ class AllPlans:
         result[self.roadmap.straight(goals)] = 0
         return result
 
+    def cost_summary(self) -> CostSummary:
+        """What the plans cost, and a costliest one."""
+        size, pairs, total, largest, ends = self.roadmap.size, 0, 0.0, -1.0, (0, 0)
+        block = max(1, _PAIRS // size)
+        for begin in range(0, size, block):
+            found = self.costs(np.arange(begin, min(begin + block, size)))
+            known = found[found >= 0]
+            pairs += known.size
+            total += float(known.sum(dtype=float))
+            start, goal = np.unravel_index(found.argmax(), found.shape)
+            if found[start, goal] > largest:
+                largest, ends = float(found[start, goal]), (int(start), begin + int(goal))
+        return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the plans to a NetCDF file, whole or not at all.
 
@@ -92,12 +138,25 @@ class AllPlans:
         write_plans(path, self.roadmap, map(self._ways, _blocks(self.roadmap)))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "AllPlans":
+    def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
         """The plans in a file. What is asked of them is read when it is asked.
 
-        **Raises:** `ValueError` if it is not a file of plans; `FileNotFoundError`.
+        **Arguments:**
+
+        - `path`: the file.
+        - `cells`: the cell space that the plans are for.
+
+        **Raises:** `ValueError` if it is not a file of plans, or one of other cells;
+        `FileNotFoundError`.
         """
-        return cls(read_roadmap(Path(path)), Path(path))
+        roadmap = read_roadmap(Path(path))
+        for name, expected in describe_space(cells).items():
+            if roadmap.space.get(name) != expected:
+                raise ValueError(
+                    f"{path}: {name}: expected {expected} as in the cells, got "
+                    f"{roadmap.space.get(name)}"
+                )
+        return cls(cells, roadmap, Path(path))
 
     def _goals(
         self, goals: Int[np.ndarray, "goals"] | None
@@ -170,8 +229,8 @@ def all_plans(
 
     if file is not None:
         write_plans(file, roadmap, solved())
-        return AllPlans(roadmap, Path(file))
-    return AllPlans(roadmap, Ways.joined(list(solved())))
+        return AllPlans(cells, roadmap, Path(file))
+    return AllPlans(cells, roadmap, Ways.joined(list(solved())))
 
 
 def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:

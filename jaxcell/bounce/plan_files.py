@@ -134,7 +134,7 @@ def _read_roadmap(path: Path, file: Any) -> Roadmap:
         keep=attributes["keep"].item(),
         change=attributes["change"].item(),
         method=attributes["method"],
-        space=json.loads(attributes["space"]),
+        space=dict(json.loads(attributes["space"])),
     )
 
 

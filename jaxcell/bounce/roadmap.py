@@ -96,10 +96,7 @@ class Roadmap:
             change=change,
             method=method,
             space={
-                "directions": cells.directions,
-                "positions": cells.positions,
-                "cell_m": cells.cell,
-                "origin_m": list(cells.origin),
+                **describe_space(cells),
                 "step_m": cells.cell if step is None else step,
                 "collision": collision,
             },
@@ -191,6 +188,16 @@ class Roadmap:
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
         """The cells after `cell` down its line to `goal`, which its run meets."""
         return self.order[self.place[cell] + 1 : self.place[goal] + 1]
+
+
+def describe_space(cells: CellSpace) -> dict[str, Any]:
+    """What cells are, for the record."""
+    return {
+        "directions": cells.directions,
+        "positions": cells.positions,
+        "cell_m": cells.cell,
+        "origin_m": list(cells.origin),
+    }
 
 
 def _shifts(bounces: Float[np.ndarray, "..."], directions: int) -> Int[np.ndarray, "angles"]:

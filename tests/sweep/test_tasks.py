@@ -1,5 +1,4 @@
 import math
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxcell.patrol.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.tasks.rooms import place, random_room
+from jaxcell.sweep.work import find_task as task
 
 
 pytestmark = pytest.mark.slow
@@ -21,11 +21,6 @@ DATA = Path(__file__).parents[2] / "data"
 LAB = str(DATA / "maps" / "lab_a.json")
 LINE = str(DATA / "graphs" / "eight.json")
 GYRES = str(DATA / "ocean" / "gyres.nc")
-
-
-def task(name):
-    module, function = TASKS[name].split(":")
-    return getattr(import_module(module), function)
 
 
 def lab(**changes):
