@@ -42,6 +42,7 @@ Kind: TypeAlias = Literal[
     "position",
     "residual",
     "share",
+    "text",
     "time",
 ]
 """What numbers are, which decides how they are shown, and what is checked of them.
@@ -51,7 +52,8 @@ Kind: TypeAlias = Literal[
 - `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
 - `time`: not negative, or infinite. `flag`: true or false.
-- `residual`: what a solve leaves. `coordinate`: labels of a dimension. `number`: any other.
+- `residual`: what a solve leaves. `coordinate`: labels of a dimension. `text`: words, or an
+    enumeration. `number`: any other.
 """
 
 

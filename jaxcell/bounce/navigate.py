@@ -30,7 +30,13 @@ class Plan(Result):
     cost: Annotated[int | float, quantity("", "cost of the plan, -1 if there is no path")]
     actions: Annotated[
         Float[np.ndarray, "steps"],
-        quantity("move", "0 for a step, the angle to turn by at a bump", "rad", sense=_SENSE),
+        quantity(
+            "move",
+            "0 for a step, the angle to turn by at a bump",
+            "rad",
+            sense=_SENSE,
+            source="Alam 2018, section 3.4.1",
+        ),
     ]
     "The action string."
     visited: Annotated[
@@ -70,7 +76,7 @@ class Plan(Result):
     def changes(self) -> int:
         return int(np.count_nonzero(np.diff(self.turns)))
 
-    @derived("", "cells from which the goal can be reached", kind="count")
+    @derived("", "cells that can reach the goal", kind="count")
     def cells_that_reach_the_goal(self) -> int:
         return int(self.reaching.sum())
 

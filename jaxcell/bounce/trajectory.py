@@ -13,6 +13,9 @@ from ..space import CellSpace
 from .dynamics import motion_violations
 
 
+_SOURCE = "Alam 2018, section 3.4.4"
+
+
 class TeamOutcome(enum.Enum):
     """How the search for a joint trajectory ended, in a sentence."""
 
@@ -47,7 +50,7 @@ class TeamTrajectory(Result):
     ]
     cell: Annotated[
         Int[np.ndarray, "steps+1 robots"],
-        quantity("time robot", "cell that the robot is in", kind="cell"),
+        quantity("time robot", "cell that the robot is in", kind="cell", source=_SOURCE),
     ]
     "Before the first step and after each."
     covered: Annotated[
@@ -65,13 +68,13 @@ class TeamTrajectory(Result):
         ),
     ]
     "In ascending order."
-    outcome: Annotated[TeamOutcome, quantity("", "outcome")]
+    outcome: Annotated[TeamOutcome, quantity("", "outcome", kind="text")]
 
     @property
     def answered(self) -> bool:
         return self.uncovered == 0
 
-    @derived("", "why it ends")
+    @derived("", "why it ends", kind="text")
     def meaning(self) -> str:
         return self.outcome.value
 
@@ -111,7 +114,7 @@ class TeamTrajectory(Result):
     def uncovered(self) -> int:
         return self.uncovered_positions.size
 
-    @derived("", "remark")
+    @derived("", "remark", kind="text")
     def remark(self) -> str | None:
         room = self.cells.workspace
         if room is None or 2 * room.robot_radius <= self.cells.cell:

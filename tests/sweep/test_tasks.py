@@ -163,13 +163,14 @@ def test_parameters_are_refused_by_name(name):
         "patrol": ("share", 1.5),
         "drift": ("rho", 1.5),
     }.get(name, ("cell", 0.0))
-    with pytest.raises(ValueError, match=f"colour: expected a parameter of '{name}', one of"):
+    called = {"cover": "Cover", "plans": "Plans"}.get(name, f"'{name}'")
+    with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):
         task(name)({swept: np.array([1])}, {**needed, "colour": 1}, 0)
-    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad}"):
+    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad:g}"):
         task(name)({swept: np.array([bad])}, needed, 0)
     for missing in needed:
         rest = {key: value for key, value in needed.items() if key != missing}
-        with pytest.raises(ValueError, match=f"{missing}: '{name}' needs it"):
+        with pytest.raises(ValueError, match=f"{missing}: {called} needs it"):
             task(name)({swept: np.array([1])}, rest, 0)
 
 

@@ -19,7 +19,7 @@ _CORNERS = 6
 
 def points(width: float) -> float:
     """A width on the screen, in points, however far one looks from."""
-    return float(rr.Radius.ui_points(width))
+    return float(np.asarray(rr.Radius.ui_points(width)))
 
 
 def log_labels(
