@@ -5,11 +5,11 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..base.quantities import Checks, Result, derived, quantity
-from ..space import CellSpace
-from .dynamics import Collision, bounce_shift, motion_violations, moves
+from ...base.quantities import Checks, Result, derived, quantity
+from ...space import CellSpace
+from ..dynamics import Collision, bounce_shift, motion_violations, moves
 from .roadmap import Method, Roadmap
-from .ways import Ways, costs, solve
+from .routes import Routes, costs, solve
 
 
 _SENSE = "counter-clockwise"
@@ -202,26 +202,26 @@ def plan(
     return read_plan(cells, roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
 
 
-def read_plan(cells: CellSpace, roadmap: Roadmap, ways: Ways, start: int, goal: int) -> Plan:
+def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
     """The plan from a cell to a goal.
 
     **Arguments:**
 
     - `cells`: the cell space.
     - `roadmap`: its roadmap.
-    - `ways`: the ways to the entry of the goal.
+    - `routes`: the routes to the entry of the goal.
     - `start`, `goal`: cells.
     """
-    cost = costs(roadmap, ways.cost, np.array([goal]))[:, 0]
+    cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
     path, actions = [np.array([start], np.int32)], [np.empty(0)]
     if cost[start] >= 0:
         cell, wall = start, roadmap.wall[start]
-        layer = ways.layer[0, wall]
+        layer = routes.layer[0, wall]
         while not roadmap.runs_through(cell, goal):
             if len(path) > 2 * roadmap.turned.size:
                 raise ValueError("the plans do not lead to the goal; their file was altered")
             run = roadmap.line(cell, roadmap.wall_cell[wall].item())
-            turn = ways.turn[0, layer, wall].item()
+            turn = routes.turn[0, layer, wall].item()
             cell = roadmap.turned[turn, wall].item()
             path += [run, np.array([cell])]
             actions += [np.zeros(run.size), roadmap.bounces[[turn]]]

@@ -7,13 +7,13 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Float, Int, Integer, Shaped
 
-from ..base.quantities import Checks, Result, quantity
-from ..space import CellSpace
-from .dynamics import Collision
+from ...base.quantities import Checks, Result, quantity
+from ...space import CellSpace
+from ..dynamics import Collision
+from .files import read_roadmap, read_routes, write_plans
 from .navigate import Plan, read_plan
-from .plan_files import read_roadmap, read_ways, write_plans
 from .roadmap import Method, Roadmap, describe_space
-from .ways import Ways, block_size, costs, solve
+from .routes import Routes, block_size, costs, solve
 
 
 # Costs of so many pairs are read at a time.
@@ -49,15 +49,15 @@ class CostSummary(Result):
 class AllPlans:
     """The cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
-    Only the ways from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or in
-    a file, from which what is asked for is read. All else is read off them: a plan bump by bump, a
-    cost as that of a run to the wall, of a way, and of a run from the entry to the goal.
+    Only the routes from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or
+    in a file, from which what is asked for is read. All else is read off them: a plan bump by bump,
+    a cost as that of a run to the wall, of a route, and of a run from the entry to the goal.
     """
 
     cells: CellSpace
     roadmap: Roadmap
-    source: Ways | Path
-    "The ways to all entries, or the file that holds them."
+    source: Routes | Path
+    "The routes to all entries, or the file that holds them."
 
     def plan(self, start: int, goal: int) -> Plan:
         """What [`jaxcell.bounce.plan`][] gives."""
@@ -90,9 +90,9 @@ class AllPlans:
         path, or nothing left to do.
         """
         goals, entries, of = self._goals(goals)
-        ways = self._ways(entries)
-        result = np.where(ways.cost < 0, -1, 0).astype(ways.turn.dtype)[of].T[self.roadmap.wall]
-        turn = ways.first_turn()[of].T
+        routes = self._ways(entries)
+        result = np.where(routes.cost < 0, -1, 0).astype(routes.turn.dtype)[of].T[self.roadmap.wall]
+        turn = routes.first_turn()[of].T
         result[self.roadmap.wall_cell] = np.where(turn < 0, -1, turn + 1)
         result[self.roadmap.straight(goals)] = 0
         result[goals, np.arange(goals.size)] = -1
@@ -110,9 +110,9 @@ class AllPlans:
         **Returns:** the numbers, -1 where there is no path.
         """
         goals, entries, of = self._goals(goals)
-        ways = self._ways(entries)
-        used = np.where(ways.cost < 0, -1, _angles_used(self.roadmap, ways, entries))
-        result = used.astype(ways.turn.dtype)[of].T[self.roadmap.wall]
+        routes = self._ways(entries)
+        used = np.where(routes.cost < 0, -1, _angles_used(self.roadmap, routes, entries))
+        result = used.astype(routes.turn.dtype)[of].T[self.roadmap.wall]
         result[self.roadmap.straight(goals)] = 0
         return result
 
@@ -168,16 +168,18 @@ class AllPlans:
             self.roadmap.check_cell(wrong, "goals")
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
-    def _ways(self, entries: Int[np.ndarray, "some"]) -> Ways:
-        """The ways to entries in ascending order; no way leads to entry -1."""
+    def _ways(self, entries: Int[np.ndarray, "some"]) -> Routes:
+        """The routes to entries in ascending order; none leads to entry -1."""
         known = entries[entries >= 0]
         if isinstance(self.source, Path):
-            ways = read_ways(self.source, known)
+            routes = read_routes(self.source, known)
         else:
-            ways = Ways(self.source.cost[known], self.source.layer[known], self.source.turn[known])
+            routes = Routes(
+                self.source.cost[known], self.source.layer[known], self.source.turn[known]
+            )
         if known.size == entries.size:
-            return ways
-        return Ways.joined([solve(self.roadmap, entries[:1]), ways])
+            return routes
+        return Routes.joined([solve(self.roadmap, entries[:1]), routes])
 
 
 def all_plans(
@@ -221,7 +223,7 @@ def all_plans(
         cells, bounces, keep, change, step=step, collision=collision, method=method
     )
 
-    def solved() -> Iterator[Ways]:
+    def solved() -> Iterator[Routes]:
         for some in _blocks(roadmap):
             yield solve(roadmap, some)
             if progress is not None:
@@ -230,7 +232,7 @@ def all_plans(
     if file is not None:
         write_plans(file, roadmap, solved())
         return AllPlans(cells, roadmap, Path(file))
-    return AllPlans(cells, roadmap, Ways.joined(list(solved())))
+    return AllPlans(cells, roadmap, Routes.joined(list(solved())))
 
 
 def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
@@ -241,11 +243,11 @@ def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
 
 
 def _angles_used(
-    roadmap: Roadmap, ways: Ways, entries: Int[np.ndarray, "entries"]
+    roadmap: Roadmap, routes: Routes, entries: Int[np.ndarray, "entries"]
 ) -> Integer[np.ndarray, "entries walls"]:
-    """How many angles the ways use, found by doubling: after r rounds those of 2^r bumps."""
-    some, angles, walls = ways.turn.shape
-    turn = ways.turn.astype(np.int32)
+    """How many angles the routes use, found by doubling: after r rounds those of 2^r bumps."""
+    some, angles, walls = routes.turn.shape
+    turn = routes.turn.astype(np.int32)
     wall = np.arange(walls)
     cell = roadmap.turned[turn, wall]
     layer = turn if roadmap.method == "exact" else np.arange(angles, dtype=np.int32)[:, None]
@@ -263,6 +265,6 @@ def _angles_used(
         onward = np.take_along_axis(onward, onward, axis=1)
     else:
         raise ValueError("the plans do not lead to their goals; their file was altered")
-    first = ways.layer.astype(np.int32) * walls + wall
-    count = sum(np.take_along_axis(one, first, axis=1).astype(ways.turn.dtype) for one in used)
+    first = routes.layer.astype(np.int32) * walls + wall
+    count = sum(np.take_along_axis(one, first, axis=1).astype(routes.turn.dtype) for one in used)
     return np.asarray(count)

@@ -7,9 +7,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..space import CellSpace
-from .dynamics import Collision, bounce_shift, moves as moves_of
-from .groups import runs
+from ...space import CellSpace
+from ..dynamics import Collision, bounce_shift, moves as moves_of
+from ..groups import runs
 
 
 Method: TypeAlias = Literal["exact", "layered"]
@@ -26,8 +26,8 @@ class Roadmap:
 
     The cells that a robot can turn into at a bump are the *entries*. Whoever comes to a cell by way
     of a bump came through the nearest entry at the cell or above it on its line, so a plan to the
-    cell is a plan to that entry and the rest of the line. What is computed is the way from each
-    wall to each entry, which is all there is to know of the ways between all pairs of cells.
+    cell is a plan to that entry and the rest of the line. What is computed is the route from each
+    wall to each entry, which is all there is to know of the routes between all pairs of cells.
 
     Make one with [`Roadmap.of`][].
 
