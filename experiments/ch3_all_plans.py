@@ -97,7 +97,7 @@ def environments() -> dict[str, CellSpace]:
 
 
 def turns(found: Plan) -> tuple[int, ...]:
-    return tuple(np.rad2deg(found.bumps).round().astype(int).tolist())
+    return tuple(np.rad2deg(found.turns).round().astype(int).tolist())
 
 
 def histogram(plans: AllPlans) -> np.ndarray:
@@ -308,8 +308,8 @@ def _draw_map(axes, cells: CellSpace) -> None:
 
 def _draw_plan(axes, cells: CellSpace, found: Plan) -> None:
     _draw_map(axes, cells)
-    assert (replay(cells, found.start, found.actions, collision=COLLISION) == found.cells).all()
-    x, y, _ = cells.centre(found.cells)
+    assert (replay(cells, found.start, found.actions, collision=COLLISION) == found.visited).all()
+    x, y, _ = cells.centre(found.visited)
     corners = np.flatnonzero(np.append(found.actions != 0, True))
     for a, b in zip(np.append(0, corners[:-1]), corners, strict=True):
         if a != b and (x[a] != x[b] or y[a] != y[b]):

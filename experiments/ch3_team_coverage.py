@@ -215,10 +215,10 @@ def study(runs: int, seed: int) -> "xr.Dataset":
                 found = bounce.team_trajectories(
                     cells, start, math.radians(BOUNCE_DEG), part_steps=limit
                 )
-                steps[k, i, j] = [len(one.path) - 1 for one in found]
-                uncovered[k, i, j] = [one.uncovered.size for one in found]
-                parts[k, i, j] = [one.parts.size for one in found]
-                collisions[k, i, j] = [one.collisions.sum() for one in found]
+                steps[k, i, j] = [one.steps for one in found]
+                uncovered[k, i, j] = [one.uncovered for one in found]
+                parts[k, i, j] = [one.parts for one in found]
+                collisions[k, i, j] = [one.collisions_in_all for one in found]
             shared = [team_sweep(cells, roads, path, one) for one in start]
             sweep_moves[i, j], sweep_turns[i, j] = np.array(shared).T
     dims = ("environment", "robots", "run")

@@ -71,7 +71,7 @@ def _main():
     import numpy as np
     from jaxcell.cli.target import read_target
 
-    from jaxcell.bounce.plan_files import read_roadmap
+    from jaxcell.bounce.plans.files import read_roadmap
     from jaxcell.cli.info import describe
     from jaxcell.drift import open_currents
     from jaxcell.space import CellSpace

@@ -25,20 +25,24 @@ Two robots that share a corridor:
 """
 
 import dataclasses
+import enum
 import functools
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal, TypeAlias
 
 
 Kind: TypeAlias = Literal[
+    "cell",
     "coordinate",
     "count",
     "distribution",
     "flag",
     "index",
     "number",
+    "position",
     "residual",
     "share",
+    "text",
     "time",
 ]
 """What numbers are, which decides how they are shown, and what is checked of them.
@@ -46,8 +50,10 @@ Kind: TypeAlias = Literal[
 - `share`: from 0 to 1. `distribution`: shares that sum to 1 over the last dimensions, those that
     the attribute `over` names (by default the last one).
 - `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
+- `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
 - `time`: not negative, or infinite. `flag`: true or false.
-- `residual`: what a solve leaves. `coordinate`: labels of a dimension. `number`: any other.
+- `residual`: what a solve leaves. `coordinate`: labels of a dimension. `text`: words, or an
+    enumeration. `number`: any other.
 """
 
 
@@ -159,11 +165,16 @@ def quantities(result: type) -> dict[str, Quantity]:
 
 
 def values(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """The quantities that a result has, with their values; those that are missing are left out."""
-    described = (
-        (name, one, getattr(result, name)) for name, one in quantities(type(result)).items()
-    )
-    return {name: (one, value) for name, one, value in described if value is not None}
+    """The quantities that a result has, with their values; those that are missing are left out.
+
+    A member of an enumeration stands as its name in lower case.
+    """
+    found = {}
+    for name, one in quantities(type(result)).items():
+        value = getattr(result, name)
+        if value is not None:
+            found[name] = one, value.name.lower() if isinstance(value, enum.Enum) else value
+    return found
 
 
 def parts(result: Any) -> dict[str, Any]:

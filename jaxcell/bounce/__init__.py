@@ -46,7 +46,6 @@ Of these, `bounce_image`, `grid_moves`, `runs`, `bump_section`, `expand_groups`,
 `jax.config.update("jax_enable_x64", True)`.
 """
 
-from .all_plans import AllPlans as AllPlans, all_plans as all_plans
 from .coverage import (
     CoveragePolicy as CoveragePolicy,
     coverage_policy as coverage_policy,
@@ -88,12 +87,16 @@ from .localize import (
     localization_filter as localization_filter,
     localize as localize,
 )
-from .navigate import Plan as Plan, plan as plan, replay as replay
-from .roadmap import Roadmap as Roadmap
+from .plans.all_pairs import (
+    AllPlans as AllPlans,
+    CostSummary as CostSummary,
+    all_plans as all_plans,
+)
+from .plans.navigate import Plan as Plan, plan as plan, replay as replay
+from .plans.roadmap import Roadmap as Roadmap
 from .team import (
-    TeamOutcome as TeamOutcome,
-    TeamTrajectory as TeamTrajectory,
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,
 )
+from .trajectory import TeamOutcome as TeamOutcome, TeamTrajectory as TeamTrajectory
 from .walls import Walls as Walls, cell_walls as cell_walls, walls as walls

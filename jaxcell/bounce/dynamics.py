@@ -323,3 +323,25 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
     image, bumped = jax.lax.map(images, jnp.arange(directions, dtype=jnp.int32))
     return SimpleMap(image.ravel(), bumped.ravel())
+
+
+def motion_violations(
+    cells: CellSpace,
+    path: Int[np.ndarray, "times robots"],
+    bumped: Bool[np.ndarray, "times-1 robots"],
+    turn: Int[np.ndarray, "times-1"] | None = None,
+) -> Bool[np.ndarray, "times-1 robots"]:
+    """Whether a robot does not keep its direction in a move, or its position where it bumps.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `path`: the cells of each robot over time.
+    - `bumped`: whether the robot turned in place.
+    - `turn`: by how many directions; `None` if that is not known.
+    """
+    direction, position = np.divmod(path, cells.positions)
+    stays = position[1:] == position[:-1]
+    by = (direction[1:] - direction[:-1]) % cells.directions
+    right = stays if turn is None else stays & (by == turn[:, None] % cells.directions)
+    return ~np.where(bumped, right, ~stays & (by == 0))

@@ -1,5 +1,3 @@
-import dataclasses
-import enum
 import functools
 import operator
 from collections.abc import Callable, Sequence
@@ -13,46 +11,13 @@ from jaxtyping import Array, Bool, Float, Int
 from ..space import CellSpace
 from .dynamics import Collision, bounce_shift, moves as moves_of
 from .joint import JointImage, joint_orbits, squares_of
+from .trajectory import TeamOutcome, TeamTrajectory
 
 
 # Steps that are simulated at a time: parts are tens to thousands of steps long.
 _CHUNK = 256
 # By default no part is longer, since all joint states that were there are kept.
 _LONGEST_PART = 100_000
-
-
-class TeamOutcome(enum.Enum):
-    """How the search for a joint trajectory ended, in a sentence."""
-
-    COVERED = "every position was visited"
-    OUT_OF_REACH = (
-        "every position was visited that steps in any direction lead to from the starts; "
-        "the others are out of reach"
-    )
-    STUCK = "every turn of one robot by one direction leads to a joint state that was there before"
-    OUT_OF_PARTS = "the trajectory has as many parts as are allowed"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class TeamTrajectory:
-    """A joint trajectory of several robots that covers a map, or as much of it as it could."""
-
-    bumped: Bool[np.ndarray, "steps robots"]
-    "Which robots stayed and turned by their bouncing angle, in each step."
-    collided: Bool[np.ndarray, "steps robots"]
-    "Which robots ran into another, or had another run into them."
-    collisions: Int[np.ndarray, "steps"]
-    "Number of pairs of robots that collided."
-    path: Int[np.ndarray, "steps+1 robots"]
-    "The cell of each robot, before the first step and after each."
-    covered: Int[np.ndarray, "steps+1"]
-    "Number of positions visited so far."
-    parts: Int[np.ndarray, "parts"]
-    "Where in `path` each part begins, but for the first with one robot turned by one direction."
-    uncovered: Int[np.ndarray, "uncovered"]
-    "The positions that were never visited, in ascending order."
-    outcome: TeamOutcome
-    "Why it ends."
 
 
 def team_trajectory(
@@ -104,7 +69,7 @@ def team_trajectory(
         >>> from jaxcell import bounce, space
         >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
         >>> found = bounce.team_trajectory(cells, [0, 5], math.pi)
-        >>> found.path.tolist(), found.outcome.name
+        >>> found.cell.tolist(), found.outcome.name
         ([[0, 5], [3, 2], [0, 5], [3, 5], [0, 4]], 'COVERED')
     """
     return team_trajectories(
@@ -148,7 +113,7 @@ def team_trajectories(
         >>> from jaxcell import bounce, space
         >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
         >>> found = bounce.team_trajectories(cells, np.array([[0, 5], [1, 5]]), math.pi)
-        >>> [len(run.path) - 1 for run in found]
+        >>> [run.steps for run in found]
         [4, 2]
     """
     _check_starts(cells, starts)
@@ -278,14 +243,19 @@ class _Run:
         position, first = np.unique(path % self.cells.positions, return_index=True)
         new = np.bincount(first // path.shape[1], minlength=len(path))
         return TeamTrajectory(
+            cells=self.cells,
             # What leads to the start is no step.
             bumped=bumped[1:],
             collided=collided[1:],
             collisions=collisions[1:],
-            path=path,
-            covered=np.cumsum(new),
-            parts=np.cumsum([0, *(part.length + 1 for part in self.parts[:-1])]),
-            uncovered=np.setdiff1d(np.arange(self.cells.positions, dtype=np.int32), position),
+            cell=path,
+            covered=np.cumsum(new).astype(np.int32),
+            part_begin=np.cumsum(
+                [0, *(part.length + 1 for part in self.parts[:-1])], dtype=np.int32
+            ),
+            uncovered_positions=np.setdiff1d(
+                np.arange(self.cells.positions, dtype=np.int32), position
+            ),
             outcome=self.outcome,
         )
 

@@ -15,7 +15,6 @@ from .export import Export
 from .groups import Groups
 from .info import Info
 from .localize import Localize
-from .navigate import Navigate
 from .options import check_out
 from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
@@ -24,11 +23,10 @@ from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover
+from .studies import Cover, Navigate, Team
 from .sweep import Sweep, SweepState
 from .sweep_verify import SweepVerify
 from .sweep_view import SweepView
-from .team import Team
 from .view import View
 
 

@@ -6,10 +6,8 @@ from typing import Any
 from ..bundled import bundled
 from .drift import Drift
 from .localize import Localize
-from .navigate import Navigate
 from .patrol_map import PatrolMap
-from .studies import Cover
-from .team import Team
+from .studies import Cover, Navigate, Team
 from .terminal import note, note_results
 
 

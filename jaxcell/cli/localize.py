@@ -4,7 +4,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import MapOptions, OutputOptions, cell_at, starting
+from ..study.map_study import cell_at
+from .options import MapOptions, OutputOptions, starting
 from .terminal import configuration, count_cells, status, table
 
 

@@ -1,7 +1,6 @@
 import contextlib
 import dataclasses
 import json
-import math
 import os
 import re
 import tempfile
@@ -175,30 +174,6 @@ def _verified(compare: Callable[[Any], "Sequence[Comparison]"]) -> dict[str, Any
 def command_name(command: type) -> str:
     """The name on the command line of a class of options: `patrol map` for `PatrolMap`."""
     return re.sub("(?<=[a-z])(?=[A-Z])", " ", command.__name__).lower()
-
-
-def cell_at(cells: "CellSpace", text: str, option: str) -> int:
-    """The cell that an option names: `x,y,heading` in metres and degrees, or a cell number.
-
-    **Raises:** `ValueError` that names the option, if there is no such cell or pose.
-    """
-    pose: list[float] | int
-    try:
-        pose = [float(part) for part in text.split(",")] if "," in text else int(text)
-        if isinstance(pose, list) and len(pose) != 3:
-            raise ValueError
-    except ValueError:
-        raise ValueError(
-            f'{option} {text!r}: expected "x,y,heading" in metres and degrees, or a cell number'
-        ) from None
-    try:
-        if isinstance(pose, list):
-            x, y, heading = pose
-            return int(cells.index(x, y, math.radians(heading)))
-        cells.centre(pose)
-        return pose
-    except ValueError as error:
-        raise ValueError(f"{option} {text!r}: {error}") from None
 
 
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 import tyro
 
 from ..files import name_in_results
-from .options import cell_at, command_name, write_text
+from ..study.map_study import cell_at
+from .options import command_name, write_text
 from .robot_emulation import emulate, seen_from
 from .robot_replay import replayed
 from .robot_summary import show

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .options import cell_at
+from ..study.map_study import cell_at
 
 
 if TYPE_CHECKING:

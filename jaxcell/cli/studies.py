@@ -5,3 +5,5 @@ from .study import command
 
 
 Cover = command(study.Cover)
+Navigate = command(study.Navigate)
+Team = command(study.Team)

@@ -15,7 +15,6 @@ from ..sweep.work import study_of
 from .drift import Drift
 from .groups import Groups
 from .localize import Localize
-from .navigate import Navigate
 from .options import OutputOptions, command_name
 from .patrol_graph import PatrolGraph
 from .terminal import status, table, telling
@@ -25,14 +24,9 @@ from .terminal import status, table, telling
 _COMMANDS: dict[str, tuple[type[OutputOptions], str]] = {
     "groups": (Groups, "groups.rrd"),
     "localize": (Localize, "localization.rrd"),
-    "plans": (Navigate, "navigation.rrd"),
     "patrol": (PatrolGraph, "patrol.rrd"),
     "drift": (Drift, "drift.rrd"),
 }
-
-
-# So many columns of the costs between all cells are held at a time.
-_GOALS = 256
 
 
 def check_detail(task: str) -> None:
@@ -40,14 +34,12 @@ def check_detail(task: str) -> None:
     if task != "rooms" and task not in _COMMANDS and study_of(task) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; those that have are "
-            f"{', '.join(sorted([*_COMMANDS, 'cover', 'rooms']))}"
+            f"{', '.join(sorted([*_COMMANDS, 'cover', 'plans', 'rooms']))}"
         )
 
 
 def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path) -> dict[str, Any]:
     """Computes a member again, prints what is found, and writes its recording.
-
-    That of the task `plans`, which is about all pairs of cells, has the costliest plan.
 
     **Arguments:**
 
@@ -68,8 +60,6 @@ def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path
     command, recording = _COMMANDS[task]
     if task == "drift":
         parameters = _one_layer(parameters)
-    if task == "plans":
-        parameters = {**parameters, **_costliest(parameters)}
     kept: dict[str, Any] = {}
 
     def finish(self: Any, summary: dict[str, Any], show: Callable[[], None], *_: Any) -> int:
@@ -130,30 +120,6 @@ def _one_layer(parameters: Mapping[str, Any]) -> dict[str, Any]:
         currents = open_currents(options["file"], time=parameters.get("time"))
         options["duration"] = crossing_time(Water.of(currents, 0), Flow.of(currents, 0).mean())
     return options
-
-
-def _costliest(parameters: Mapping[str, Any]) -> dict[str, int]:
-    """The start and the goal of a plan that costs the most of all."""
-    import numpy as np
-
-    from .. import estimates
-    from ..bounce import all_plans
-    from ..runtime import configure_jax
-
-    configure_jax()
-    command = _command(Navigate, "plans", {**parameters, "start": 0, "goal": 0})
-    cells = command.cells(lambda e: estimates.plans(e, **command.motion), "plans")
-    with status(f"planning among all pairs of {cells.size:,} cells"):
-        found = all_plans(
-            cells, np.radians(command.bounces), command.keep, command.change, **command.motion
-        )
-        most, ends = -1.0, (0, 0)
-        for begin in range(0, cells.size, _GOALS):
-            costs = found.costs(np.arange(begin, min(begin + _GOALS, cells.size)))
-            start, goal = np.unravel_index(costs.argmax(), costs.shape)
-            if costs[start, goal] > most:
-                most, ends = float(costs[start, goal]), (int(start), begin + int(goal))
-    return {"start": ends[0], "goal": ends[1]}
 
 
 def _room(parameters: Mapping[str, Any], seed: int, out: Path) -> dict[str, Any]:

@@ -155,10 +155,13 @@ def count_cells(cells: "CellSpace") -> str:
     return f"{cells.positions:,} positions x {cells.directions} directions = {cells.size:,} cells"
 
 
-def configuration(cells: "CellSpace", z: int) -> str:
-    """A cell as people read it: its number and its pose."""
+def configuration(cells: "CellSpace", z: int, heading: bool = True) -> str:
+    """A cell, or a position, as people read it: its number and its pose."""
+    if z < 0:
+        return "none"
     x, y, theta = cells.centre(z)
-    return f"{z} ({float(x):g} m, {float(y):g} m, {math.degrees(float(theta)):g}°)"
+    facing = f", {math.degrees(float(theta)):g}°" if heading else ""
+    return f"{z} ({float(x):g} m, {float(y):g} m{facing})"
 
 
 @contextlib.contextmanager

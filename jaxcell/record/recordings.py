@@ -10,7 +10,10 @@ from ..base.quantities import Result
 
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
+    "CostSummary": "bounce.navigation:log_costliest",
     "CoveragePolicy": "bounce.coverage:log_coverage",
+    "Plan": "bounce.navigation:log_plan",
+    "TeamTrajectory": "bounce.team:log_team",
 }
 
 

@@ -63,7 +63,7 @@ def member_actions(
 
     **Arguments:**
 
-    - `path`, `bumped`: as in [`jaxcell.bounce.TeamTrajectory`][].
+    - `path`, `bumped`: `cell` and `bumped` of a [`jaxcell.bounce.TeamTrajectory`][].
     - `steps`: the position where a step leads from each, itself at a wall, of
         [`jaxcell.space.free_steps`][] for the step and the collision of the trajectory.
 

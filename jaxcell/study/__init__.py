@@ -21,6 +21,7 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 
 from .cover import Cover as Cover
 from .map_study import MapStudy as MapStudy
+from .navigate import Navigate as Navigate, Plans as Plans
 from .study import (
     Degrees as Degrees,
     Metres as Metres,
@@ -30,3 +31,4 @@ from .study import (
     require as require,
     silent as silent,
 )
+from .team import Team as Team

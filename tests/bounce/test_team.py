@@ -290,12 +290,12 @@ def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
     states, events, parts, covered, outcome = Oracle(cells, shift.tolist(), step).trajectory(
         start, max_parts, limit
     )
-    assert result.path.tolist() == states
+    assert result.cell.tolist() == states
     assert result.bumped.tolist() == [event[0] for event in events]
     assert result.collided.tolist() == [event[1] for event in events]
     assert result.collisions.tolist() == [event[2] for event in events]
-    assert result.parts.tolist() == parts
-    assert result.uncovered.tolist() == sorted(set(range(cells.positions)) - covered)
+    assert result.part_begin.tolist() == parts
+    assert result.uncovered_positions.tolist() == sorted(set(range(cells.positions)) - covered)
     assert result.outcome is outcome
     visited = set()
     for joint, count in zip(states, result.covered, strict=True):
@@ -328,11 +328,11 @@ def test_a_team_covers_a_room_without_being_twice_in_a_joint_state():
     start = states_of(cells, 4, 0, 1)[0]
     result = team_trajectory(cells, start, 3 * math.pi / 4)
     assert result.outcome is TeamOutcome.COVERED
-    assert result.uncovered.size == 0
+    assert result.uncovered == 0
     assert result.covered[-1] == cells.positions > result.covered[-2]
     # Only the last state of a part, but for the end, can have been there before.
-    ends = np.append(result.parts[1:] - 1, len(result.path))
-    kept = np.delete(result.path, ends[:-1], axis=0)
+    ends = np.append(result.part_begin[1:] - 1, len(result.cell))
+    kept = np.delete(result.cell, ends[:-1], axis=0)
     assert len(np.unique(kept, axis=0)) == len(kept)
 
 
@@ -343,14 +343,14 @@ def test_other_pieces_of_the_free_space_stay_uncovered():
     start = [int(cells.index(0.5, 0.5)), int(cells.index(1.5, 1.5))]
     result = team_trajectory(cells, start, math.pi / 2)
     assert result.outcome is TeamOutcome.OUT_OF_REACH
-    column = cells.square[result.uncovered] % 7
+    column = cells.square[result.uncovered_positions] % 7
     assert sorted(column) == [4] * 3 + [5] * 3 + [6] * 3
 
 
 def test_robots_that_fill_the_map_have_covered_it_at_once():
     cells = CellSpace.of_grid(np.ones((1, 2), bool), 4)
     result = team_trajectory(cells, [0, 1], math.pi / 2)
-    assert result.path.tolist() == [[0, 1]]
+    assert result.cell.tolist() == [[0, 1]]
     assert result.bumped.shape == (0, 2)
     assert result.covered.tolist() == [2]
     assert result.outcome is TeamOutcome.COVERED
@@ -361,11 +361,11 @@ def test_a_robot_alone_can_run_out_of_turns():
     cells = CellSpace.of_grid(np.ones((2, 3), bool), 2)
     result = team_trajectory(cells, [0], math.pi)
     assert result.outcome is TeamOutcome.OUT_OF_REACH
-    assert result.uncovered.tolist() == [3, 4, 5]
+    assert result.uncovered_positions.tolist() == [3, 4, 5]
     cells = CellSpace.of_grid(np.ones((3, 3), bool), 4)
     result = team_trajectory(cells, [0], 0.0)
     assert result.outcome is TeamOutcome.STUCK
-    assert 0 < result.uncovered.size < 9
+    assert 0 < result.uncovered < 9
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_results_are_left_to_look_at(capsys, tmp_path):
     assert status == 0
     assert json.loads((out / "summary.json").read_text()) == found
     with xr.open_dataset(out / "navigation.nc") as data:
-        assert data["cell"].values.tolist() == found["visited"]
+        assert data["visited"].values.tolist() == found["visited"]
     assert (out / "navigation.rrd").stat().st_size > 1000
 
 
@@ -102,7 +102,7 @@ def test_people_read_a_table(capsys, ends):
     assert main(["navigate", *map(str, (LAB, *BOUNCES, *args))]) == 0
     printed = capsys.readouterr().out
     assert "cells that can reach the goal" in printed
-    assert ("bump: turn" in printed) == (ends[0] != ends[1])
+    assert ("turn at each bump" in printed) == (ends[0] != ends[1])
 
 
 @pytest.mark.parametrize(
@@ -113,11 +113,11 @@ def test_people_read_a_table(capsys, ends):
         ({"--goal": "152"}, "--goal '152': cell 152 does not exist"),
         ({"--goal": "here"}, "--goal 'here': expected \"x,y,heading\""),
         ({"--bounces": "50"}, "bounce: 50 deg is not a whole number"),
-        ({"--bounces": "360"}, "bounces: 360 deg leaves the robot at its wall"),
-        ({"--keep": "0"}, "keep: expected a finite cost above 0"),
-        ({"--change": "nan"}, "change: expected a finite cost above 0"),
-        ({"--change": "0.5"}, "change: expected at least what keeping the angle costs"),
-        ({"--step": "0.2"}, "step: expected at least one cell"),
+        ({"--bounces": "360"}, "--bounces: 360 deg leaves the robot at its wall"),
+        ({"--keep": "0"}, "--keep: expected a finite cost above 0"),
+        ({"--change": "nan"}, "--change: expected a finite cost above 0"),
+        ({"--change": "0.5"}, "--change: expected at least what keeping the angle costs"),
+        ({"--step": "0.2"}, "--step: expected at least one cell"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(capsys, change, message):
@@ -132,4 +132,4 @@ def test_an_angle_given_twice_is_refused(capsys):
     args = ("--bounces", 45, 405, "--start", 5, "--goal", 100)
     status, _, errors = navigate(capsys, LAB, *args)
     assert status == 2
-    assert "bounces: 45 and 405 deg are the same turn" in errors
+    assert "--bounces: 45 and 405 deg are the same turn" in errors

@@ -131,7 +131,7 @@ def test_the_costliest_plan_of_a_member(ran):
     folder = ran(f'task = "plans"\n[fixed]\n{fixed}\n[grid]\nchange = [1, 100]')
     for change in 1, 100:
         found, member, _ = detail(folder, f"change={change}")
-        assert found["cost"] == member["largest_cost"]
+        assert found["costliest"]["cost"] == member["largest_cost"]
         assert found["change"] == change
 
 

@@ -44,12 +44,13 @@ def test_a_team_covers_a_map(capsys):
     starts = [int(cells.index(1.5, 3.5, 0.0)), int(cells.index(0.5, 1.5, np.pi / 2)), 7]
     assert found["starts"] == starts
     team = team_trajectory(cells, starts, np.radians(135))
-    assert found["steps"] == found["steps_to_100_percent"] == len(team.path) - 1
-    assert found["ends"] == team.path[-1].tolist()
+    assert found["steps"] == found["steps_to_100_percent"] == team.steps
+    assert found["ends"] == team.ends.tolist()
     assert found["bumps"] == team.bumped.sum()
-    assert found["collisions"] == team.collisions.sum()
-    assert team.covered[found["steps_to_50_percent"]] * 2 >= cells.positions
-    assert team.covered[found["steps_to_50_percent"] - 1] * 2 < cells.positions
+    assert found["collisions_in_all"] == team.collisions.sum()
+    half = int(found["steps_to_50_percent"])
+    assert team.covered[half] * 2 >= cells.positions
+    assert team.covered[half - 1] * 2 < cells.positions
 
 
 def test_each_robot_can_have_its_own_angle(capsys):
@@ -76,9 +77,9 @@ def test_what_stays_uncovered_is_said(capsys, two_rooms):
     # Position 3 is the first square of the other room, in the lowest of three rows of five.
     assert found["uncovered_positions"] == [3, 4, 8, 9, 13, 14]
     assert main(["team", *map(str, args)]) == 1
-    told = " ".join(capsys.readouterr().out.split())
-    assert "6 stay uncovered" in told
-    assert "(4.5 m, 0.5 m)" in told
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "positions that stay uncovered │ 6" in shown
+    assert "(4.5 m, 0.5 m)" in shown
 
 
 def test_results_are_left_to_look_at(capsys, tmp_path):
@@ -106,13 +107,13 @@ def test_results_are_left_to_look_at(capsys, tmp_path):
         (("--bounce", 45, 90, 135), "bounces: got 3 angles for 2 robots"),
         (("--bounce", 135, "--robots", 0), "--robots 0: expected from 1 to 19"),
         (("--bounce", 135, "--robots", 20), "--robots 20: expected from 1 to 19"),
-        (("--bounce", 135, "--robots", 3, "--starts", 1, 2), "--robots 3: --starts names 2"),
+        (("--bounce", 135, "--robots", 3, "--starts", 1, 2), "--robots 3: starts names 2"),
         (("--bounce", 135, "--starts", 1, 20), "robots 0 and 1 are both at position 1"),
         (("--bounce", 135, "--starts", 1, 152), "--starts '152': cell 152 does not exist"),
         (("--bounce", 135, "--starts", "9,9,0"), "--starts '9,9,0': the point (9, 9) is off the"),
         (("--bounce", 135, "--starts", "1,2"), 'expected "x,y,heading"'),
-        (("--bounce", 135, "--max-parts", 0), "max_parts: expected at least 1, got 0"),
-        (("--bounce", 135, "--part-steps", 0), "part_steps: expected at least 1, got 0"),
+        (("--bounce", 135, "--max-parts", 0), "--max-parts: expected at least 1, got 0"),
+        (("--bounce", 135, "--part-steps", 0), "--part-steps: expected at least 1, got 0"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(capsys, args, message):

@@ -1,7 +1,5 @@
 """Datasets check themselves, and each check sees what it is for."""
 
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -54,27 +52,6 @@ LOCALIZATION = dataset(
         "candidate": ("candidates", [3]),
     }
 )
-# Three positions in a row, East and West: one step and a turn.
-PLAN = dataset(
-    {
-        "start": ("", 1),
-        "goal": ("", 5),
-        "cost": ("", 2),
-        "cell": ("time", [1, 2, 5]),
-        "action": ("move", [0, np.pi]),
-        "reaches": ("direction position", [[True] * 3, [True] * 3]),
-    },
-    spec=json.dumps({"keep": 1, "change": 100}),
-)
-# Three positions, East and West; robot 0 goes on, robot 1 bumps, and then robot 1 is turned.
-TEAM = dataset(
-    {
-        "cell": ("time robot", [[0, 2], [1, 5], [1, 2]]),
-        "bumped": ("move robot", [[False, True], [False, False]]),
-        "part_begin": ("part", [0, 2]),
-        "covered": ("time", [2, 3, 3]),
-    }
-)
 WALK = dataset(
     {
         "transition": ("start target", [[0.5, 0.5], [1.0, 0.0]]),
@@ -114,8 +91,6 @@ DRIFT = dataset(
 CHECKS = {
     "groups": (GROUPS, lambda data: checks.groups_checks(data, IMAGE)),
     "localization": (LOCALIZATION, checks.localization_checks),
-    "navigation": (PLAN, checks.navigation_checks),
-    "team": (TEAM, lambda data: checks.team_checks(data, 2, 3)),
     "patrol graph": (WALK, patrol_graph_checks),
     "patrol map": (PATROL, patrol_map_checks),
     "drift": (DRIFT, drift_checks),
@@ -140,15 +115,6 @@ def test_what_is_right_passes(family):
         ("localization", "transition", [[1, 1], [-1, 2], [2, -1]], {"states_that_gain_cells"}),
         ("localization", "visited", [0, 2, 2], {"run_off_the_transitions"}),
         ("localization", "candidate", [4], {"candidates_not_of_the_last_state"}),
-        ("navigation", "cell", [1, 0, 5], {"actions_that_lead_elsewhere"}),
-        ("navigation", "action", [0, np.pi / 2], {"actions_that_lead_elsewhere"}),
-        ("navigation", "goal", 4, {"ends_missed"}),
-        ("navigation", "reaches", [[True] * 3, [False] * 3], {"cells_that_do_not_reach"}),
-        ("navigation", "cost", 101, {"cost_minus_that_of_actions"}),
-        ("team", "cell", [[0, 2], [2, 5], [2, 2]], {"shared_positions"}),
-        ("team", "cell", [[0, 2], [1, 5], [1, 5]], {"parts_that_begin_otherwise"}),
-        ("team", "bumped", [[True, True], [False, False]], {"moves_against_the_rule"}),
-        ("team", "covered", [2, 2, 3], {"covered_minus_visited"}),
         ("patrol graph", "transition", [[0.5, 0.4], [1.0, 0.0]], {"rows_sum_to_1"}),
         ("patrol graph", "stationary", [0.5, 0.5], {"stationarity_residual"}),
         ("patrol graph", "hitting_time", [[0, 2.1], [0.9, 0]], {"hitting_time_residual"}),

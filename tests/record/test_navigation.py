@@ -1,3 +1,4 @@
+import dataclasses
 import itertools
 import json
 
@@ -5,8 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxcell.bounce import plan
-from jaxcell.record import log_navigation, navigation_dataset, save_dataset
+from jaxcell.bounce import all_plans, plan
+from jaxcell.record import dataset, save_dataset, save_recording
 from jaxcell.record.canvas.palette import BELIEF, KNOWN, ROBOT, TRAIL
 from jaxcell.space import CellSpace
 
@@ -34,7 +35,7 @@ def found(cells):
 @pytest.fixture(scope="module")
 def recorded(cells, found, read, tmp_path_factory):
     path = tmp_path_factory.mktemp("navigation") / "plan.rrd"
-    log_navigation(path, cells, found, spec={"bounces_deg": [45, 90, 135]})
+    save_recording(found, path, spec={"bounces_deg": [45, 90, 135]})
     return read(path)
 
 
@@ -42,17 +43,17 @@ def recorded(cells, found, read, tmp_path_factory):
 def split():
     """Two rooms that have no way between them, and a plan to try it."""
     cells = CellSpace.of_grid(np.array([[1, 1, 1, 0, 1, 1]] * 3, bool), 24)
-    return cells, plan(cells, BOUNCES, 0, cells.size - 1)
+    return plan(cells, BOUNCES, 0, cells.size - 1)
 
 
 def test_the_dataset_holds_the_plan(cells, found, tmp_path):
-    save_dataset(navigation_dataset(cells, found, spec={"keep": 1}), tmp_path / "plan.nc")
+    save_dataset(dataset(found, spec={"keep": 1}), tmp_path / "plan.nc")
     with xr.open_dataset(tmp_path / "plan.nc") as data:
         assert (data.start, data.goal, data.cost) == (found.start, found.goal, found.cost)
-        assert data["cell"].values.tolist() == found.cells.tolist()
-        np.testing.assert_array_equal(data.action, found.actions)
-        assert set(np.round(data.action_deg.values, 9)) <= {0, 45, 90, 135}
-        x, y, theta = cells.centre(found.cells)
+        assert data["visited"].values.tolist() == found.visited.tolist()
+        np.testing.assert_array_equal(data.actions, found.actions)
+        assert set(data.actions_deg.values) <= {0, 45, 90, 135}
+        x, y, theta = cells.centre(found.visited)
         for name, values in (("robot_x", x), ("robot_y", y), ("robot_theta", theta)):
             np.testing.assert_array_equal(data[name], values)
         for z in range(0, cells.size, 7):
@@ -64,19 +65,18 @@ def test_the_dataset_holds_the_plan(cells, found, tmp_path):
 
 
 def test_the_dataset_says_that_there_is_no_path(split):
-    cells, none = split
-    data = navigation_dataset(cells, none)
+    data = dataset(split)
     assert data.cost == -1
     assert data.sizes["move"] == 0
-    assert data["cell"].values.tolist() == [0]
-    assert data.reaches.values.sum() == none.reaching.sum() > 0
+    assert data["visited"].values.tolist() == [0]
+    assert data.reaches.values.sum() == split.reaching.sum() > 0
 
 
 def test_the_robot_follows_the_plan(cells, found, recorded):
-    x, y, theta = cells.centre(found.cells)
+    x, y, theta = cells.centre(found.visited)
     origins = recorded.over("step", "/map/robot", "Arrows2D:origins")
     vectors = recorded.over("step", "/map/robot", "Arrows2D:vectors")
-    assert list(origins) == list(range(len(found.cells)))
+    assert list(origins) == list(range(len(found.visited)))
     for time in origins:
         (origin,), (vector,) = np.array(origins[time]), np.array(vectors[time])
         np.testing.assert_allclose(origin + vector / 2, [x[time], y[time]], atol=1e-6)
@@ -86,17 +86,17 @@ def test_the_robot_follows_the_plan(cells, found, recorded):
 
 
 def test_the_trail_begins_at_the_last_bump(cells, found, recorded):
-    x, y, _ = cells.centre(found.cells)
+    x, y, _ = cells.centre(found.visited)
     trail = recorded.over("step", "/map/trail", "LineStrips2D:strips")
     since = 0
-    for time in range(len(found.cells)):
+    for time in range(len(found.visited)):
         np.testing.assert_allclose(trail[time][0], [[x[since], y[since]], [x[time], y[time]]])
         if time < len(found.actions) and found.actions[time] != 0:
             since = time
 
 
 def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
-    x, y, _ = cells.centre(found.cells)
+    x, y, _ = cells.centre(found.visited)
     origins = np.array(recorded.static("/map/plan/runs", "Arrows2D:origins"))
     vectors = np.array(recorded.static("/map/plan/runs", "Arrows2D:vectors"))
     colors = recorded.static("/map/plan/runs", "Arrows2D:colors")
@@ -118,12 +118,12 @@ def test_runs_are_arrows_in_the_colours_of_their_angles(cells, found, recorded):
 
 
 def test_bumps_are_marked_and_told(cells, found, recorded):
-    x, y, _ = cells.centre(found.cells)
+    x, y, _ = cells.centre(found.visited)
     bumps = np.flatnonzero(found.actions != 0)
     places = np.array(recorded.static("/map/plan/bumps", "Points2D:positions"))
     np.testing.assert_allclose(places, np.stack([x, y], axis=1)[bumps])
     colors = recorded.static("/map/plan/bumps", "Points2D:colors")
-    pairs = set(zip(found.bumps.tolist(), colors, strict=True))
+    pairs = set(zip(found.turns.tolist(), colors, strict=True))
     assert len(pairs) == found.angles_used == len({color for _, color in pairs})
     radii = recorded.static("/map/plan/bumps", "Points2D:radii")
     for i, j in itertools.pairwise(bumps):
@@ -164,7 +164,7 @@ def test_counts_along_the_plan(found, recorded):
         if action:
             bumped, changed = bumped + 1, changed + (last not in (None, action))
             last = action
-    assert (bumped, changed) == (found.bumps.size, found.changes)
+    assert (bumped, changed) == (found.bumps, found.changes)
 
 
 def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded):
@@ -184,7 +184,7 @@ def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded
             assert shown == ("from here" if reached else "not from here")
     assert not heat[~cells.free].any()
     # On the way, the picture is that of the heading of the robot.
-    headings = found.cells // cells.positions
+    headings = found.visited // cells.positions
     on_the_way = recorded.pictures("step", "/map/grid/heading")
     assert list(on_the_way) == [0, *(1 + np.flatnonzero(np.diff(headings))).tolist()]
     for time, picture in on_the_way.items():
@@ -192,8 +192,7 @@ def test_the_pictures_show_from_where_the_goal_is_reached(cells, found, recorded
 
 
 def test_without_a_path_there_is_a_heat_map(split, read, tmp_path):
-    cells, none = split
-    log_navigation(tmp_path / "none.rrd", cells, none)
+    save_recording(split, tmp_path / "none.rrd")
     recorded = read(tmp_path / "none.rrd")
     assert "direction" in recorded.timelines
     assert "step" not in recorded.timelines
@@ -202,8 +201,8 @@ def test_without_a_path_there_is_a_heat_map(split, read, tmp_path):
     assert classes[2] == "from 1 to 3 of 24 headings"
     assert len(classes) == 2 + 8
     buffer = np.array(recorded.static("/map/grid/heat", "SegmentationImage:buffer")[0])
-    reaching = none.reaching.reshape(24, -1).sum(axis=0)
-    shown = buffer[cells.square]
+    reaching = split.reaching.reshape(24, -1).sum(axis=0)
+    shown = buffer[split.cells.square]
     np.testing.assert_array_equal(shown, 1 + -(-reaching // 3))
     (text,) = recorded.static("/text", "TextDocument:text")
     assert "There is no path" in text
@@ -224,8 +223,8 @@ def test_the_text_tells_the_plan(found, recorded):
 @pytest.mark.parametrize("goal", [5, 0])
 def test_short_plans_are_recorded(cells, read, tmp_path, goal):
     made = plan(cells, BOUNCES, 0, goal)
-    assert made.bumps.size == 0
-    log_navigation(tmp_path / "short.rrd", cells, made)
+    assert made.bumps == 0
+    save_recording(made, tmp_path / "short.rrd")
     recorded = read(tmp_path / "short.rrd")
     assert len(recorded.over("step", "/map/robot", "Arrows2D:origins")) == goal + 1
     (text,) = recorded.static("/text", "TextDocument:text")
@@ -237,9 +236,46 @@ def test_the_robot_has_its_own_colour(recorded):
     assert recorded.static("/map/robot", "Arrows2D:colors") == [packed(ROBOT)]
 
 
-def test_refuses_a_plan_of_other_cells(cells, split, tmp_path):
-    with pytest.raises(ValueError, match="plan: it is of 360 cells, and there are"):
-        log_navigation(tmp_path / "plan.rrd", cells, split[1])
-    with pytest.raises(ValueError, match="plan: it is of 360 cells"):
-        navigation_dataset(cells, split[1])
-    assert not list(tmp_path.iterdir())
+@pytest.fixture(scope="module")
+def turn():
+    """Three positions in a row, East and West: one step and a turn."""
+    return plan(CellSpace.of_grid(np.ones((1, 3), bool), 2), [np.pi], 1, 5)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "name"),
+    [
+        ("visited", np.array([1, 0, 5], np.int32), "actions_that_lead_elsewhere"),
+        ("actions", np.array([0, np.pi / 2]), "actions_that_lead_elsewhere"),
+        ("goal", 4, "ends_missed"),
+        ("reaching", np.array([True] * 3 + [False] * 3), "cells_that_do_not_reach"),
+        ("cost", 101, "cost_minus_that_of_actions"),
+    ],
+)
+def test_a_plan_that_contradicts_itself_is_seen(turn, field, value, name):
+    assert all(found <= limit for found, limit in turn.checks().values())
+    wrong = dataclasses.replace(turn, **{field: value})
+    found, limit = wrong.checks()[name]
+    assert found > limit
+    with pytest.raises(RuntimeError, match="the result contradicts itself"):
+        dataset(wrong)
+
+
+def test_cells_that_do_not_exist_are_seen(turn):
+    wrong = dataclasses.replace(turn, start=6)
+    with pytest.raises(RuntimeError, match="start_not_of_the_map is 1"):
+        dataset(wrong)
+
+
+def test_the_costs_of_all_plans_have_the_costliest(cells, read, tmp_path):
+    plans = all_plans(cells, BOUNCES)
+    costs = plans.cost_summary()
+    known = plans.costs()
+    assert costs.largest_cost == costs.costliest.cost == known.max()
+    assert costs.mean_cost == pytest.approx(known[known >= 0].mean())
+    assert costs.reachable_pairs == pytest.approx((known >= 0).mean())
+    data = dataset(costs)
+    assert data.costliest_visited.values.tolist() == costs.costliest.visited.tolist()
+    save_recording(costs, tmp_path / "costs.rrd")
+    (text,) = read(tmp_path / "costs.rrd").static("/text", "TextDocument:text")
+    assert f"cost **{known.max()}**" in text

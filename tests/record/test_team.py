@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jaxcell.bounce import TeamOutcome, team_trajectories, team_trajectory
-from jaxcell.record import log_team, save_dataset, team_dataset
-from jaxcell.record.team import robot_color
-from jaxcell.space import CellSpace
+from jaxcell.bounce import TeamOutcome, TeamTrajectory, team_trajectories, team_trajectory
+from jaxcell.record import dataset, save_dataset, save_recording, summary
+from jaxcell.record.canvas.palette import robot_color
+from jaxcell.space import CellSpace, Workspace
 
 
 BOUNCE = np.radians(135)
@@ -20,47 +20,50 @@ def team(lab):
     rng = np.random.default_rng(0)
     starts = [rng.choice(19, 3, replace=False) + 19 * rng.integers(8, size=3) for _ in range(20)]
     runs = team_trajectories(lab.cells, np.array(starts), BOUNCE, collision="endpoint")
-    return next(run for run in runs if len(run.parts) > 1 and run.collisions.max() > 0)
+    return next(run for run in runs if run.parts > 1 and run.collisions.max() > 0)
 
 
 @pytest.fixture(scope="module")
 def recorded(lab, team, read, tmp_path_factory):
     path = tmp_path_factory.mktemp("team") / "team.rrd"
-    log_team(path, lab.cells, team, spec={"seed": 0})
+    save_recording(team, path, spec={"seed": 0})
     return read(path)
 
 
 def test_dataset(lab, team, tmp_path):
-    save_dataset(team_dataset(lab.cells, team, spec={"seed": 0}), tmp_path / "team.nc")
+    save_dataset(dataset(team, spec={"seed": 0}), tmp_path / "team.nc")
     with xr.open_dataset(tmp_path / "team.nc") as found:
         for name in ("bumped", "collided", "collisions", "covered"):
             np.testing.assert_array_equal(found[name], getattr(team, name))
-        np.testing.assert_array_equal(found.cell, team.path)
-        np.testing.assert_array_equal(found.part_begin, team.parts)
+        np.testing.assert_array_equal(found.cell, team.cell)
+        np.testing.assert_array_equal(found.part_begin, team.part_begin)
         np.testing.assert_array_equal(
-            lab.cells.index(found.x.values, found.y.values, found.theta.values), team.path
+            lab.cells.index(*(found[f"robot_{name}"].values for name in ("x", "y", "theta"))),
+            team.cell,
         )
         assert json.loads(found.attrs["spec"]) == {"seed": 0}
-        assert found.attrs["outcome"] == team.outcome.name.lower()
+        assert found.outcome == team.outcome.name.lower()
         for position in range(lab.cells.positions):
             time = int(found.first_visit[position])
             robot = int(found.first_visitor[position])
-            assert team.path[time, robot] % lab.cells.positions == position
-            assert not (team.path[:time] % lab.cells.positions == position).any()
-            x, y = found.position_x.values[position], found.position_y.values[position]
+            assert team.cell[time, robot] % lab.cells.positions == position
+            assert not (team.cell[:time] % lab.cells.positions == position).any()
+            x, y = found.x.values[position], found.y.values[position]
             assert lab.cells.index(x, y) == position
 
 
 def test_what_is_never_visited_is_marked(lab):
     team = team_trajectory(lab.cells, [0], BOUNCE, max_parts=1, part_steps=2)
     assert team.outcome is TeamOutcome.OUT_OF_PARTS
-    found = team_dataset(lab.cells, team)
-    np.testing.assert_array_equal(np.flatnonzero(found.first_visit == -1), team.uncovered)
-    np.testing.assert_array_equal(np.flatnonzero(found.first_visitor == -1), team.uncovered)
+    found = dataset(team)
+    np.testing.assert_array_equal(np.flatnonzero(found.first_visit == -1), team.uncovered_positions)
+    np.testing.assert_array_equal(
+        np.flatnonzero(found.first_visitor == -1), team.uncovered_positions
+    )
 
 
 def test_robots_and_trails(lab, team, recorded):
-    for robot, path in enumerate(team.path.T):
+    for robot, path in enumerate(team.cell.T):
         origins = recorded.over("step", f"/map/robot_{robot}", "Arrows2D:origins")
         vectors = recorded.over("step", f"/map/robot_{robot}", "Arrows2D:vectors")
         trails = recorded.over("step", f"/map/trail_{robot}", "LineStrips2D:strips")
@@ -89,7 +92,7 @@ def test_squares_fill_in_the_colour_of_the_first_robot(lab, team, recorded):
         assert labels[1 + robot] == expected
     pictures = recorded.pictures("step", "/map/grid/visited")
     first = {}
-    for time, joint in enumerate(team.path.tolist()):
+    for time, joint in enumerate(team.cell.tolist()):
         before = len(first)
         for robot, z in enumerate(joint):
             first.setdefault(z % lab.cells.positions, robot)
@@ -102,10 +105,10 @@ def test_squares_fill_in_the_colour_of_the_first_robot(lab, team, recorded):
 
 def test_collisions_and_curves(lab, team, recorded):
     marks = recorded.over("step", "/map/collisions", "Boxes2D:centers")
-    assert list(marks) == list(range(len(team.path)))
+    assert list(marks) == list(range(len(team.cell)))
     assert not marks[0]
     for move, collided in enumerate(team.collided):
-        x, y, _ = lab.cells.centre(team.path[move + 1][collided])
+        x, y, _ = lab.cells.centre(team.cell[move + 1][collided])
         np.testing.assert_allclose(np.reshape(marks[move + 1], (-1, 2)), np.stack([x, y], axis=1))
     curves = {
         name: np.array(list(recorded.over("step", f"/team/{name}", "Scalars:scalars").values()))
@@ -113,25 +116,27 @@ def test_collisions_and_curves(lab, team, recorded):
     }
     np.testing.assert_array_equal(curves["covered"][:, 0], team.covered)
     np.testing.assert_array_equal(np.diff(curves["collisions"][:, 0]), team.collisions)
-    assert (np.flatnonzero(np.diff(curves["part"][:, 0])) + 1).tolist() == team.parts[1:].tolist()
+    assert (np.flatnonzero(np.diff(curves["part"][:, 0])) + 1).tolist() == team.part_begin[
+        1:
+    ].tolist()
     assert recorded.timelines >= {"step"}
     assert recorded.blueprints
 
 
 def test_the_text_says_what_came_out(team, recorded):
     text = recorded.static("/text", "TextDocument:text")[0]
-    assert f"all 19 positions** in **{len(team.path) - 1} steps" in text
+    assert f"all 19 positions** in **{len(team.cell) - 1} steps" in text
     assert "| 0 | vermilion | x = " in text
     assert "| seed | 0 |" in text
 
 
 def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.record.team._MOST_TIMES", 8)
-    monkeypatch.setattr("jaxcell.record.team._MOST_PICTURES", 3)
+    monkeypatch.setattr("jaxcell.record.bounce.team._MAX_TIMES", 8)
+    monkeypatch.setattr("jaxcell.record.bounce.team._MAX_PICTURES", 3)
     team = team_trajectory(lab.cells, [0, 31], BOUNCE, max_parts=3)
-    log_team(tmp_path / "thin.rrd", lab.cells, team)
+    save_recording(team, tmp_path / "thin.rrd")
     thin = read(tmp_path / "thin.rrd")
-    steps = len(team.path) - 1
+    steps = len(team.cell) - 1
     assert steps > 16
     stride = -(-steps // 8)
     times = sorted({*range(0, steps, stride), steps})
@@ -147,21 +152,58 @@ def test_a_long_trajectory_is_thinned(lab, read, tmp_path, monkeypatch):
 def test_a_team_that_fills_the_map_is_shown(read, tmp_path):
     cells = CellSpace.of_grid(np.ones((3, 3), bool), 8)
     team = team_trajectory(cells, list(range(9)), BOUNCE)
-    log_team(tmp_path / "full.rrd", cells, team)
+    save_recording(team, tmp_path / "full.rrd")
     pictures = read(tmp_path / "full.rrd").pictures("step", "/map/grid/visited")
     assert list(pictures) == [0]
     # There are eight colours: the ninth robot has the first one.
     assert pictures[0].ravel().tolist() == [1, 2, 3, 4, 5, 6, 7, 8, 1]
 
 
-def test_refuses_what_is_of_another_map(lab, team, tmp_path):
-    small = CellSpace.of_grid(np.ones((2, 2), bool), 8)
-    with pytest.raises(ValueError, match=r"team: path\[\d+, \d+\] is cell \d+; cells are 0 to 31"):
-        team_dataset(small, team)
-    large = CellSpace.of_grid(np.ones((9, 9), bool), 8)
-    with pytest.raises(ValueError, match="team: it tells of 19 positions, and there are 81"):
-        log_team(tmp_path / "other.rrd", large, team)
-    wrong = dataclasses.replace(team, path=team.path - 200)
-    with pytest.raises(ValueError, match=r"team: path\[0, 0\] is cell -"):
-        team_dataset(lab.cells, wrong)
-    assert not list(tmp_path.iterdir())
+def test_cells_that_do_not_exist_are_seen(lab, team):
+    wrong = dataclasses.replace(team, cells=CellSpace.of_grid(np.ones((2, 2), bool), 8))
+    with pytest.raises((RuntimeError, ValueError)):
+        dataset(wrong)
+    wrong = dataclasses.replace(team, uncovered_positions=np.array([19], np.int32))
+    with pytest.raises(RuntimeError, match="uncovered_positions_not_of_the_map is 1"):
+        dataset(wrong)
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """Three positions, East and West: robot 0 goes on, 1 bumps, and then 1 is turned."""
+    return TeamTrajectory(
+        cells=CellSpace.of_grid(np.ones((1, 3), bool), 2),
+        bumped=np.array([[False, True], [False, False]]),
+        collided=np.zeros((2, 2), bool),
+        collisions=np.zeros(2, np.int32),
+        cell=np.array([[0, 2], [1, 5], [1, 2]], np.int32),
+        covered=np.array([2, 3, 3], np.int32),
+        part_begin=np.array([0, 2], np.int32),
+        uncovered_positions=np.empty(0, np.int32),
+        outcome=TeamOutcome.COVERED,
+    )
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "name"),
+    [
+        ("cell", [[0, 2], [2, 5], [2, 2]], "shared_positions"),
+        ("cell", [[0, 2], [1, 5], [1, 5]], "parts_that_begin_otherwise"),
+        ("bumped", [[True, True], [False, False]], "moves_against_the_rule"),
+        ("covered", [2, 2, 3], "covered_minus_visited"),
+    ],
+)
+def test_a_trajectory_that_contradicts_itself_is_seen(turned, field, value, name):
+    assert all(found == 0 for found, _ in turned.checks().values())
+    like = getattr(turned, field)
+    wrong = dataclasses.replace(turned, **{field: np.array(value, like.dtype)})
+    assert wrong.checks()[name][0] > 0
+    with pytest.raises(RuntimeError, match="the result contradicts itself"):
+        dataset(wrong)
+
+
+def test_wide_robots_have_a_remark():
+    room = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], robot_radius=0.4)
+    for cell, wide in ((0.5, True), (1.0, False)):
+        team = team_trajectory(CellSpace.of(room, cell, 8), [0], BOUNCE, max_parts=1)
+        assert (team.remark is not None) == wide == ("remark" in summary(team))

@@ -31,7 +31,7 @@ def log_curve(
 
 
 def curve_view(
-    path: str, title: str, last: int, most: float | None = None, legend: bool = False
+    path: str, title: str, last: int, most: float | int | None = None, legend: bool = False
 ) -> rrb.TimeSeriesView:
     """A view of the curves at a path, from the start to the end and not near one time.
 

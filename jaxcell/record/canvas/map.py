@@ -72,6 +72,8 @@ class CellMap:
     ) -> str:
         """Log the class of each position as a picture, or one picture for each time.
 
+        The arguments are those of [`log_pictures`][].
+
         **Returns:** the name of the entity, for [`CellMap.view`][].
         """
         pictures = on_squares(self.cells, kind)
@@ -111,10 +113,15 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of classes, or one for each time; higher orders lie on top."""
-    named = [(i, one.label, one.color) for i, one in enumerate(classes)]
-    stream.log(path, rr.AnnotationContext(named), static=True)
-    stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
+    """Log a picture of classes, or one for each time; higher orders lie on top.
+
+    Without classes these are more pictures of the same, over another timeline.
+    """
+    if classes:
+        named = [(i, one.label, one.color) for i, one in enumerate(classes)]
+        stream.log(path, rr.AnnotationContext(named), static=True)
+        style = rr.SegmentationImage.from_fields(opacity=1, draw_order=order)
+        stream.log(path, style, static=True)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
         return

@@ -4,7 +4,6 @@ Marks lie over pictures; their `order` says which lies over which.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +17,9 @@ from .palette import TEXT, Color
 _CORNERS = 6
 
 
-def points(width: float) -> Any:
+def points(width: float) -> float:
     """A width on the screen, in points, however far one looks from."""
-    return rr.Radius.ui_points(width)
+    return float(np.asarray(rr.Radius.ui_points(width)))
 
 
 def log_labels(
@@ -47,11 +46,11 @@ def log_dots(
     stream: rr.RecordingStream,
     path: str,
     xy: npt.ArrayLike,
-    radius: float,
+    radius: npt.ArrayLike,
     color: Color | Sequence[Color],
     order: float = 40.0,
 ) -> None:
-    """Log round marks."""
+    """Log round marks, of one radius or one for each."""
     stream.log(path, rr.Points2D(xy, colors=color, radii=radius, draw_order=order), static=True)
 
 
@@ -116,6 +115,8 @@ def log_robot(
     trail: str | None = None,
     trail_color: Color | None = None,
     corners: int | None = _CORNERS,
+    width: float = 1.5,
+    order: float = 30.0,
 ) -> None:
     """Log a robot as an arrow over time, and the trail behind it.
 
@@ -128,6 +129,8 @@ def log_robot(
     - `times`: the states that are shown; by default all.
     - `trail`: the entity of the trail, if it is to have one.
     - `corners`: how many corners of the trail are kept; `None` for all.
+    - `width`: of the trail, in points on the screen.
+    - `order`: of the robot; the trail lies below it.
     """
     x, y, theta = poses
     times = np.arange(x.size) if times is None else times
@@ -136,7 +139,7 @@ def log_robot(
     index = [rr.TimeColumn(timeline, sequence=times)]
     arrows = rr.Arrows2D.columns(origins=place[times] - heading[times] / 2, vectors=heading[times])
     stream.send_columns(path, index, arrows)
-    style = rr.Arrows2D.from_fields(colors=color, radii=length / 8, draw_order=30)
+    style = rr.Arrows2D.from_fields(colors=color, radii=length / 8, draw_order=order)
     stream.log(path, style, static=True)
     if trail is None:
         return
@@ -149,6 +152,8 @@ def log_robot(
     ]
     stream.send_columns(trail, index, rr.LineStrips2D.columns(strips=strips))
     line = rr.LineStrips2D.from_fields(
-        colors=color if trail_color is None else trail_color, radii=points(1.5), draw_order=20
+        colors=color if trail_color is None else trail_color,
+        radii=points(width),
+        draw_order=order - 10,
     )
     stream.log(trail, line, static=True)

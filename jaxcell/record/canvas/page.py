@@ -27,24 +27,43 @@ def log_tab(
 ) -> rrb.Container:
     """Log the text and the legend of a tab, and lay it out.
 
+    **Arguments:** those of [`lay_out_tab`][], and
+
+    - `text`: what one sees, in Markdown.
+    - `legend`: what the colours mean; none for no legend.
+    - `timeline`: one that the recording has.
+    """
+    below = f"{path}/" if path else ""
+    log_text(stream, f"{below}text", text)
+    if legend:
+        log_legend(stream, f"{below}legend", legend, timeline)
+    return lay_out_tab(path, name, views, len(legend), shares=shares, rows=rows)
+
+
+def lay_out_tab(
+    path: str,
+    name: str,
+    views: rrb.Container | rrb.View,
+    legend: int,
+    *,
+    shares: tuple[int, int] = (7, 3),
+    rows: tuple[int, int] = (3, 2),
+) -> rrb.Container:
+    """Lay out a tab: views on the left, its text and its legend on the right.
+
     **Arguments:**
 
     - `path`: what the text and the legend are under; empty for the recording as a whole.
     - `name`: what the tab is called.
     - `views`: what is on its left.
-    - `text`: what one sees, in Markdown.
-    - `legend`: what the colours mean; none for no legend.
-    - `timeline`: one that the recording has.
+    - `legend`: how many rows the legend has; 0 for no legend.
     - `shares`: how much of the width the views and the rest have.
     - `rows`: how much of the height the text and the legend have.
     """
     below = f"{path}/" if path else ""
-    log_text(stream, f"{below}text", text)
     about: rrb.Container | rrb.View = text_view(f"{below}text")
     if legend:
-        log_legend(stream, f"{below}legend", legend, timeline)
-        key = legend_view(f"{below}legend", len(legend))
-        about = rrb.Vertical(about, key, row_shares=list(rows))
+        about = rrb.Vertical(about, legend_view(f"{below}legend", legend), row_shares=list(rows))
     return rrb.Horizontal(views, about, column_shares=list(shares), name=name)
 
 

@@ -29,6 +29,12 @@ def bouncing(bounce: float) -> str:
     )
 
 
+def pose(cells: CellSpace, cell: int) -> str:
+    """Where a robot is, and its heading."""
+    x, y, theta = (float(value) for value in cells.centre(cell))
+    return f"x = {x:.4g} m, y = {y:.4g} m, heading {math.degrees(theta):.6g}°"
+
+
 def made_with(spec: Mapping[str, Any]) -> str:
     """The parameters of a recording, as its last section."""
     if not spec:
@@ -41,6 +47,11 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A table in Markdown."""
     lines = [columns, ["---"] * len(columns), *rows]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+
+
+def times(count: int) -> str:
+    """How often: `once`, `twice`, `3 times`."""
+    return {1: "once", 2: "twice"}.get(count, f"{count:,} times")
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:

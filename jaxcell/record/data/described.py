@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ...base.quantities import Checks, Quantity, Result, parts, values
+from ...space import CellSpace
 from ..checks import PROBABILITY, with_checks
 from ..provenance import cell_coordinates, provenance
 
@@ -44,7 +45,7 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
         else:
             variable.attrs["kind"] = described.kind
             found[name] = variable
-    return with_checks(found, {**_checks_of_kinds(found), **result.checks()})
+    return with_checks(found, {**_checks_of_kinds(found, cells), **result.checks()})
 
 
 def summary(result: Result) -> dict[str, Any]:
@@ -89,7 +90,7 @@ def _finite(value: Any) -> Any:
     return value if math.isfinite(value) else None
 
 
-def _checks_of_kinds(found: xr.Dataset) -> Checks:
+def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
     """The largest violation of what the kind of each variable says."""
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in found.data_vars.items():
@@ -102,8 +103,11 @@ def _checks_of_kinds(found: xr.Dataset) -> Checks:
             checks[f"{name}_sums_to_1"] = (_most(np.abs(sums - 1)), PROBABILITY)
         if kind in ("count", "time") and array.size:
             checks[f"{name}_below_0"] = (_most(-array.astype(float)), 0)
-        if kind == "index" and array.size:
+        if kind in ("cell", "index", "position") and array.size:
             checks[f"{name}_below_minus_1"] = (_most(-1 - array.astype(float)), 0)
+        if kind in ("cell", "position") and cells is not None:
+            size = cells.size if kind == "cell" else cells.positions
+            checks[f"{name}_not_of_the_map"] = (int(np.count_nonzero(array >= size)), 0)
     return checks
 
 

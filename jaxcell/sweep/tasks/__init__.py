@@ -9,7 +9,7 @@ TASKS: dict[str, str] = {
     "rooms": "jaxcell.sweep.tasks.rooms:rooms",
     "localize": "jaxcell.sweep.tasks.localize:localize",
     "cover": "jaxcell.study:Cover",
-    "plans": "jaxcell.sweep.tasks.plans:plans",
+    "plans": "jaxcell.study:Plans",
     "patrol": "jaxcell.sweep.tasks.patrol:patrol",
     "drift": "jaxcell.sweep.tasks.drift:drift",
 }

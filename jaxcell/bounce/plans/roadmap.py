@@ -7,11 +7,11 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .. import estimates
-from ..space import CellSpace
-from ..space.extent import Extent
-from .dynamics import Collision, bounce_shift, moves as moves_of
-from .groups import runs
+from ... import estimates
+from ...space import CellSpace
+from ...space.extent import Extent
+from ..dynamics import Collision, bounce_shift, moves as moves_of
+from ..groups import runs
 
 
 Method: TypeAlias = Literal["exact", "layered"]
@@ -28,8 +28,8 @@ class Roadmap:
 
     The cells that a robot can turn into at a bump are the *entries*. Whoever comes to a cell by way
     of a bump came through the nearest entry at the cell or above it on its line, so a plan to the
-    cell is a plan to that entry and the rest of the line. What is computed is the way from each
-    wall to each entry, which is all there is to know of the ways between all pairs of cells.
+    cell is a plan to that entry and the rest of the line. What is computed is the route from each
+    wall to each entry, which is all there is to know of the routes between all pairs of cells.
 
     Make one with [`Roadmap.of`][].
 
@@ -101,10 +101,7 @@ class Roadmap:
             change=change,
             method=method,
             space={
-                "directions": cells.directions,
-                "positions": cells.positions,
-                "cell_m": cells.cell,
-                "origin_m": list(cells.origin),
+                **describe_space(cells),
                 "step_m": cells.cell if step is None else step,
                 "collision": collision,
             },
@@ -196,6 +193,16 @@ class Roadmap:
     def line(self, cell: int, goal: int) -> Int[np.ndarray, "steps"]:
         """The cells after `cell` down its line to `goal`, which its run meets."""
         return self.order[self.place[cell] + 1 : self.place[goal] + 1]
+
+
+def describe_space(cells: CellSpace) -> dict[str, Any]:
+    """What cells are, for the record."""
+    return {
+        "directions": cells.directions,
+        "positions": cells.positions,
+        "cell_m": cells.cell,
+        "origin_m": list(cells.origin),
+    }
 
 
 def _shifts(bounces: Float[np.ndarray, "..."], directions: int) -> Int[np.ndarray, "angles"]:

@@ -1,49 +1,145 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..space import CellSpace
-from .dynamics import Collision, bounce_shift, moves
+from ...base.quantities import Checks, Result, derived, quantity
+from ...space import CellSpace
+from ..dynamics import Collision, bounce_shift, motion_violations, moves
 from .roadmap import Method, Roadmap
-from .ways import Ways, costs, solve
+from .routes import Routes, costs, solve
+
+
+_SENSE = "counter-clockwise"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Result):
     """What a robot does to get from one cell to another (Alam 2018, Alg. 3.1)."""
 
-    start: int
-    goal: int
-    cost: int | float
-    "-1 if there is no path."
-    actions: Float[np.ndarray, "steps"]
-    "The action string: 0 for a step forward, and at a bump the angle to turn by, in radians."
-    cells: Int[np.ndarray, "steps+1"]
-    "The cells that the robot visits; the start alone if there is no path."
+    title: ClassVar[str] = "Plan of a bouncing robot"
+    tables: ClassVar[Mapping[str, str]] = {"leg": "legs"}
+
+    cells: CellSpace
+    roadmap: Roadmap
+    "The costs and the angles that the plan is for."
+    start: Annotated[int, quantity("", "start", kind="cell")]
+    goal: Annotated[int, quantity("", "goal", kind="cell")]
+    cost: Annotated[int | float, quantity("", "cost of the plan, -1 if there is no path")]
+    actions: Annotated[
+        Float[np.ndarray, "steps"],
+        quantity(
+            "move",
+            "0 for a step, the angle to turn by at a bump",
+            "rad",
+            sense=_SENSE,
+            source="Alam 2018, section 3.4.1",
+        ),
+    ]
+    "The action string."
+    visited: Annotated[
+        Int[np.ndarray, "steps+1"],
+        quantity("time", "cells that the robot visits", kind="cell", listed=True),
+    ]
+    "The start alone if there is no path."
     reaching: Bool[np.ndarray, "cells"]
     "The cells from which the goal can be reached, itself among them."
 
     @property
-    def found(self) -> bool:
-        """Whether there is a path."""
-        return self.cost >= 0
+    def answered(self) -> bool:
+        return self.found
 
     @property
-    def bumps(self) -> Float[np.ndarray, "bumps"]:
+    def turns(self) -> Float[np.ndarray, "bumps"]:
         """The angles of the action string."""
         return self.actions[self.actions != 0]
 
-    @property
+    @derived("", "whether there is a path", kind="flag")
+    def found(self) -> bool:
+        return self.cost >= 0
+
+    @derived("", "steps forward", kind="count")
+    def steps(self) -> int:
+        return int((self.actions == 0).sum())
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return self.turns.size
+
+    @derived("", "different angles that are used", kind="count")
     def angles_used(self) -> int:
-        """How many different angles the robot uses."""
-        return np.unique(self.bumps).size
+        return np.unique(self.turns).size
+
+    @derived("", "bumps with another angle than the bump before", kind="count")
+    def changes(self) -> int:
+        return int(np.count_nonzero(np.diff(self.turns)))
+
+    @derived("", "cells that can reach the goal", kind="count")
+    def cells_that_reach_the_goal(self) -> int:
+        return int(self.reaching.sum())
+
+    @derived("move", "actions", "degree", listed=True)
+    def actions_deg(self) -> Float[np.ndarray, "steps"]:
+        return np.rad2deg(self.actions).round(9)
+
+    @derived("time", "mappings since the start", "mappings", kind="coordinate")
+    def time(self) -> Int[np.ndarray, "times"]:
+        return np.arange(self.visited.size, dtype=np.int32)
+
+    @derived("time", "place of the robot", "m")
+    def robot_x(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.visited)[0]
+
+    @derived("time", "place of the robot", "m")
+    def robot_y(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.visited)[1]
+
+    @derived("time", "heading", "rad", sense=_SENSE)
+    def robot_theta(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.visited)[2]
+
+    @derived("direction position", "whether the goal can be reached from the cell", kind="flag")
+    def reaches(self) -> Bool[np.ndarray, "directions positions"]:
+        return self.reaching.reshape(self.cells.directions, self.cells.positions)
+
+    @derived("leg", "in cell", kind="cell")
+    def leg_cell(self) -> Int[np.ndarray, "legs"]:
+        return self.visited[self._legs]
+
+    @derived("leg", "turn at each bump, 0 for steps", "degree")
+    def leg_turn_deg(self) -> Float[np.ndarray, "legs"]:
+        return self.actions_deg[self._legs]
+
+    @derived("leg", "steps or bumps", kind="count")
+    def leg_length(self) -> Int[np.ndarray, "legs"]:
+        return np.diff(self._legs, append=self.actions.size)
 
     @property
-    def changes(self) -> int:
-        """How many bumps use another angle than the bump before."""
-        return int(np.count_nonzero(np.diff(self.bumps)))
+    def _legs(self) -> Int[np.ndarray, "legs"]:
+        """Where the action differs from that before."""
+        return np.flatnonzero(np.diff(self.actions, prepend=np.nan))
+
+    def checks(self) -> Checks:
+        turn = np.rint(self.actions * self.cells.directions / (2 * np.pi)).astype(int)
+        bumped = self.actions != 0
+        wrong = motion_violations(self.cells, self.visited[:, None], bumped[:, None], turn)
+        found: dict[str, tuple[float | int, float | int]] = {
+            "actions_that_lead_elsewhere": (int(wrong.sum()), 0)
+        }
+        if not self.found:
+            return found
+        ends = int(self.visited[0] != self.start) + int(self.visited[-1] != self.goal)
+        found["ends_missed"] = (ends, 0)
+        lost = np.count_nonzero(~self.reaching[self.visited])
+        found["cells_that_do_not_reach"] = (int(lost), 0)
+        if self.roadmap.method == "exact":
+            keep, change = self.roadmap.keep, self.roadmap.change
+            sums = keep * (self.actions.size - self.changes) + change * self.changes
+            error = abs(self.cost - float(sums))
+            found["cost_minus_that_of_actions"] = (error, 1e-9 * max(1.0, self.cost))
+        return found
 
 
 def plan(
@@ -95,36 +191,37 @@ def plan(
         >>> import numpy as np
         >>> from jaxcell import bounce, space
         >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> way = bounce.plan(cells, [math.pi], start=0, goal=4)
-        >>> way.cost, way.cells.tolist()
+        >>> found = bounce.plan(cells, [math.pi], start=0, goal=4)
+        >>> found.cost, found.visited.tolist()
         (4, [0, 1, 2, 5, 4])
     """
     roadmap = Roadmap.of(
         cells, bounces, keep, change, step=step, collision=collision, method=method
     )
     start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
-    return read_plan(roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
+    return read_plan(cells, roadmap, solve(roadmap, roadmap.entry_of[[goal]]), start, goal)
 
 
-def read_plan(roadmap: Roadmap, ways: Ways, start: int, goal: int) -> Plan:
+def read_plan(cells: CellSpace, roadmap: Roadmap, routes: Routes, start: int, goal: int) -> Plan:
     """The plan from a cell to a goal.
 
     **Arguments:**
 
-    - `roadmap`: the roadmap.
-    - `ways`: the ways to the entry of the goal.
+    - `cells`: the cell space.
+    - `roadmap`: its roadmap.
+    - `routes`: the routes to the entry of the goal.
     - `start`, `goal`: cells.
     """
-    cost = costs(roadmap, ways.cost, np.array([goal]))[:, 0]
+    cost = costs(roadmap, routes.cost, np.array([goal]))[:, 0]
     path, actions = [np.array([start], np.int32)], [np.empty(0)]
     if cost[start] >= 0:
         cell, wall = start, roadmap.wall[start]
-        layer = ways.layer[0, wall]
+        layer = routes.layer[0, wall]
         while not roadmap.runs_through(cell, goal):
             if len(path) > 2 * roadmap.turned.size:
                 raise ValueError("the plans do not lead to the goal; their file was altered")
             run = roadmap.line(cell, roadmap.wall_cell[wall].item())
-            turn = ways.turn[0, layer, wall].item()
+            turn = routes.turn[0, layer, wall].item()
             cell = roadmap.turned[turn, wall].item()
             path += [run, np.array([cell])]
             actions += [np.zeros(run.size), roadmap.bounces[[turn]]]
@@ -134,10 +231,12 @@ def read_plan(roadmap: Roadmap, ways: Ways, start: int, goal: int) -> Plan:
         path.append(run)
         actions.append(np.zeros(run.size))
     return Plan(
+        cells=cells,
+        roadmap=roadmap,
         start=start,
         goal=goal,
         cost=cost[start].item(),
-        cells=np.concatenate(path).astype(np.int32),
+        visited=np.concatenate(path).astype(np.int32),
         actions=np.concatenate(actions),
         reaching=cost >= 0,
     )

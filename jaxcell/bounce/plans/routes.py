@@ -12,8 +12,8 @@ _BLOCK = 2**18
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Ways:
-    """The cheapest ways from all walls to some entries of a [`Roadmap`][].
+class Routes:
+    """The cheapest routes from all walls to some entries of a [`Roadmap`][].
 
     A robot at wall `w` that wants to reach entry `e` starts in layer `layer[e, w]`; at a bump in
     layer `i` it turns by angle `turn[e, i, w]`. In the exact search the layer is the angle in use,
@@ -21,14 +21,14 @@ class Ways:
     """
 
     cost: Shaped[np.ndarray, "entries walls"]
-    "What the way costs, the bump at the wall included; -1 if there is none."
+    "What the route costs, the bump at the wall included; -1 if there is none."
     layer: Integer[np.ndarray, "entries walls"]
     turn: Integer[np.ndarray, "entries angles walls"]
-    "-1 where no way leads to the entry."
+    "-1 where none leads to the entry."
 
     @classmethod
-    def joined(cls, parts: Sequence["Ways"]) -> "Ways":
-        """The ways to the entries of all parts."""
+    def joined(cls, parts: Sequence["Routes"]) -> "Routes":
+        """The routes to the entries of all parts."""
         return cls(
             np.concatenate([part.cost for part in parts]),
             np.concatenate([part.layer for part in parts]),
@@ -36,7 +36,7 @@ class Ways:
         )
 
     def first_turn(self) -> Integer[np.ndarray, "entries walls"]:
-        """The angle that a robot which starts at a wall turns by, -1 if there is no way."""
+        """The angle that a robot which starts at a wall turns by, -1 if there is no route."""
         return np.take_along_axis(self.turn, self.layer[:, None], axis=1)[:, 0]
 
 
@@ -45,10 +45,10 @@ def block_size(roadmap: Roadmap) -> int:
     return max(16, _BLOCK // roadmap.turned.size)
 
 
-def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Ways:
-    """The cheapest ways to entries: costs are relaxed from all walls until none changes.
+def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Routes:
+    """The cheapest routes to entries: costs are relaxed from all walls until none changes.
 
-    No way leads to entry -1.
+    No route leads to entry -1.
 
     A round looks one bump ahead from every wall in every layer, so there are as many rounds as the
     longest plan has bumps.
@@ -63,7 +63,7 @@ def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Ways:
     least = value.min(axis=0)
     cost = np.where(least < bump.never, least, bump.never.dtype.type(-1))
     turn = np.where(value < bump.never, turn, -1)
-    return Ways(
+    return Routes(
         cost=np.ascontiguousarray(cost.T),
         layer=np.ascontiguousarray(value.argmin(axis=0).T, roadmap.small),
         turn=np.ascontiguousarray(np.moveaxis(turn, 2, 0), roadmap.small),
@@ -72,7 +72,7 @@ def solve(roadmap: Roadmap, entries: Int[np.ndarray, "some"]) -> Ways:
 
 def costs(
     roadmap: Roadmap,
-    way_costs: Shaped[np.ndarray, "goals walls"],
+    route_costs: Shaped[np.ndarray, "goals walls"],
     goals: Int[np.ndarray, "goals"],
 ) -> Shaped[np.ndarray, "cells goals"]:
     """What the cheapest plans from all cells to goals cost, -1 where there is none.
@@ -80,15 +80,15 @@ def costs(
     **Arguments:**
 
     - `roadmap`: the roadmap.
-    - `way_costs`: what the ways to the entry of each goal cost, -1 where there is none.
+    - `route_costs`: what the routes to the entry of each goal cost, -1 where there is none.
     - `goals`: cells.
     """
-    length = roadmap.length.astype(way_costs.dtype) * roadmap.number.type(roadmap.keep)
+    length = roadmap.length.astype(route_costs.dtype) * roadmap.number.type(roadmap.keep)
     past_entry = length[roadmap.entry[roadmap.entry_of[goals]]] - length[goals]
     # So far below zero that no run to the wall leads out of it.
     never = -_never(roadmap.number)
-    way_costs = np.where(way_costs < 0, never, way_costs + past_entry[:, None])
-    result = np.ascontiguousarray(way_costs.T)[roadmap.wall]
+    route_costs = np.where(route_costs < 0, never, route_costs + past_entry[:, None])
+    result = np.ascontiguousarray(route_costs.T)[roadmap.wall]
     result += length[:, None]
     np.maximum(result, -1, out=result)
     cell, column = roadmap.straight(goals)
@@ -97,7 +97,7 @@ def costs(
 
 
 def _never(number: np.dtype) -> np.number:
-    """What stands for the cost where there is no way; twice as much is still a number."""
+    """What stands for the cost where there is no route; twice as much is still a number."""
     return number.type(np.inf if number.kind == "f" else np.iinfo(number).max // 2)
 
 

@@ -2,37 +2,69 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Array, Float, Int, Integer, Shaped
 
-from .. import memory
-from ..space import CellSpace
-from .dynamics import Collision
+from ... import memory
+from ...base.quantities import Checks, Result, quantity
+from ...space import CellSpace
+from ..dynamics import Collision
+from .files import read_roadmap, read_routes, write_plans
 from .navigate import Plan, read_plan
-from .plan_files import read_roadmap, read_ways, write_plans
-from .roadmap import Method, Roadmap
-from .ways import Ways, block_size, costs, solve
+from .roadmap import Method, Roadmap, describe_space
+from .routes import Routes, block_size, costs, solve
+
+
+# Costs of so many pairs are read at a time.
+_PAIRS = 1 << 24
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CostSummary(Result):
+    """What the plans between all pairs of cells cost."""
+
+    title: ClassVar[str] = "Costs of the plans between all pairs of cells"
+
+    cells: CellSpace
+    reachable_pairs: Annotated[
+        float,
+        quantity(
+            "", "share of pairs of cells with a path from one to the other", "1", kind="share"
+        ),
+    ]
+    mean_cost: Annotated[
+        float, quantity("", "mean cost of the plans between pairs with a path", "1")
+    ]
+    largest_cost: Annotated[float, quantity("", "largest cost of a plan between two cells", "1")]
+    costliest: Plan
+    "A plan with the largest cost."
+
+    def checks(self) -> Checks:
+        error = abs(self.largest_cost - self.costliest.cost)
+        return {**self.costliest.checks(), "largest_cost_minus_that_of_the_plan": (error, 0)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class AllPlans:
     """The cheapest plans between all pairs of cells (Alam 2018, Alg. 3.2).
 
-    Only the ways from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or in
-    a file, from which what is asked for is read. All else is read off them: a plan bump by bump, a
-    cost as that of a run to the wall, of a way, and of a run from the entry to the goal.
+    Only the routes from walls to entries are kept (see [`jaxcell.bounce.Roadmap`][]), in memory or
+    in a file, from which what is asked for is read. All else is read off them: a plan bump by bump,
+    a cost as that of a run to the wall, of a route, and of a run from the entry to the goal.
     """
 
+    cells: CellSpace
     roadmap: Roadmap
-    source: Ways | Path
-    "The ways to all entries, or the file that holds them."
+    source: Routes | Path
+    "The routes to all entries, or the file that holds them."
 
     def plan(self, start: int, goal: int) -> Plan:
         """What [`jaxcell.bounce.plan`][] gives."""
         roadmap = self.roadmap
         start, goal = roadmap.check_cell(start, "start"), roadmap.check_cell(goal, "goal")
-        return read_plan(roadmap, self._ways(roadmap.entry_of[[goal]]), start, goal)
+        return read_plan(self.cells, roadmap, self._ways(roadmap.entry_of[[goal]]), start, goal)
 
     def costs(
         self, goals: Int[np.ndarray, "goals"] | None = None
@@ -59,9 +91,9 @@ class AllPlans:
         path, or nothing left to do.
         """
         goals, entries, of = self._goals(goals)
-        ways = self._ways(entries)
-        result = np.where(ways.cost < 0, -1, 0).astype(ways.turn.dtype)[of].T[self.roadmap.wall]
-        turn = ways.first_turn()[of].T
+        routes = self._ways(entries)
+        result = np.where(routes.cost < 0, -1, 0).astype(routes.turn.dtype)[of].T[self.roadmap.wall]
+        turn = routes.first_turn()[of].T
         result[self.roadmap.wall_cell] = np.where(turn < 0, -1, turn + 1)
         result[self.roadmap.straight(goals)] = 0
         result[goals, np.arange(goals.size)] = -1
@@ -79,11 +111,25 @@ class AllPlans:
         **Returns:** the numbers, -1 where there is no path.
         """
         goals, entries, of = self._goals(goals)
-        ways = self._ways(entries)
-        used = np.where(ways.cost < 0, -1, _angles_used(self.roadmap, ways, entries))
-        result = used.astype(ways.turn.dtype)[of].T[self.roadmap.wall]
+        routes = self._ways(entries)
+        used = np.where(routes.cost < 0, -1, _angles_used(self.roadmap, routes, entries))
+        result = used.astype(routes.turn.dtype)[of].T[self.roadmap.wall]
         result[self.roadmap.straight(goals)] = 0
         return result
+
+    def cost_summary(self) -> CostSummary:
+        """What the plans cost, and a costliest one."""
+        size, pairs, total, largest, ends = self.roadmap.size, 0, 0.0, -1.0, (0, 0)
+        block = max(1, _PAIRS // size)
+        for begin in range(0, size, block):
+            found = self.costs(np.arange(begin, min(begin + block, size)))
+            known = found[found >= 0]
+            pairs += known.size
+            total += float(known.sum(dtype=float))
+            start, goal = np.unravel_index(found.argmax(), found.shape)
+            if found[start, goal] > largest:
+                largest, ends = float(found[start, goal]), (int(start), begin + int(goal))
+        return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the plans to a NetCDF file, whole or not at all.
@@ -93,12 +139,25 @@ class AllPlans:
         write_plans(path, self.roadmap, map(self._ways, _blocks(self.roadmap)))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> "AllPlans":
+    def load(cls, path: str | os.PathLike[str], cells: CellSpace) -> "AllPlans":
         """The plans in a file. What is asked of them is read when it is asked.
 
-        **Raises:** `ValueError` if it is not a file of plans; `FileNotFoundError`.
+        **Arguments:**
+
+        - `path`: the file.
+        - `cells`: the cell space that the plans are for.
+
+        **Raises:** `ValueError` if it is not a file of plans, or one of other cells;
+        `FileNotFoundError`.
         """
-        return cls(read_roadmap(Path(path)), Path(path))
+        roadmap = read_roadmap(Path(path))
+        for name, expected in describe_space(cells).items():
+            if roadmap.space.get(name) != expected:
+                raise ValueError(
+                    f"{path}: {name}: expected {expected} as in the cells, got "
+                    f"{roadmap.space.get(name)}"
+                )
+        return cls(cells, roadmap, Path(path))
 
     def _goals(
         self, goals: Int[np.ndarray, "goals"] | None
@@ -110,16 +169,18 @@ class AllPlans:
             self.roadmap.check_cell(wrong, "goals")
         return goals, *np.unique(self.roadmap.entry_of[goals], return_inverse=True)
 
-    def _ways(self, entries: Int[np.ndarray, "some"]) -> Ways:
-        """The ways to entries in ascending order; no way leads to entry -1."""
+    def _ways(self, entries: Int[np.ndarray, "some"]) -> Routes:
+        """The routes to entries in ascending order; none leads to entry -1."""
         known = entries[entries >= 0]
         if isinstance(self.source, Path):
-            ways = read_ways(self.source, known)
+            routes = read_routes(self.source, known)
         else:
-            ways = Ways(self.source.cost[known], self.source.layer[known], self.source.turn[known])
+            routes = Routes(
+                self.source.cost[known], self.source.layer[known], self.source.turn[known]
+            )
         if known.size == entries.size:
-            return ways
-        return Ways.joined([solve(self.roadmap, entries[:1]), ways])
+            return routes
+        return Routes.joined([solve(self.roadmap, entries[:1]), routes])
 
 
 def all_plans(
@@ -173,7 +234,7 @@ def all_plans(
             "write them to a file, or use larger cells or fewer directions",
         )
 
-    def solved() -> Iterator[Ways]:
+    def solved() -> Iterator[Routes]:
         for some in _blocks(roadmap):
             yield solve(roadmap, some)
             if progress is not None:
@@ -181,8 +242,8 @@ def all_plans(
 
     if file is not None:
         write_plans(file, roadmap, solved())
-        return AllPlans(roadmap, Path(file))
-    return AllPlans(roadmap, Ways.joined(list(solved())))
+        return AllPlans(cells, roadmap, Path(file))
+    return AllPlans(cells, roadmap, Routes.joined(list(solved())))
 
 
 def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
@@ -193,11 +254,11 @@ def _blocks(roadmap: Roadmap) -> list[Int[np.ndarray, "some"]]:
 
 
 def _angles_used(
-    roadmap: Roadmap, ways: Ways, entries: Int[np.ndarray, "entries"]
+    roadmap: Roadmap, routes: Routes, entries: Int[np.ndarray, "entries"]
 ) -> Integer[np.ndarray, "entries walls"]:
-    """How many angles the ways use, found by doubling: after r rounds those of 2^r bumps."""
-    some, angles, walls = ways.turn.shape
-    turn = ways.turn.astype(np.int32)
+    """How many angles the routes use, found by doubling: after r rounds those of 2^r bumps."""
+    some, angles, walls = routes.turn.shape
+    turn = routes.turn.astype(np.int32)
     wall = np.arange(walls)
     cell = roadmap.turned[turn, wall]
     layer = turn if roadmap.method == "exact" else np.arange(angles, dtype=np.int32)[:, None]
@@ -215,6 +276,6 @@ def _angles_used(
         onward = np.take_along_axis(onward, onward, axis=1)
     else:
         raise ValueError("the plans do not lead to their goals; their file was altered")
-    first = ways.layer.astype(np.int32) * walls + wall
-    count = sum(np.take_along_axis(one, first, axis=1).astype(ways.turn.dtype) for one in used)
+    first = routes.layer.astype(np.int32) * walls + wall
+    count = sum(np.take_along_axis(one, first, axis=1).astype(routes.turn.dtype) for one in used)
     return np.asarray(count)

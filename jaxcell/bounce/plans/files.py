@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from .. import __version__
-from ..files import replacing
+from ... import __version__
+from ...files import replacing
 from .roadmap import Roadmap
-from .ways import Ways, block_size
+from .routes import Routes, block_size
 
 
 _FORMAT = "jaxcell-plans"
@@ -25,14 +25,14 @@ _VERSION = 1
 _ZLIB_RATIO = 1032
 
 
-def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, ways: Iterable[Ways]) -> None:
-    """Writes a roadmap and the ways through it, whole or not at all.
+def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable[Routes]) -> None:
+    """Writes a roadmap and the routes through it, whole or not at all.
 
     **Arguments:**
 
     - `path`: the file to write or replace.
     - `roadmap`: the roadmap.
-    - `ways`: the ways to all entries, some at a time.
+    - `routes`: the routes to all entries, some at a time.
 
     **Raises:** `FileNotFoundError` if the folder does not exist.
     """
@@ -82,7 +82,7 @@ def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, ways: Iterable[W
         over = ("entry_index", "angle", "wall_index")
         turn = create("turn", over, roadmap.small, _TURN, chunksizes=(chunk, angles, walls))
         done = 0
-        for some in ways:
+        for some in routes:
             rows = slice(done, done + len(some.cost))
             cost[rows], layer[rows], turn[rows] = some.cost, some.layer, some.turn
             done = rows.stop
@@ -134,7 +134,7 @@ def _read_roadmap(path: Path, file: Any) -> Roadmap:
         keep=attributes["keep"].item(),
         change=attributes["change"].item(),
         method=attributes["method"],
-        space=json.loads(attributes["space"]),
+        space=dict(json.loads(attributes["space"])),
     )
 
 
@@ -142,13 +142,13 @@ def _line(error: Exception) -> str:
     return " ".join(str(error).split())[:500] or type(error).__name__
 
 
-def read_ways(path: Path, entries: Int[np.ndarray, "some"]) -> Ways:
-    """The ways to some entries, in ascending order, from a file of plans."""
+def read_routes(path: Path, entries: Int[np.ndarray, "some"]) -> Routes:
+    """The routes to some entries, in ascending order, from a file of plans."""
     import netCDF4
 
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
-        return Ways(*(file[name][entries] for name in ("cost", "layer", "turn")))
+        return Routes(*(file[name][entries] for name in ("cost", "layer", "turn")))
 
 
 _ROADMAP = [
@@ -160,6 +160,6 @@ _ROADMAP = [
     ("entry", ("entry_index",), "cell that a robot can turn into at a bump"),
     ("entry_of", ("cell",), "index of the entry that leads to the cell, -1 if there is none"),
 ]
-_COST = "what the way from the wall to the entry costs, the first bump included; -1: no way"
-_LAYER = "layer that the way begins in; the layer is the angle in use (method exact)"
-_TURN = "index of the angle to turn by at the wall, in the layer; -1: no way"
+_COST = "cost of the route from the wall to the entry, the first bump included; -1: none"
+_LAYER = "layer that the route begins in; the layer is the angle in use (method exact)"
+_TURN = "index of the angle to turn by at the wall, in the layer; -1: none"

@@ -1,0 +1,185 @@
+import dataclasses
+import enum
+import functools
+import math
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..base.quantities import Checks, Result, derived, quantity
+from ..space import CellSpace
+from .dynamics import motion_violations
+
+
+_SOURCE = "Alam 2018, section 3.4.4"
+
+
+class TeamOutcome(enum.Enum):
+    """How the search for a joint trajectory ended, in a sentence."""
+
+    COVERED = "every position was visited"
+    OUT_OF_REACH = (
+        "every position was visited that steps in any direction lead to from the starts; "
+        "the others are out of reach"
+    )
+    STUCK = "every turn of one robot by one direction leads to a joint state that was there before"
+    OUT_OF_PARTS = "the trajectory has as many parts as are allowed"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TeamTrajectory(Result):
+    """A joint trajectory of several robots that covers a map, or as much of it as it could."""
+
+    title: ClassVar[str] = "Joint trajectory of bouncing robots for coverage"
+    tables: ClassVar[Mapping[str, str]] = {"robot": "robots"}
+
+    cells: CellSpace
+    bumped: Annotated[
+        Bool[np.ndarray, "steps robots"],
+        quantity("move robot", "whether the robot stays and turns", kind="flag"),
+    ]
+    collided: Annotated[
+        Bool[np.ndarray, "steps robots"],
+        quantity("move robot", "whether the robot meets another", kind="flag"),
+    ]
+    "Which robots run into another, or have another run into them, in each step."
+    collisions: Annotated[
+        Int[np.ndarray, "steps"], quantity("move", "pairs of robots that collide", kind="count")
+    ]
+    cell: Annotated[
+        Int[np.ndarray, "steps+1 robots"],
+        quantity("time robot", "cell that the robot is in", kind="cell", source=_SOURCE),
+    ]
+    "Before the first step and after each."
+    covered: Annotated[
+        Int[np.ndarray, "steps+1"],
+        quantity("time", "positions visited so far", "positions", kind="count"),
+    ]
+    part_begin: Annotated[
+        Int[np.ndarray, "parts"], quantity("part", "when the part begins", "mappings", kind="index")
+    ]
+    "Each part but the first begins with one robot turned by one direction."
+    uncovered_positions: Annotated[
+        Int[np.ndarray, "uncovered"],
+        quantity(
+            "uncovered_index", "positions that are never visited", kind="position", listed=True
+        ),
+    ]
+    "In ascending order."
+    outcome: Annotated[TeamOutcome, quantity("", "outcome", kind="text")]
+
+    @property
+    def answered(self) -> bool:
+        return self.uncovered == 0
+
+    @derived("", "why it ends", kind="text")
+    def meaning(self) -> str:
+        return self.outcome.value
+
+    @derived("", "steps", kind="count")
+    def steps(self) -> int:
+        return len(self.bumped)
+
+    @derived("", "parts", kind="count")
+    def parts(self) -> int:
+        return self.part_begin.size
+
+    @derived("", "steps to cover 50 %", kind="time")
+    def steps_to_50_percent(self) -> float:
+        return self._steps_to(50)
+
+    @derived("", "steps to cover 90 %", kind="time")
+    def steps_to_90_percent(self) -> float:
+        return self._steps_to(90)
+
+    @derived("", "steps to cover 100 %", kind="time")
+    def steps_to_100_percent(self) -> float:
+        return self._steps_to(100)
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return int(self.bumped.sum())
+
+    @derived("", "collisions of two robots", kind="count")
+    def collisions_in_all(self) -> int:
+        return int(self.collisions.sum())
+
+    @derived("", "positions that are visited", kind="count")
+    def positions_covered(self) -> int:
+        return int(self.covered[-1])
+
+    @derived("", "positions that stay uncovered", kind="count")
+    def uncovered(self) -> int:
+        return self.uncovered_positions.size
+
+    @derived("", "remark", kind="text")
+    def remark(self) -> str | None:
+        room = self.cells.workspace
+        if room is None or 2 * room.robot_radius <= self.cells.cell:
+            return None
+        return "Robots wider than a cell count as meeting only where their centres do."
+
+    @derived("robot", "starts at", kind="cell", listed=True)
+    def starts(self) -> Int[np.ndarray, "robots"]:
+        return self.cell[0]
+
+    @derived("robot", "ends at", kind="cell", listed=True)
+    def ends(self) -> Int[np.ndarray, "robots"]:
+        return self.cell[-1]
+
+    @derived("time", "mappings since the start", "mappings", kind="coordinate")
+    def time(self) -> Int[np.ndarray, "times"]:
+        return np.arange(len(self.cell), dtype=np.int32)
+
+    @derived("time robot", "place of the robot", "m")
+    def robot_x(self) -> Float[np.ndarray, "times robots"]:
+        return self.cells.centre(self.cell)[0]
+
+    @derived("time robot", "place of the robot", "m")
+    def robot_y(self) -> Float[np.ndarray, "times robots"]:
+        return self.cells.centre(self.cell)[1]
+
+    @derived("time robot", "heading", "rad", sense="counter-clockwise")
+    def robot_theta(self) -> Float[np.ndarray, "times robots"]:
+        return self.cells.centre(self.cell)[2]
+
+    @derived("position", "time of the first visit, -1 if there is none", "mappings", kind="index")
+    def first_visit(self) -> Int[np.ndarray, "positions"]:
+        return self._first_visits[0]
+
+    @derived("position", "robot that is there first, -1 if there is none", kind="index")
+    def first_visitor(self) -> Int[np.ndarray, "positions"]:
+        return self._first_visits[1]
+
+    def checks(self) -> Checks:
+        position = np.sort(self.cell % self.cells.positions, axis=1)
+        begins = self.part_begin[1:]
+        wrong = motion_violations(self.cells, self.cell, self.bumped)
+        # The move before a part begins is the turn of one robot.
+        wrong[begins - 1] = False
+        changed = self.cell[begins] - self.cell[begins - 1]
+        turned = changed // self.cells.positions % self.cells.directions
+        one = np.isin(turned, (1, self.cells.directions - 1)).sum(axis=1) == 1
+        alone = one & ((changed != 0).sum(axis=1) == 1)
+        visits = np.bincount(self.first_visit[self.first_visit >= 0], minlength=len(self.cell))
+        error = np.abs(np.cumsum(visits) - self.covered).max()
+        return {
+            "shared_positions": (int(np.count_nonzero(np.diff(position, axis=1) == 0)), 0),
+            "moves_against_the_rule": (int(wrong.sum()), 0),
+            "parts_that_begin_otherwise": (int(np.count_nonzero(~alone)), 0),
+            "covered_minus_visited": (int(error), 0),
+        }
+
+    def _steps_to(self, percent: int) -> float:
+        enough = np.flatnonzero(100 * self.covered >= percent * self.cells.positions)
+        return float(enough[0]) if enough.size else math.inf
+
+    @functools.cached_property
+    def _first_visits(self) -> Int[np.ndarray, "2 positions"]:
+        """The time when each position is first visited, and the robot; -1 if there is none."""
+        position, first = np.unique(self.cell % self.cells.positions, return_index=True)
+        found = np.full((2, self.cells.positions), -1, np.int32)
+        found[:, position] = np.divmod(first, self.cell.shape[1])
+        return found

@@ -1,0 +1,321 @@
+import itertools
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Int
+
+from ...bounce import CostSummary, Plan
+from ...space import CellSpace
+from ..canvas.curves import curve_view, log_curve
+from ..canvas.map import CellMap, log_pictures, on_squares
+from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
+from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
+from ..canvas.palette import (
+    BELIEF,
+    CATEGORIES,
+    CLEAR,
+    GOAL,
+    PLAIN,
+    ROBOT,
+    START,
+    TEXT,
+    TRAIL,
+    Color,
+    LegendEntry,
+    PictureClass,
+    ramp,
+)
+from ..canvas.prose import describe, made_with, pose, times
+from ..canvas.stream import recording, send_blueprint
+
+
+# In this order, so that few angles have none of the colours of the robot and its ends.
+_ANGLES = [
+    CATEGORIES[name]
+    for name in ("orange", "sky blue", "pink", "yellow", "green", "blue", "vermilion")
+]
+_MAX_SHADES = 8
+_MAX_ACTIONS = 60
+_ENDS = ["start/**", "goal/**"]
+
+
+def log_costliest(
+    costs: CostSummary, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of the costliest plan of all.
+
+    The arguments are those of [`log_plan`][].
+    """
+    log_plan(costs.costliest, path, spec=spec)
+
+
+def log_plan(
+    plan: Plan, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of a plan of a bouncing robot.
+
+    Over the timeline `step`: the robot, and the angle it turns by at each bump. The whole plan is
+    there as arrows, with a colour for each angle. Over the timeline `direction`: the cells from
+    which the goal can be reached; if there is no path, that is all there is to see.
+
+    **Arguments:**
+
+    - `plan`: the plan.
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `spec`: what was asked for, shown in the text.
+    """
+    with recording(path, "navigation") as stream:
+        map = CellMap(stream, plan.cells)
+        _log_end(map, "start", plan.start, START)
+        _log_end(map, "goal", plan.goal, GOAL)
+        text = _text(plan, spec or {})
+        if plan.found:
+            tabs = rrb.Tabs(
+                _log_plan(map, plan, text),
+                _log_reaching(map, plan, "reaching", _reaching_text(plan)),
+                active_tab=0,
+            )
+            send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
+        else:
+            tab = _log_reaching(map, plan, "", text)
+            send_blueprint(stream, tab, "direction", max(2.0, plan.cells.directions / 30))
+
+
+def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
+    """Log where the robot starts or is to be: a frame, its heading, and its name."""
+    place, half = map.xy(np.array([cell])), map.frame
+    theta = float(map.cells.centre(cell)[2])
+    heading = half * np.array([[math.cos(theta), math.sin(theta)]])
+    log_frame(map.stream, f"map/{name}/frame", place, half, color, order=15.0)
+    log_arrows(map.stream, f"map/{name}/heading", place, heading, color, half / 8, order=15.0)
+    ((x, y),) = place.tolist()
+    log_labels(map.stream, f"map/{name}/label", [(name, x, y - half)])
+
+
+def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
+    """Log the plan, the robot that follows it, and how often it bumps."""
+    legend = _log_runs(map, plan)
+    length = max(0.8 * map.cells.cell, 0.045 * map.extent)
+    poses = plan.robot_x, plan.robot_y, plan.robot_theta
+    log_robot(
+        map.stream,
+        "map/robot",
+        poses,
+        length,
+        ROBOT,
+        trail="map/trail",
+        corners=1,
+        width=4.0,
+        order=40.0,
+    )
+    _log_turns(map, plan)
+    changed = np.append(False, np.diff(plan.turns) != 0)[: plan.bumps]
+    views = []
+    for name, title, turns, color in (
+        ("bumps", "Bumps so far", np.ones(plan.bumps), BELIEF),
+        ("changes", "Changes of the angle so far", changed, ROBOT),
+    ):
+        happens = np.zeros(len(plan.visited))
+        happens[1:][plan.actions != 0] = turns
+        log_curve(map.stream, f"plan/{name}", np.cumsum(happens), color=color)
+        last = len(plan.visited) - 1
+        views.append(curve_view(f"plan/{name}", title, last, float(happens.sum())))
+    shown = ["plan/**", *_ENDS, "trail", "robot", "turn"]
+    left = rrb.Vertical(map.view("The plan", shown), rrb.Horizontal(*views), row_shares=[3, 1])
+    return log_tab(map.stream, "", "Plan", left, text, legend, shares=(3, 2), rows=(2, 1))
+
+
+def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
+    """Log an arrow for each run and a dot for each bump, in the colours of their angles.
+
+    **Returns:** what the colours mean.
+    """
+    place = map.xy(plan.visited)
+    bump = np.flatnonzero(plan.actions != 0)
+    angle, number = np.unique(plan.turns, return_inverse=True)
+    color_of = [_ANGLES[i % len(_ANGLES)] for i in range(angle.size)]
+    colors = [color_of[i] for i in number.tolist()]
+
+    # Arrows end where the dot begins.
+    dot = max(0.2 * map.cells.cell, 0.011 * map.extent)
+    begin, end = np.append(0, bump + 1), np.append(bump, plan.actions.size)
+    moves = np.flatnonzero(begin < end)
+    vectors = (place[end] - place[begin])[moves]
+    vectors *= 1 - dot / np.linalg.norm(vectors, axis=1, keepdims=True)
+    of_runs = [[TRAIL, *colors][i] for i in moves.tolist()]
+    log_arrows(
+        map.stream, "map/plan/runs", place[begin[moves]], vectors, of_runs, points(2.5), order=20.0
+    )
+    # Where the robot bumps again, the dots are rings, the first one outermost.
+    seen: dict[int, int] = {}
+    again = np.empty(bump.size)
+    for i, position in enumerate((plan.visited[bump] % map.cells.positions).tolist()):
+        again[i] = seen[position] = seen.get(position, -1) + 1
+    log_dots(map.stream, "map/plan/bumps", place[bump], dot * 0.7**again, colors, order=25.0)
+    counts = np.bincount(number, minlength=angle.size).tolist()
+    turns = zip(angle.tolist(), counts, color_of, strict=True)
+    return [
+        *((f"turn by {_degrees(one)}: {times(count)}", color) for one, count, color in turns),
+        ("before the first bump", TRAIL),
+        ("the robot", ROBOT),
+        ("start", START),
+        ("goal", GOAL),
+    ]
+
+
+def _log_turns(map: CellMap, plan: Plan) -> None:
+    """Log what the robot does at a bump, when it is there."""
+    bumps = np.append(plan.actions != 0, False)
+    labels = [
+        f"bump {i} of {plan.bumps}: turn by {_degrees(turn)}"
+        for i, turn in enumerate(plan.turns.tolist(), 1)
+    ]
+    text = rr.Points2D.columns(positions=map.xy(plan.visited[bumps]), labels=labels)
+    index = [rr.TimeColumn("step", sequence=plan.time)]
+    map.stream.send_columns("map/turn", index, text.partition(bumps.astype(int)))
+    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=60.0)
+    map.stream.log("map/turn", style, static=True)
+
+
+def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
+    """Log from where the goal can be reached: in how many headings, and in one at a time."""
+    cells, below = map.cells, f"{path}/" if path else ""
+    classes = _reaching_classes(cells)
+    heat = 1 + np.searchsorted(_bounds(cells), plan.reaches.sum(axis=0))
+    pictures = [map.picture("heat", classes, heat)]
+    one = [classes[0], PictureClass("not from here", PLAIN)]
+    one.append(PictureClass("from here", classes[-1].color))
+    every, heading = np.arange(cells.directions), plan.visited // cells.positions
+    pictures.append(map.picture("heading", one, 1 + plan.reaches, "direction", every))
+    shown = {"direction": (every, every)}
+    if plan.found:
+        turns = np.flatnonzero(np.diff(heading, prepend=-1))
+        shown["step"] = turns, heading[turns]
+        on_the_way = on_squares(cells, 1 + plan.reaches[heading[turns]])
+        log_pictures(map.stream, "map/grid/heading", [], on_the_way, "step", turns)
+    for timeline, (when, headings) in shown.items():
+        legends = [_reaching_legend(cells, classes, k) for k in headings.tolist()]
+        log_legends(map.stream, f"{below}legend", timeline, when, legends)
+    log_text(map.stream, f"{below}text", text)
+    views = rrb.Vertical(
+        map.view("From where the goal can be reached", [pictures[0], *_ENDS]),
+        map.view("The same for one heading", [pictures[1], *_ENDS]),
+    )
+    rows = len(classes) + 2
+    return lay_out_tab(path, "Reaching the goal", views, rows, shares=(3, 2))
+
+
+def _bounds(cells: CellSpace) -> Int[np.ndarray, "bounds"]:
+    """Shade `s` stands for more than `bound[s - 1]` headings, and for no more than `bound[s]`."""
+    shades = min(cells.directions, _MAX_SHADES)
+    return np.arange(shades + 1) * cells.directions // shades
+
+
+def _reaching_classes(cells: CellSpace) -> list[PictureClass]:
+    """What is not free, and from how many headings the goal can be reached."""
+    bounds = _bounds(cells)
+    colors = ramp(np.linspace(0, 1, bounds.size - 1)).tolist()
+    classes = [PictureClass("not free", CLEAR), PictureClass("from no heading", PLAIN)]
+    for low, high, (red, green, blue) in zip(bounds[:-1] + 1, bounds[1:], colors, strict=True):
+        some = f"{high}" if low == high else f"{low} to {high}"
+        label = f"from {some} of {cells.directions} headings"
+        classes.append(PictureClass(label, (red, green, blue)))
+    return classes
+
+
+def _reaching_legend(
+    cells: CellSpace, classes: list[PictureClass], heading: int
+) -> list[LegendEntry]:
+    """What the shades mean, and the colours for one heading."""
+    degrees = f"{360 * heading / cells.directions:.4g}°"
+    return [
+        *(LegendEntry(i, *shade) for i, shade in enumerate(classes[:0:-1])),
+        LegendEntry(len(classes), f"from here, heading {degrees}", classes[-1].color),
+        LegendEntry(len(classes) + 1, f"not from here, heading {degrees}", PLAIN),
+    ]
+
+
+def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
+    """What the recording shows."""
+    cells = plan.cells
+    slider = (
+        "The tab **Reaching the goal** shows from where, and in how many headings."
+        if plan.found
+        else "Above you see from where it can be reached, and in how many headings; below for one "
+        "heading, which the slider `direction` at the bottom chooses."
+    )
+    return f"""# From start to goal by bumps
+
+A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
+as the plan says, and runs on. It senses its bumps and counts its steps, and nothing else.
+
+- **start**: {pose(cells, plan.start)}
+- **goal**: {pose(cells, plan.goal)}
+
+{_outcome(plan)}
+
+From **{plan.cells_that_reach_the_goal:,} of {cells.size:,} cells** the goal can be reached. \
+{slider}
+
+{describe(cells)}
+
+{made_with(spec)}"""
+
+
+def _reaching_text(plan: Plan) -> str:
+    return f"""# From where the goal can be reached
+
+From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can get to the
+goal ({pose(plan.cells, plan.goal)}) with its bouncing angles.
+
+- **Above**: in how many headings it can set out from each square.
+- **Below**: whether it can in one heading. Over the slider `step` that is the heading of the robot
+  on its way; choose `direction` at the bottom left in the place of `step` to go through all
+  {plan.cells.directions}, from East (0) counter-clockwise.
+"""
+
+
+def _outcome(plan: Plan) -> str:
+    if not plan.found:
+        return "**There is no path** from the start to the goal with these angles."
+    if not plan.actions.size:
+        return "The robot **is there already**."
+    changes = "never changes it" if plan.changes == 0 else f"changes it {times(plan.changes)}"
+    used = "one angle" if plan.angles_used == 1 else f"{plan.angles_used} different angles"
+    bumps = (
+        f"It bumps {times(plan.bumps)}, uses {used}, and {changes}."
+        if plan.bumps
+        else "It does not bump on the way."
+    )
+    return f"""This plan is a cheapest one, with cost **{plan.cost:,}** and {plan.steps:,} steps \
+forward.
+{bumps}
+
+`{_action_string(plan)}`
+
+Press play, or drag the slider `step` at the bottom. The vermilion arrow is the robot, with its way
+since its last bump. Each other arrow is a run, in the colour of the angle that the robot turned by
+before it, and each dot is a bump in that colour; where it bumps twice the second is inside the
+first."""
+
+
+def _action_string(plan: Plan) -> str:
+    """Angles in degrees, and between them numbers of steps forward."""
+    words = []
+    for action, same in itertools.groupby(plan.actions.tolist()):
+        count = len(list(same))
+        if action == 0:
+            words.append(f"{count} {'step' if count == 1 else 'steps'}")
+        else:
+            words += [_degrees(action)] * count
+    more = len(words) - _MAX_ACTIONS
+    return ", ".join(words[:_MAX_ACTIONS]) + (f", and {more:,} more" if more > 0 else "")
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.6g}°"

@@ -1,0 +1,115 @@
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from .map_study import MapStudy, cell_at
+from .study import Degrees, Say, require, silent
+
+
+if TYPE_CHECKING:
+    from ..bounce import TeamTrajectory
+    from ..space import CellSpace
+    from ..space.extent import Extent
+    from ..verify import Comparison
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Team(MapStudy):
+    """Find a joint trajectory of several bouncing robots that covers a map."""
+
+    name: ClassVar[str] = "team"
+
+    bounce: tuple[Degrees, ...]
+    """Bouncing angles in degrees, counter-clockwise: one for all robots, or one for each."""
+    robots: int | None = None
+    """Number of robots that start at random, by default 2."""
+    starts: tuple[str, ...] = ()
+    """Start of each robot, not at random: "x,y,heading" in m and degrees, or a cell."""
+    seed: int = 0
+    """Seed of the random starts."""
+    max_parts: int = 1000
+    """Parts that the trajectory may have; each but the first begins with a turn of one robot."""
+    part_steps: int | None = None
+    """Most steps of a part; by default the number of cells, at most 100,000."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.bounce:
+            raise ValueError("bounce: expected at least one angle in degrees")
+        if self.starts and self.robots not in (None, len(self.starts)):
+            raise ValueError(
+                f"robots {self.robots}: starts names {len(self.starts)}; give one of them"
+            )
+        require("max_parts", self.max_parts, "at least 1", lambda x: x >= 1)
+        require("part_steps", self.part_steps, "at least 1", lambda x: x >= 1)
+
+    def needed(self, extent: "Extent") -> float | int:
+        from .. import estimates
+
+        return estimates.moves(extent, **self.motion)
+
+    def run(self, say: Say = silent) -> "TeamTrajectory":
+        import numpy as np
+
+        from ..bounce import team_trajectory
+
+        cells = self.cells()
+        starts = self._starts(cells)
+        plural = "robot" if len(starts) == 1 else "robots"
+        doing = f"covering {cells.positions:,} positions with {len(starts)} {plural}"
+        say(doing)
+        return team_trajectory(
+            cells,
+            starts,
+            np.radians(self.bounce),
+            **self.motion,
+            max_parts=self.max_parts,
+            part_steps=self.part_steps,
+            progress=lambda parts, covered: say(f"{doing}: {covered:,} in {parts:,} parts"),
+        )
+
+    def spec(self, result: Any) -> dict[str, Any]:
+        starts = result.starts.tolist()
+        return {**super().spec(result), "robots": len(starts), "starts": starts}
+
+    def write(self, result: Any, out: Path) -> None:
+        """Write what `jaxcell robot run` needs."""
+        from ..robot.team import member_actions, save_team
+        from ..space import free_steps
+
+        spec = self.spec(result)
+        steps = free_steps(result.cells, spec["step_m"] / result.cells.cell, self.collision)
+        x, y, theta = (each.tolist() for each in result.cells.centre(result.starts))
+        bounces = self.bounce * (1 if len(self.bounce) > 1 else len(x))
+        save_team(
+            out / "team.json",
+            spec,
+            list(zip(x, y, theta, strict=True)),
+            [math.radians(bounce) for bounce in bounces],
+            member_actions(result.cell, result.bumped, steps),
+        )
+
+    def verify(self, result: Any) -> "Sequence[Comparison]":
+        import numpy as np
+
+        from ..verify import compare_team
+
+        return compare_team(result, np.radians(self.bounce), **self.motion)
+
+    def _starts(self, cells: "CellSpace") -> list[int]:
+        """The starts that are given, or random ones in different positions."""
+        if self.starts:
+            return [cell_at(cells, start, "starts") for start in self.starts]
+        robots = 2 if self.robots is None else self.robots
+        if not 1 <= robots <= cells.positions:
+            raise ValueError(
+                f"robots {robots}: expected from 1 to {cells.positions}, one for each position"
+            )
+        import numpy as np
+
+        random = np.random.default_rng(self.seed)
+        positions = random.choice(cells.positions, robots, replace=False)
+        directions = random.integers(cells.directions, size=robots)
+        return [int(z) for z in directions * cells.positions + positions]
