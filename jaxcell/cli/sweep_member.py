@@ -17,7 +17,6 @@ from .groups import Groups
 from .localize import Localize
 from .navigate import Navigate
 from .options import OutputOptions, command_name
-from .patrol_graph import PatrolGraph
 from .terminal import status, table
 
 
@@ -26,7 +25,6 @@ _COMMANDS: dict[str, tuple[type[OutputOptions], str]] = {
     "groups": (Groups, "groups.rrd"),
     "localize": (Localize, "localization.rrd"),
     "plans": (Navigate, "navigation.rrd"),
-    "patrol": (PatrolGraph, "patrol.rrd"),
     "drift": (Drift, "drift.rrd"),
 }
 
@@ -40,7 +38,7 @@ def check_detail(task: str) -> None:
     if task != "rooms" and task not in _COMMANDS and study_of(task) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; those that have are "
-            f"{', '.join(sorted([*_COMMANDS, 'cover', 'rooms']))}"
+            f"{', '.join(sorted([*_COMMANDS, 'cover', 'patrol', 'rooms']))}"
         )
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, parts, values
+from ..base.quantities import Quantity, Result, columns, is_single, parts, values
 from .terminal import table
 
 
@@ -22,25 +22,26 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `heading`: the line above.
     - `seconds`: how long it took.
     """
-    described = values(result)
     single = [
         (about.meaning, written(value, about))
-        for about, value in described.values()
-        if not about.dims or about.listed
+        for about, value in values(result).values()
+        if is_single(about)
     ]
     if seconds is not None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
-    for dim, name in result.tables.items():
-        columns = {
+    for dim, described in columns(result).items():
+        shown = {
             about.meaning: [written(one, about) for one in np.asarray(value)[:_MAX_ROWS].tolist()]
-            for key, (about, value) in described.items()
-            if about.dims == (dim,) and key != dim and not about.listed
+            for about, value in described.values()
         }
-        if columns:
-            rows = list(zip(*columns.values(), strict=True))
-            table(name.replace("_", " ").capitalize(), tuple(columns), rows)
+        if shown:
+            name = result.tables[dim].replace("_", " ")
+            count = max(len(value) for _, value in described.values())
+            more = count > _MAX_ROWS
+            title = f"The first {_MAX_ROWS} of {count:,} {name}" if more else name.capitalize()
+            table(title, tuple(shown), list(zip(*shown.values(), strict=True)))
     for name, part in parts(result).items():
         show(part, name.replace("_", " ").capitalize())
 

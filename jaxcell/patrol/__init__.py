@@ -113,6 +113,7 @@ from .walks.entropy import (
 )
 from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
 from .walks.graph_files import load_graph as load_graph, save_graph as save_graph
+from .walks.graph_patrol import GraphPatrol as GraphPatrol
 from .walks.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.measures import Measures as Measures, measure as measure
 from .walks.paths import toward as toward

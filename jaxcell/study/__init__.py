@@ -21,6 +21,7 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 
 from .cover import Cover as Cover
 from .map_study import MapStudy as MapStudy
+from .patrol_graph import PatrolGraph as PatrolGraph
 from .study import (
     Degrees as Degrees,
     Metres as Metres,

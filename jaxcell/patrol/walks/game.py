@@ -1,9 +1,11 @@
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...base.quantities import Result, derived, quantity
 from ...optimize import Commitment, Graph, minimum_commute, payoffs, stackelberg
 from .paths import toward
 from .walk import walk_hitting_times
@@ -14,33 +16,73 @@ _SAME = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class StrategyGame:
+class StrategyGame(Result):
     """A patroller that mixes walks against an adversary that attacks a vertex."""
 
+    title: ClassVar[str] = "Game between walks on a graph and an adversary"
+    tables: ClassVar[Mapping[str, str]] = {"strategy": "strategies"}
+
+    names: Sequence[str]
+    "Of the vertices."
     preferred: tuple[tuple[int, ...], ...]
     "For each strategy the vertices it is for: one, all, or those with an emphasis."
-    weights: Float[np.ndarray, "strategies edges"]
-    "The weights of the edges of each strategy's walk."
-    order: Int[np.ndarray, "strategies vertices"]
+    weight: Annotated[
+        Float[np.ndarray, "strategies edges"],
+        quantity("strategy edge", "weight of the edge in the walk", "1", kind="distribution"),
+    ]
+    closest: Int[np.ndarray, "strategies vertices"]
     "The vertices from the closest to the furthest, in mean hitting time."
-    patroller: Float[np.ndarray, "strategies vertices"]
-    "What the patroller is paid if the adversary attacks the vertex."
-    adversary: Float[np.ndarray, "strategies vertices"]
-    "What the adversary is paid then."
+    patroller_payoff: Annotated[
+        Float[np.ndarray, "strategies vertices"],
+        quantity("strategy vertex", "what an attack on the vertex pays the patroller"),
+    ]
+    adversary_payoff: Annotated[
+        Float[np.ndarray, "strategies vertices"],
+        quantity("strategy vertex", "what an attack on the vertex pays the adversary"),
+    ]
     commitment: Commitment
     "The best mixture of the strategies, and the vertex that the adversary then attacks."
 
-    def labels(self, names: Sequence[str]) -> list[str]:
-        """What people call the strategies, given the names of the vertices."""
+    @derived("strategy", "strategy", kind="coordinate")
+    def strategy(self) -> list[str]:
         labels = []
         for preferred in self.preferred:
             if len(preferred) == 1:
-                labels.append(f"toward {names[preferred[0]]}")
-            elif len(preferred) == len(names):
+                labels.append(f"toward {self.names[preferred[0]]}")
+            elif len(preferred) == len(self.names):
                 labels.append("all vertices")
             else:
-                labels.append("emphasis " + ", ".join(names[vertex] for vertex in preferred))
+                listed = ", ".join(self.names[vertex] for vertex in preferred)
+                labels.append(f"emphasis {listed}")
         return labels
+
+    @derived("strategy", "share", "1", kind="distribution")
+    def share(self) -> Float[np.ndarray, "strategies"]:
+        return np.asarray(self.commitment.weights)
+
+    @derived("strategy place", "vertices from the closest", listed=True)
+    def order(self) -> list[list[str]]:
+        return [[self.names[vertex] for vertex in row] for row in self.closest.tolist()]
+
+    @derived("strategy vertex", "rank of the vertex, 1 for the closest", kind="count")
+    def rank(self) -> Int[np.ndarray, "strategies vertices"]:
+        return np.argsort(self.closest, axis=1) + 1
+
+    @derived("", "what the patroller is paid")
+    def value(self) -> float:
+        return self.commitment.value
+
+    @derived("", "what the adversary is paid")
+    def adversary_value(self) -> float:
+        return float(self.commitment.follower_value[0])
+
+    @derived("", "vertex that it attacks")
+    def attacked(self) -> str:
+        return self.names[int(self.commitment.answer[0])]
+
+    @derived("", "how far the mixture may be from the best, relative", kind="residual")
+    def gap(self) -> float:
+        return float(self.commitment.certificate.residual)
 
 
 def strategy_game(
@@ -49,8 +91,9 @@ def strategy_game(
     share: float = 0.8,
     *,
     paths: int = 3,
+    names: Sequence[str] | None = None,
 ) -> StrategyGame:
-    """The game between the walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
+    """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
 
     The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk that
     commutes fastest, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the one
@@ -64,6 +107,7 @@ def strategy_game(
     - `emphasis`: the vertices of the last strategy, two or more.
     - `share`: the least sum of the weights on the shortest closed tour through them.
     - `paths`: how many shortest paths lead from each vertex to the one that a walk is toward.
+    - `names`: of the vertices; by default their numbers.
 
     **Returns:** [`StrategyGame`][].
 
@@ -74,10 +118,10 @@ def strategy_game(
 
         >>> from jaxcell import patrol
         >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
-        >>> game = patrol.strategy_game(graph)
-        >>> game.labels(["a", "b", "c"]), game.order[0].tolist()
-        (['toward a', 'toward b', 'toward c', 'all vertices'], [0, 1, 2])
-        >>> round(game.commitment.value, 3)
+        >>> game = patrol.strategy_game(graph, names="abc")
+        >>> game.strategy, game.order[0]
+        (['toward a', 'toward b', 'toward c', 'all vertices'], ['a', 'b', 'c'])
+        >>> round(game.value, 3)
         2.083
     """
     every = range(graph.vertices)
@@ -94,10 +138,11 @@ def strategy_game(
         order.append(np.argsort(np.round(mean / (_SAME * mean.max())), kind="stable"))
     patroller, adversary = payoffs(np.stack(order))
     return StrategyGame(
-        tuple(preferred),
-        np.stack(weights),
-        np.stack(order),
-        np.asarray(patroller),
-        np.asarray(adversary),
-        stackelberg(patroller, adversary),
+        names=[str(v) for v in every] if names is None else list(names),
+        preferred=tuple(preferred),
+        weight=np.stack(weights),
+        closest=np.stack(order),
+        patroller_payoff=np.asarray(patroller),
+        adversary_payoff=np.asarray(adversary),
+        commitment=stackelberg(patroller, adversary),
     )

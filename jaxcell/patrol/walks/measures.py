@@ -1,8 +1,10 @@
 import dataclasses
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
+from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...mapping import Chain, persistent_groups
 from ...markov import limiting_distribution
 from ...markov.quantities import (
@@ -14,40 +16,70 @@ from ...markov.quantities import (
 )
 
 
+# Of a time, relative to it.
+_TIME = 1e-6
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class Measures:
+class Measures(Result):
     """What there is to know of a patroller's chain, on the host."""
 
-    transition: Float[np.ndarray, "vertices vertices"]
-    "The probability of a step from the vertex of the row to that of the column."
-    stationary: Float[np.ndarray, "vertices"]
-    "The share of time at each vertex in the long run."
-    hitting_times: Float[np.ndarray, "vertices vertices"]
-    "The expected number of steps from the vertex of the row until first at that of the column."
-    mean_hitting_time: float
-    "Over pairs of different vertices."
-    kemeny_constant: float
-    "The expected number of steps to a vertex drawn from the stationary distribution."
-    entropy_rate: float
-    "The entropy of a step in the long run, in nats."
-    slem: float
-    "The second largest eigenvalue modulus."
-    mixing_time: float
-    "The steps until within 1/4 of the stationary distribution in total variation."
+    title: ClassVar[str] = "Random walk of a patroller"
 
-    @property
-    def commute_times(self) -> Float[np.ndarray, "vertices vertices"]:
-        """The expected number of steps there and back."""
-        return self.hitting_times + self.hitting_times.T
+    transition: Annotated[
+        Float[np.ndarray, "vertices vertices"],
+        quantity("start target", "probability of a step", "1", kind="distribution"),
+    ]
+    stationary: Annotated[
+        Float[np.ndarray, "vertices"],
+        quantity("vertex", "share of time in the long run", "1", kind="distribution"),
+    ]
+    hitting_time: Annotated[
+        Float[np.ndarray, "vertices vertices"],
+        quantity("start target", "mean steps until first there", "steps", kind="time"),
+    ]
+    mean_hitting_time: Annotated[
+        float, quantity("", "mean hitting time over pairs of vertices", "steps", kind="time")
+    ]
+    kemeny_constant: Annotated[
+        float,
+        quantity("", "Kemeny constant: mean steps to a random vertex", "steps", kind="time"),
+    ]
+    entropy_rate_nats: Annotated[float, quantity("", "entropy of a step in the long run", "nats")]
+    slem: Annotated[float, quantity("", "second largest modulus of an eigenvalue", "1")]
+    mixing_time: Annotated[
+        float,
+        quantity("", "steps until within 1/4 of the shares of time", "steps", kind="time"),
+    ]
 
-    @property
+    @derived("start target", "mean steps there and back", "steps", kind="time")
+    def commute_time(self) -> Float[np.ndarray, "vertices vertices"]:
+        return self.hitting_time + self.hitting_time.T
+
+    @derived("", "mean commute time over pairs of vertices", "steps", kind="time")
     def mean_commute_time(self) -> float:
-        """Over pairs of different vertices."""
         return 2 * self.mean_hitting_time
+
+    @derived("vertex", "mean steps to it", "steps", kind="time")
+    def mean_time_to(self) -> Float[np.ndarray, "vertices"]:
+        return self.hitting_time.sum(axis=0) / (self.stationary.size - 1)
+
+    @derived("vertex", "probability of waiting there", "1", kind="share")
+    def stay(self) -> Float[np.ndarray, "vertices"]:
+        return np.diag(self.transition)
+
+    def checks(self) -> Checks:
+        P, share, times = self.transition, self.stationary, self.hitting_time
+        gap = 1 + P @ times - times
+        np.fill_diagonal(gap, 0)
+        return {
+            "stationarity_residual": (float(np.abs(share @ P - share).sum()), PROBABILITY),
+            "hitting_time_residual": (float(np.abs(gap).max() / max(1.0, times.max())), _TIME),
+        }
 
 
 def measure(chain: Chain) -> Measures:
-    """All quantities of [`Measures`][], for a chain of up to some thousand vertices.
+    """Compute all quantities of [`Measures`][], for a chain of up to some thousand vertices.
 
     **Arguments:**
 
@@ -68,12 +100,12 @@ def measure(chain: Chain) -> Measures:
     times = np.asarray(hitting_matrix(chain).value)
     vertices = chain.cells
     return Measures(
-        chain.to_scipy().toarray(),
-        np.asarray(limiting_distribution(chain, persistent_groups(chain)).value),
-        times,
-        float(times.sum() / (vertices * (vertices - 1))),
-        kemeny_constant(chain),
-        entropy_rate(chain),
-        slem(chain),
-        mixing_time(chain),
+        transition=chain.to_scipy().toarray(),
+        stationary=np.asarray(limiting_distribution(chain, persistent_groups(chain)).value),
+        hitting_time=times,
+        mean_hitting_time=float(times.sum() / (vertices * (vertices - 1))),
+        kemeny_constant=kemeny_constant(chain),
+        entropy_rate_nats=entropy_rate(chain),
+        slem=slem(chain),
+        mixing_time=mixing_time(chain),
     )

@@ -32,20 +32,22 @@ def log_tab(
     - `path`: what the text and the legend are under; empty for the recording as a whole.
     - `name`: what the tab is called.
     - `views`: what is on its left.
-    - `text`: what one sees, in Markdown.
+    - `text`: what one sees, in Markdown; empty for no text, if there is a legend.
     - `legend`: what the colours mean; none for no legend.
     - `timeline`: one that the recording has.
     - `shares`: how much of the width the views and the rest have.
     - `rows`: how much of the height the text and the legend have.
     """
     below = f"{path}/" if path else ""
-    log_text(stream, f"{below}text", text)
-    about: rrb.Container | rrb.View = text_view(f"{below}text")
+    about: list[rrb.View] = []
+    if text:
+        log_text(stream, f"{below}text", text)
+        about.append(text_view(f"{below}text"))
     if legend:
         log_legend(stream, f"{below}legend", legend, timeline)
-        key = legend_view(f"{below}legend", len(legend))
-        about = rrb.Vertical(about, key, row_shares=list(rows))
-    return rrb.Horizontal(views, about, column_shares=list(shares), name=name)
+        about.append(legend_view(f"{below}legend", len(legend)))
+    side = rrb.Vertical(*about, row_shares=list(rows)) if len(about) > 1 else about[0]
+    return rrb.Horizontal(views, side, column_shares=list(shares), name=name)
 
 
 def log_text(stream: rr.RecordingStream, path: str, text: str) -> None:
