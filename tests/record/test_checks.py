@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.record import checks
-from jaxcell.record.chain_checks import drift_checks, patrol_graph_checks, patrol_map_checks
+from jaxcell.record.chain_checks import drift_checks, patrol_map_checks
 
 
 def dataset(variables, **attributes):
@@ -75,15 +75,6 @@ TEAM = dataset(
         "covered": ("time", [2, 3, 3]),
     }
 )
-WALK = dataset(
-    {
-        "transition": ("start target", [[0.5, 0.5], [1.0, 0.0]]),
-        "stationary": ("vertex", [2 / 3, 1 / 3]),
-        "hitting_time": ("start target", [[0.0, 2.0], [1.0, 0.0]]),
-        "commute_time": ("start target", [[0.0, 3.0], [3.0, 0.0]]),
-        "mixture": ("strategy", [0.5, 0.5]),
-    }
-)
 PATROL = dataset(
     {
         "attack_time": ("attack_time", [2, 1]),
@@ -116,7 +107,6 @@ CHECKS = {
     "localization": (LOCALIZATION, checks.localization_checks),
     "navigation": (PLAN, checks.navigation_checks),
     "team": (TEAM, lambda data: checks.team_checks(data, 2, 3)),
-    "patrol graph": (WALK, patrol_graph_checks),
     "patrol map": (PATROL, patrol_map_checks),
     "drift": (DRIFT, drift_checks),
 }
@@ -149,11 +139,6 @@ def test_what_is_right_passes(family):
         ("team", "cell", [[0, 2], [1, 5], [1, 5]], {"parts_that_begin_otherwise"}),
         ("team", "bumped", [[True, True], [False, False]], {"moves_against_the_rule"}),
         ("team", "covered", [2, 2, 3], {"covered_minus_visited"}),
-        ("patrol graph", "transition", [[0.5, 0.4], [1.0, 0.0]], {"rows_sum_to_1"}),
-        ("patrol graph", "stationary", [0.5, 0.5], {"stationarity_residual"}),
-        ("patrol graph", "hitting_time", [[0, 2.1], [0.9, 0]], {"hitting_time_residual"}),
-        ("patrol graph", "commute_time", [[0, 3], [4, 0]], {"commute_is_there_and_back"}),
-        ("patrol graph", "mixture", [0.5, 0.6], {"mixture_sums_to_1"}),
         ("patrol map", "capture", [[0.4, 1.0], [0.5, 1.0]], {"capture_falls_with_time"}),
         ("patrol map", "capture", [[0.9, 1.1], [0.5, 1.1]], {"capture_beyond_0_to_1"}),
         ("patrol map", "exact", [0.9, 0.6], {"exact_is_of_law"}),

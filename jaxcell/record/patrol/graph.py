@@ -91,7 +91,7 @@ class _Drawing:
         "The radius of a large vertex."
         stream.log("graph", rr.Transform3D(scale=[1, -1, 1]), static=True)
         self.labels("names", xy - [0, self.mark], patrol.names, len(xy) <= _MAX_NAMES)
-        line = rr.LineStrips2D(self.ends, colors=PLAIN, radii=points(1), draw_order=1)
+        line = rr.LineStrips2D(self.ends, colors=PLAIN, radii=points(1.0), draw_order=1)
         stream.log("graph/edges", line, static=True)
 
     def view(self, title: str, *contents: str) -> rrb.Spatial2DView:

@@ -65,5 +65,5 @@ def test_the_game_of_the_small_graph():
     assert int(game.commitment.answer[0]) == 6
     assert mixture[[6, 8]].sum() == pytest.approx(1, abs=1e-9)
     # Neither does so alone.
-    assert game.adversary[6].argmax() != 6
-    assert game.adversary[8].argmax() != 6
+    assert game.adversary_payoff[6].argmax() != 6
+    assert game.adversary_payoff[8].argmax() != 6
