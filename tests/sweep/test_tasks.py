@@ -1,5 +1,4 @@
 import math
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.tasks.rooms import place, random_room
+from jaxcell.sweep.work import find_task as task
 
 
 pytestmark = pytest.mark.slow
@@ -21,11 +21,6 @@ DATA = Path(__file__).parents[2] / "data"
 LAB = str(DATA / "maps" / "lab_a.json")
 LINE = str(DATA / "graphs" / "eight.json")
 GYRES = str(DATA / "ocean" / "gyres.nc")
-
-
-def task(name):
-    module, function = TASKS[name].split(":")
-    return getattr(import_module(module), function)
 
 
 def lab(**changes):
@@ -171,7 +166,7 @@ def test_parameters_are_refused_by_name(name):
     called = rf"('{name}'|[A-Z]\w+)"
     with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):
         task(name)({swept: np.array([1])}, {**needed, "colour": 1}, 0)
-    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad}"):
+    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad:g}"):
         task(name)({swept: np.array([bad])}, needed, 0)
     for missing in needed:
         rest = {key: value for key, value in needed.items() if key != missing}
