@@ -25,7 +25,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
-    gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain.
+    gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain, and
+    `GraphPatrol` has these with the graph, for datasets and recordings.
 - `maximin_capture` makes the least entry of `walk_capture_probabilities` great: `F_t[i, j]`, the
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.

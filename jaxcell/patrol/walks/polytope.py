@@ -173,8 +173,8 @@ def _possible(
 ) -> Bool[np.ndarray, "moves"]:
     """Which moves a chain with the distribution can ever make.
 
-    One linear program finds as much flow as there is room for. What the flow can be changed to is
-    told by the graph in which a move leads from its start to its end, and back if it is made.
+    One linear program finds as much flow as there is room for. The graph in which a move leads from
+    its start to its end, and back if it is made, then shows what the flow can be changed to.
     """
     tails, heads = moves.T
     n, move = share.size, np.arange(len(moves))
