@@ -148,7 +148,7 @@ def least_apart(graph: Graph, target: int, source: np.ndarray) -> float:
 def compare(graph: Graph, game: StrategyGame) -> list[Row]:
     rows = []
     for number, (name, source) in enumerate(TABLE_4_2.items()):
-        source, order = np.array(source), game.order[number] + 1
+        source, order = np.array(source), game.closest[number] + 1
         if number < graph.vertices:
             apart = least_apart(graph, number, source)
         else:
@@ -222,7 +222,7 @@ def report_game(game: StrategyGame) -> bool:
         (f"{name}, {METHODS[method]}", stackelberg(*sides, method=method))
         for name, sides in (
             ("Table 4.2", (leader, follower)),
-            ("our orders", (game.patroller, game.adversary)),
+            ("our orders", (game.patroller_payoff, game.adversary_payoff)),
         )
         for method in METHODS
     ]

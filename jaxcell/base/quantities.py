@@ -68,7 +68,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    "Whether an array of one dimension is listed in the summary under its own name."
+    """Whether an array of one dimension is listed in the summary under its own name; one of more
+    dimensions is listed in the rows of the table of its first."""
     attributes: Mapping[str, Any]
     "More attributes of its variable in datasets."
 
@@ -90,7 +91,8 @@ def quantity(
     - `meaning`: what it is, as a noun phrase.
     - `units`: as CF has them: `m`, `s`, `rad`; none for what has no dimension.
     - `kind`: a [`Kind`][].
-    - `listed`: whether a one-dimensional array is part of the summary.
+    - `listed`: whether a one-dimensional array is part of the summary by itself, or an array of
+        more dimensions part of the rows of a table.
     - further keywords: attributes of its variable in datasets.
     """
     return Quantity(tuple(dims.split()), meaning, units, kind, listed, attributes)
@@ -181,3 +183,23 @@ def parts(result: Any) -> dict[str, Any]:
     """The fields of a result that are results themselves."""
     fields = ((field.name, getattr(result, field.name)) for field in dataclasses.fields(result))
     return {name: value for name, value in fields if isinstance(value, Result)}
+
+
+def is_single(about: Quantity) -> bool:
+    """Whether a quantity stands for itself in a summary: a number, a text, or a short list."""
+    return not about.dims or (about.listed and len(about.dims) == 1)
+
+
+def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
+    """The columns of the tables of a result, by the dimension of the table.
+
+    Labels of the dimension itself are a column if they are texts; numbers often stand there in
+    another unit too.
+    """
+    found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
+    for name, (about, value) in values(result).items():
+        dim = about.dims[0] if about.dims else ""
+        label = name == dim and not all(isinstance(one, str) for one in value)
+        if dim in found and (len(about.dims) == 1) != about.listed and not label:
+            found[dim][name] = (about, value)
+    return found

@@ -16,14 +16,13 @@ from .groups import Groups
 from .info import Info
 from .localize import Localize
 from .options import check_out
-from .patrol_graph import PatrolGraph
 from .patrol_map import PatrolMap
 from .robot import RobotRun
 from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover, Navigate, Team
+from .studies import Cover, Navigate, PatrolGraph, Team
 from .sweep import Sweep, SweepState
 from .sweep_verify import SweepVerify
 from .sweep_view import SweepView

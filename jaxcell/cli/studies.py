@@ -6,4 +6,5 @@ from .study import command
 
 Cover = command(study.Cover)
 Navigate = command(study.Navigate)
+PatrolGraph = command(study.PatrolGraph)
 Team = command(study.Team)

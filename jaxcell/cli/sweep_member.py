@@ -16,7 +16,6 @@ from .drift import Drift
 from .groups import Groups
 from .localize import Localize
 from .options import OutputOptions, command_name
-from .patrol_graph import PatrolGraph
 from .terminal import status, table, telling
 
 
@@ -24,7 +23,6 @@ from .terminal import status, table, telling
 _COMMANDS: dict[str, tuple[type[OutputOptions], str]] = {
     "groups": (Groups, "groups.rrd"),
     "localize": (Localize, "localization.rrd"),
-    "patrol": (PatrolGraph, "patrol.rrd"),
     "drift": (Drift, "drift.rrd"),
 }
 
@@ -34,7 +32,7 @@ def check_detail(task: str) -> None:
     if task != "rooms" and task not in _COMMANDS and study_of(task) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; those that have are "
-            f"{', '.join(sorted([*_COMMANDS, 'cover', 'plans', 'rooms']))}"
+            f"{', '.join(sorted([*_COMMANDS, 'cover', 'patrol', 'plans', 'rooms']))}"
         )
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, parts, values
+from ..base.quantities import Quantity, Result, columns, is_single, parts, values
 from .terminal import configuration, table
 
 
@@ -27,30 +27,33 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `seconds`: how long it took.
     """
     described, cells = values(result), getattr(result, "cells", None)
+    # Those along the dimension of a table are columns of it.
     single = [
         (about.meaning, written(value, about, cells))
         for about, value in described.values()
-        if not about.dims or (about.listed and about.dims[0] not in result.tables)
+        if is_single(about) and not set(about.dims) & set(result.tables)
     ]
     if seconds is not None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
-    for dim, name in result.tables.items():
-        columns = {
-            about.meaning: [written(one, about, cells) for one in np.asarray(value).tolist()]
-            for key, (about, value) in described.items()
-            if about.dims == (dim,) and key != dim
+    for dim, found in columns(result).items():
+        listed = {
+            key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
         }
-        if columns and dim not in described:
-            count = len(next(iter(columns.values())))
-            columns = {dim: [str(i) for i in range(count)], **columns}
-        rows = list(zip(*columns.values(), strict=True))
+        shown = {
+            about.meaning: [written(one, about, cells) for one in np.asarray(value).tolist()]
+            for about, value in (found | listed).values()
+        }
+        if shown and dim not in described:
+            count = len(next(iter(shown.values())))
+            shown = {dim: [str(i) for i in range(count)], **shown}
+        rows = list(zip(*shown.values(), strict=True))
         if len(rows) > _MAX_ROWS:
             rest = f"and {len(rows) - _MAX_ROWS:,} more"
-            rows[_MAX_ROWS:] = [(rest, *[""] * (len(columns) - 1))]
+            rows[_MAX_ROWS:] = [(rest, *[""] * (len(shown) - 1))]
         if rows:
-            table(name.replace("_", " ").capitalize(), tuple(columns), rows)
+            table(result.tables[dim].replace("_", " ").capitalize(), tuple(shown), rows)
     for name, part in parts(result).items():
         show(part, name.replace("_", " ").capitalize())
 

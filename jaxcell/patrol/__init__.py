@@ -25,7 +25,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
-    gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain.
+    gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain, and
+    `GraphPatrol` has these with the graph, for datasets and recordings.
 - `maximin_capture` makes the least entry of `walk_capture_probabilities` great: `F_t[i, j]`, the
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.
@@ -66,18 +67,9 @@ from .attack import (
     outside as outside,
     vulnerability as vulnerability,
 )
-from .capture import (
-    MaximinCapture as MaximinCapture,
-    maximin_capture as maximin_capture,
-    walk_capture_probabilities as walk_capture_probabilities,
-)
 from .cell_graph import cell_graph as cell_graph
-from .descent import Strategy as Strategy
-from .graph import random_walk as random_walk, walk_hitting_times as walk_hitting_times
-from .graph_files import load_graph as load_graph, save_graph as save_graph
 from .lambda_distribution import Gld as Gld
 from .lambda_fit import GldFit as GldFit, fit_gld as fit_gld
-from .measures import Measures as Measures, measure as measure
 from .perimeter import (
     Maximin as Maximin,
     Movement as Movement,
@@ -108,12 +100,22 @@ from .share_game import (
     contested as contested,
     share_game as share_game,
 )
-from .speed import minimum_kemeny as minimum_kemeny
-from .strategy_game import StrategyGame as StrategyGame, strategy_game as strategy_game
-from .toward import toward as toward
-from .unpredictable import (
+from .walks.capture import (
+    MaximinCapture as MaximinCapture,
+    maximin_capture as maximin_capture,
+    walk_capture_probabilities as walk_capture_probabilities,
+)
+from .walks.descent import OptimizedWalk as OptimizedWalk
+from .walks.entropy import (
     maximum_entropy_rate as maximum_entropy_rate,
     maximum_return_time_entropy as maximum_return_time_entropy,
     return_time_entropy as return_time_entropy,
     return_time_law as return_time_law,
 )
+from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
+from .walks.graph_files import load_graph as load_graph, save_graph as save_graph
+from .walks.graph_patrol import GraphPatrol as GraphPatrol
+from .walks.kemeny import minimum_kemeny as minimum_kemeny
+from .walks.measures import Measures as Measures, measure as measure
+from .walks.paths import toward as toward
+from .walks.walk import random_walk as random_walk, walk_hitting_times as walk_hitting_times

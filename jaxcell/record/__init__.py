@@ -20,7 +20,6 @@ writes these as NetCDF-4. What they guarantee:
 | filters | `filter_dataset` | |
 | runs of filters | `localization_dataset` | `log_localization` |
 | coverage by a mixture | `coverage_dataset` | `log_coverage` |
-| patrols on a graph | `patrol_graph_dataset` | `log_patrol_graph` |
 | patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
 | drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
@@ -56,7 +55,6 @@ from .deployment_files import (
 )
 from .drift_dataset import drift_dataset as drift_dataset
 from .map_patrol import MapPatrol as MapPatrol
-from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
 from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
 from .recordings import save_recording as save_recording
 from .sea_drift import SeaDrift as SeaDrift
@@ -66,7 +64,6 @@ if TYPE_CHECKING:
     from .drift import log_drift as log_drift
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
-    from .patrol_graph import log_patrol_graph as log_patrol_graph
     from .patrol_map import log_patrol_map as log_patrol_map
     from .robot import RobotRecording as RobotRecording
     from .robot_track import RecordedRobot as RecordedRobot
@@ -77,7 +74,6 @@ _LOGGED = (
     "drift",
     "groups",
     "localization",
-    "patrol_graph",
     "patrol_map",
     "sweep",
 )

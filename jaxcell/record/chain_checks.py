@@ -7,35 +7,6 @@ import xarray as xr
 from .checks import PROBABILITY, Checks, error_of_sums
 
 
-# Of a time, relative to it.
-_TIME = 1e-6
-
-
-def patrol_graph_checks(dataset: xr.Dataset) -> Checks:
-    """Those of [`jaxcell.record.patrol_graph_dataset`][].
-
-    The rows of the chain sum to 1; the share of time stays as it is by a step; from one vertex to
-    another it takes one step more than from where that step leads; and the mixture is one.
-    """
-    P, share = dataset["transition"].values, dataset["stationary"].values
-    times = dataset["hitting_time"].values
-    gap = 1 + P @ times - times
-    np.fill_diagonal(gap, 0)
-    found: dict[str, tuple[float | int, float | int]] = {
-        "rows_sum_to_1": (error_of_sums(P), PROBABILITY),
-        "stationary_sums_to_1": (error_of_sums(share), PROBABILITY),
-        "stationarity_residual": (float(np.abs(share @ P - share).sum()), PROBABILITY),
-        "hitting_time_residual": (float(np.abs(gap).max() / max(1.0, times.max())), _TIME),
-        "commute_is_there_and_back": (
-            float(np.abs(times + times.T - dataset["commute_time"].values).max()),
-            _TIME * max(1.0, float(times.max())),
-        ),
-    }
-    if "mixture" in dataset:
-        found["mixture_sums_to_1"] = (error_of_sums(dataset["mixture"].values), PROBABILITY)
-    return found
-
-
 def patrol_map_checks(dataset: xr.Dataset) -> Checks:
     """Those of [`jaxcell.record.patrol_map_dataset`][].
 

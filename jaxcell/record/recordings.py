@@ -12,6 +12,7 @@ from ..base.quantities import Result
 _FAMILIES = {
     "CostSummary": "bounce.navigation:log_costliest",
     "CoveragePolicy": "bounce.coverage:log_coverage",
+    "GraphPatrol": "patrol.graph:log_graph_patrol",
     "Plan": "bounce.navigation:log_plan",
     "TeamTrajectory": "bounce.team:log_team",
 }

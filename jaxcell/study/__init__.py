@@ -22,6 +22,7 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 from .cover import Cover as Cover
 from .map_study import MapStudy as MapStudy
 from .navigate import Navigate as Navigate, Plans as Plans
+from .patrol_graph import PatrolGraph as PatrolGraph
 from .study import (
     Degrees as Degrees,
     Metres as Metres,

@@ -64,9 +64,11 @@ def study_task(
         for i, row in zip(together, _rows([members[i] for i in together]), strict=True):
             rows[i] = row
     found = xr.Dataset()
-    for name, (about, _) in rows[0].items():
+    # A number that some members lack is NaN there.
+    for name, about in {name: row[name][0] for row in rows for name in row}.items():
         attributes = {"long_name": about.meaning, "units": about.units or "1"}
-        found[name] = ("member", np.array([row[name][1] for row in rows]), attributes)
+        column = [row[name][1] if name in row else np.nan for row in rows]
+        found[name] = ("member", np.array(column), attributes)
     return found
 
 

@@ -17,9 +17,10 @@ from .comparison import Comparison as Comparison
 from .coverage import compare_coverage as compare_coverage
 from .drift import compare_drift as compare_drift
 from .navigation import compare_plan as compare_plan
-from .patrol import (
+from .patrol import compare_patrol as compare_patrol
+from .team import compare_team as compare_team
+from .walk import (
+    compare_commute as compare_commute,
     compare_game as compare_game,
-    compare_patrol as compare_patrol,
     compare_walk as compare_walk,
 )
-from .team import compare_team as compare_team

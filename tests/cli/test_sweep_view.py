@@ -141,7 +141,7 @@ def test_the_walk_of_a_member(ran):
     folder = ran(f'task = "patrol"\n[fixed]\n{fixed}\n[list]\nshare = [0.3, 0.8]')
     found, member, _ = detail(folder, "member=1")
     assert found["share"] == 0.8
-    assert found["mean_commute_time"] == pytest.approx(member["commute_time"], rel=1e-4)
+    assert found["mean_commute_time"] == pytest.approx(member["mean_commute_time"], rel=1e-4)
 
 
 def test_the_drift_of_a_member(ran):

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.record import checks
-from jaxcell.record.chain_checks import drift_checks, patrol_graph_checks, patrol_map_checks
+from jaxcell.record.chain_checks import drift_checks, patrol_map_checks
 
 
 def dataset(variables, **attributes):
@@ -52,15 +52,6 @@ LOCALIZATION = dataset(
         "candidate": ("candidates", [3]),
     }
 )
-WALK = dataset(
-    {
-        "transition": ("start target", [[0.5, 0.5], [1.0, 0.0]]),
-        "stationary": ("vertex", [2 / 3, 1 / 3]),
-        "hitting_time": ("start target", [[0.0, 2.0], [1.0, 0.0]]),
-        "commute_time": ("start target", [[0.0, 3.0], [3.0, 0.0]]),
-        "mixture": ("strategy", [0.5, 0.5]),
-    }
-)
 PATROL = dataset(
     {
         "attack_time": ("attack_time", [2, 1]),
@@ -91,7 +82,6 @@ DRIFT = dataset(
 CHECKS = {
     "groups": (GROUPS, lambda data: checks.groups_checks(data, IMAGE)),
     "localization": (LOCALIZATION, checks.localization_checks),
-    "patrol graph": (WALK, patrol_graph_checks),
     "patrol map": (PATROL, patrol_map_checks),
     "drift": (DRIFT, drift_checks),
 }
@@ -115,11 +105,6 @@ def test_what_is_right_passes(family):
         ("localization", "transition", [[1, 1], [-1, 2], [2, -1]], {"states_that_gain_cells"}),
         ("localization", "visited", [0, 2, 2], {"run_off_the_transitions"}),
         ("localization", "candidate", [4], {"candidates_not_of_the_last_state"}),
-        ("patrol graph", "transition", [[0.5, 0.4], [1.0, 0.0]], {"rows_sum_to_1"}),
-        ("patrol graph", "stationary", [0.5, 0.5], {"stationarity_residual"}),
-        ("patrol graph", "hitting_time", [[0, 2.1], [0.9, 0]], {"hitting_time_residual"}),
-        ("patrol graph", "commute_time", [[0, 3], [4, 0]], {"commute_is_there_and_back"}),
-        ("patrol graph", "mixture", [0.5, 0.6], {"mixture_sums_to_1"}),
         ("patrol map", "capture", [[0.4, 1.0], [0.5, 1.0]], {"capture_falls_with_time"}),
         ("patrol map", "capture", [[0.9, 1.1], [0.5, 1.1]], {"capture_beyond_0_to_1"}),
         ("patrol map", "exact", [0.9, 0.6], {"exact_is_of_law"}),

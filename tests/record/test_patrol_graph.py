@@ -1,3 +1,4 @@
+import dataclasses
 import itertools
 import json
 from pathlib import Path
@@ -8,15 +9,14 @@ import xarray as xr
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
-from jaxcell.patrol import random_walk, walk_hitting_times
-from jaxcell.patrol.graph_files import load_graph
-from jaxcell.patrol.measures import measure
-from jaxcell.patrol.strategy_game import strategy_game
+from jaxcell.patrol import GraphPatrol, random_walk, walk_hitting_times
+from jaxcell.patrol.walks.game import strategy_game
+from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
+from jaxcell.record.data.described import dataset, summary
 from jaxcell.record.data.files import save_dataset
-from jaxcell.record.patrol_dataset import patrol_graph_dataset
-from jaxcell.record.patrol_graph import log_patrol_graph
+from jaxcell.record.recordings import save_recording
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
@@ -32,20 +32,30 @@ def weights(eight):
     return minimum_commute(eight[0]).weights
 
 
+def patrol_of(graph, weights=None, names=None, **more):
+    weights = np.ones(len(graph.edges)) if weights is None else weights
+    return GraphPatrol.of(graph, random_walk(graph, weights), names=names, **more)
+
+
 @pytest.fixture(scope="module")
-def measures(eight, weights):
-    return measure(random_walk(eight[0], weights))
+def patrol(eight, weights):
+    return patrol_of(eight[0], weights, eight[1], robots=2, seed=3)
 
 
 @pytest.fixture(scope="module")
 def game(eight):
-    return strategy_game(eight[0], [1, 4, 7])
+    return strategy_game(eight[0], [1, 4, 7], names=eight[1])
 
 
-def test_the_dataset_holds_the_walk(eight, weights, measures, tmp_path):
+@pytest.fixture(scope="module")
+def with_game(patrol, game):
+    return dataclasses.replace(patrol, game=game)
+
+
+def test_the_dataset_holds_the_walk(eight, weights, patrol, tmp_path):
     graph, names = eight
     file = tmp_path / "patrol.nc"
-    save_dataset(patrol_graph_dataset(graph, measures, names=names, spec={"graph": "eight"}), file)
+    save_dataset(dataset(patrol, spec={"graph": "eight"}), file)
     times = walk_hitting_times(graph, weights)
     with xr.open_dataset(file) as found:
         np.testing.assert_allclose(found.hitting_time, times, rtol=1e-9)
@@ -55,18 +65,25 @@ def test_the_dataset_holds_the_walk(eight, weights, measures, tmp_path):
             found.stationary.values @ found.transition.values, found.stationary
         )
         np.testing.assert_allclose(found.weight, weights, atol=1e-12)
-        np.testing.assert_array_equal(found.end, graph.edges)
+        ends = [[names[i], names[j]] for i, j in graph.edges.tolist()]
+        assert found.ends.values.tolist() == ends
+        np.testing.assert_allclose(
+            found.probabilities[:, 0],
+            found.transition.sel(start=found.ends[:, 0], target=found.ends[:, 1]),
+        )
+        assert found.edges_used == (weights > 1e-6).sum()
+        assert found.largest_weight == pytest.approx(weights.max())
+        np.testing.assert_allclose(found.mean_time_to, times.sum(axis=0) / 7)
         np.testing.assert_array_equal(np.stack([found.x, found.y], axis=1), graph.xy)
         assert float(found.hitting_time.sel(start="6", target="3")) == pytest.approx(times[5, 2])
-        assert found.attrs["mean_commute_time"] == pytest.approx(18.626151, abs=1e-6)
+        assert float(found.mean_commute_time) == pytest.approx(18.626151, abs=1e-6)
         assert json.loads(found.attrs["spec"]) == {"graph": "eight"}
-        assert "mixture" not in found
+        assert not any(name.startswith("game") for name in found)
 
 
-def test_the_dataset_holds_the_game(eight, measures, game, tmp_path):
-    graph, names = eight
+def test_the_dataset_holds_the_game(with_game, game, tmp_path):
     file = tmp_path / "patrol.nc"
-    save_dataset(patrol_graph_dataset(graph, measures, names=names, game=game), file)
+    save_dataset(dataset(with_game), file)
     with xr.open_dataset(file) as found:
         assert found.strategy.values.tolist() == [
             *(f"toward {v}" for v in range(1, 9)),
@@ -74,32 +91,66 @@ def test_the_dataset_holds_the_game(eight, measures, game, tmp_path):
             "emphasis 2, 5, 8",
         ]
         # Table 4.2 of Alam 2018.
-        row = found.patroller_payoff.sel(strategy="all vertices")
+        row = found.game_patroller_payoff.sel(strategy="all vertices")
         expected = [0.2148, 3.5625, 0.7344, 0.1543, 1.5938, 0.1318, 8, 0.3672]
         np.testing.assert_allclose(row, expected, atol=5e-5)
-        assert found["rank"].sel(strategy="emphasis 2, 5, 8").values.tolist() == [
+        assert found.game_rank.sel(strategy="emphasis 2, 5, 8").values.tolist() == [
             4, 2, 8, 6, 3, 7, 5, 1,
         ]  # fmt: skip
-        paid = found.mixture @ found.adversary_payoff
-        assert float(paid.sel(vertex=str(found.attacked.values))) == pytest.approx(
+        paid = found.game_share @ found.game_adversary_payoff
+        assert float(paid.sel(vertex=str(found.game_attacked.values))) == pytest.approx(
             float(paid.max())
         )
-        assert float(found.patroller_value) == pytest.approx(8)
-        np.testing.assert_array_equal(found.strategy_weight, game.weights)
+        assert float(found.game_value) == pytest.approx(8)
+        np.testing.assert_array_equal(found.game_weight, game.weight)
 
 
 def test_names_are_numbers_and_positions_may_be_missing():
     graph = Graph([[0, 1], [1, 2]])
-    found = patrol_graph_dataset(graph, measure(random_walk(graph, np.ones(2))))
+    found = dataset(patrol_of(graph))
     assert found.vertex.values.tolist() == ["0", "1", "2"]
     assert "x" not in found.coords
-    assert found.attrs["slem"] == 1
+    assert found.slem == 1
 
 
-def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
+def test_the_summary_has_rows_for_vertices_edges_and_strategies(eight, patrol, game, with_game):
+    graph, names = eight
+    found = summary(with_game)
+    assert [one["vertex"] for one in found["vertices"]] == list(names)
+    assert found["vertices"][6]["stationary"] == pytest.approx(patrol.stationary[6])
+    for (i, j), one in zip(graph.edges.tolist(), found["edges"], strict=True):
+        assert one["ends"] == [names[i], names[j]]
+        assert one["probabilities"] == [patrol.transition[i, j], patrol.transition[j, i]]
+    last = found["game"]["strategies"][-1]
+    assert last["strategy"] == "emphasis 2, 5, 8"
+    assert last["order"] == [names[vertex] for vertex in game.closest[-1]]
+    assert found["game"]["value"] == pytest.approx(8)
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong", "check"),
+    [
+        ("transition", lambda P: P / 2, "transition_sums_to_1"),
+        ("stationary", lambda share: share[::-1], "stationarity_residual"),
+        ("hitting_time", lambda times: 1.01 * times, "hitting_time_residual"),
+        ("hitting_time", lambda times: -times, "hitting_time_below_0"),
+    ],
+)
+def test_a_walk_that_contradicts_itself_is_refused(patrol, field, wrong, check):
+    with pytest.raises(RuntimeError, match=check):
+        dataset(dataclasses.replace(patrol, **{field: wrong(getattr(patrol, field))}))
+
+
+def test_a_mixture_that_is_none_is_refused(game, with_game):
+    half = dataclasses.replace(game.commitment, weights=game.commitment.weights / 2)
+    with pytest.raises(RuntimeError, match="game_share_sums_to_1"):
+        dataset(dataclasses.replace(with_game, game=dataclasses.replace(game, commitment=half)))
+
+
+def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
     graph, names = eight
     file = tmp_path / "patrol.rrd"
-    log_patrol_graph(file, graph, measures, names=names, robots=2, seed=3, spec={"graph": "a|b"})
+    save_recording(patrol, file, spec={"graph": "a|b"})
     found = read(file)
     assert len(found.blueprints) == 1
     assert found.timelines == {"step"}
@@ -125,7 +176,7 @@ def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
         tail = np.linalg.norm(graph.xy - begin, axis=1).argmin()
         other = begin + (middle - begin) / 0.48
         head = np.linalg.norm(graph.xy - other, axis=1).argmin()
-        assert float(label) == pytest.approx(measures.transition[tail, head], abs=6e-4)
+        assert float(label) == pytest.approx(patrol.transition[tail, head], abs=6e-4)
 
     # Patrollers walk along edges, and vertices turn yellow as they are there.
     neighbours = {frozenset(edge) for edge in graph.edges.tolist()}
@@ -150,7 +201,7 @@ def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
     # The heat map, with the means below.
     picture = np.array(found.static("/times/matrix/heat", "SegmentationImage:buffer")[0])
     shown = picture.reshape(9, 8)
-    times = measures.hitting_times
+    times = patrol.hitting_time
     assert (np.diag(shown) == 1).all()
     off = ~np.eye(8, dtype=bool)
     order = np.argsort(times[off])
@@ -165,27 +216,28 @@ def test_the_recording_shows_the_walk(eight, weights, measures, tmp_path, read):
     assert "/game/text" not in found.entities
 
 
-def test_the_recording_shows_the_game(eight, measures, game, tmp_path, read):
-    graph, names = eight
+def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
     file = tmp_path / "patrol.rrd"
-    log_patrol_graph(file, graph, measures, names=names, game=game)
+    save_recording(with_game, file)
     found = read(file)
     text = found.static("/game/text", "TextDocument:text")[0]
     assert "It attacks **7**" in text
     assert "paid **8.0000**" in text
     assert "| all vertices |" in text
     assert "| 7, 2, 5, 3, 8, 1, 4, 6 |" in text
-    for who, payoff in (("patroller", game.patroller), ("adversary", game.adversary)):
+    for who, payoff in (
+        ("patroller", game.patroller_payoff),
+        ("adversary", game.adversary_payoff),
+    ):
         labels = found.static(f"/game/{who}/labels", "Points2D:labels")
-        assert labels[:10] == game.labels(names)
+        assert labels[:10] == game.strategy
         assert labels[18:] == [f"{one:.3g}" for one in payoff.ravel()]
 
 
-def test_the_same_seed_walks_the_same_way(eight, measures, tmp_path, read):
-    graph, _ = eight
+def test_the_same_seed_walks_the_same_way(patrol, tmp_path, read):
     walks = []
     for seed in (1, 1, 2):
-        log_patrol_graph(tmp_path / "walk.rrd", graph, measures, seed=seed)
+        save_recording(dataclasses.replace(patrol, seed=seed), tmp_path / "walk.rrd")
         found = read(tmp_path / "walk.rrd")
         walks.append(found.over("step", "/graph/patrollers/0/here", "Points2D:positions"))
     assert walks[0] == walks[1] != walks[2]
@@ -195,14 +247,13 @@ def test_a_walk_that_turns_one_way_and_waits(tmp_path, read):
     """Probabilities differ by direction, some are 0, and a patroller may stay."""
     graph = Graph([[0, 1], [1, 2], [2, 0]], xy=[[0, 0], [1, 0], [0, 1]])
     chain = Chain.from_scipy(np.array([[0.5, 0.5, 0], [0, 0, 1.0], [1.0, 0, 0]]))
-    measures = measure(chain)
-    log_patrol_graph(tmp_path / "one.rrd", graph, measures)
+    patrol = GraphPatrol.of(graph, chain)
+    save_recording(patrol, tmp_path / "one.rrd")
     found = read(tmp_path / "one.rrd")
     labels = found.static("/graph/chances", "Points2D:labels")
     assert labels == ["0.500", "1.000", "1.000", "0.000", "0.000", "0.000"]
     assert found.static("/graph/stay", "Points2D:labels")[0] == "stays with probability 0.5"
-    shares = patrol_graph_dataset(graph, measures).weight
-    np.testing.assert_allclose(shares, [0.25, 0.25, 0.25])
+    np.testing.assert_allclose(dataset(patrol).weight, [0.25, 0.25, 0.25])
 
 
 def test_a_large_graph_makes_a_small_file(tmp_path, read):
@@ -216,38 +267,38 @@ def test_a_large_graph_makes_a_small_file(tmp_path, read):
     )
     graph = Graph(edges, xy=np.argwhere(at >= 0))
     file = tmp_path / "grid.rrd"
-    log_patrol_graph(file, graph, measure(random_walk(graph, np.ones(len(edges)))))
+    save_recording(patrol_of(graph), file)
     assert file.stat().st_size < 5_000_000
     found = read(file)
     text = found.static("/text", "TextDocument:text")[0]
-    assert "| 340 more | | |" in text
+    assert "| 340 more |  |  |" in text
     assert "because it is periodic" in text
     assert "/times/matrix/labels" not in found.entities
 
 
 def test_vertices_in_one_place_and_two_of_them(tmp_path):
     graph = Graph([[0, 1]], xy=[[1, 1], [1, 1]])
-    log_patrol_graph(tmp_path / "two.rrd", graph, measure(random_walk(graph, np.ones(1))))
+    save_recording(patrol_of(graph), tmp_path / "two.rrd")
 
 
-def test_what_does_not_belong_together_is_refused(eight, measures, game, tmp_path):
+def test_what_does_not_belong_together_is_refused(eight, weights, patrol, game, tmp_path):
     graph, names = eight
     other = Graph(graph.edges[:-1], xy=graph.xy)
-    file = tmp_path / "bad.rrd"
-    for arguments, options, message in (
-        ((other, measures), {}, "from vertex 1 to 6, between which there is no edge"),
-        ((Graph([[0, 1]]), measures), {}, "measures: expected those of 2 vertices, got 8"),
-        ((graph, measures), {"names": names[:3]}, "names: expected 8, one a vertex, got 3"),
-        ((graph, measures), {"robots": 0}, "robots: expected at least 1, got 0"),
-        ((Graph(graph.edges), measures), {}, "its vertices have no positions"),
+    chain = random_walk(graph, weights)
+    for on, more, message in (
+        (other, {}, "from vertex 1 to 6, between which there is no edge"),
+        (Graph([[0, 1]]), {}, "chain: expected one of 2 vertices, got 8"),
+        (graph, {"names": names[:3]}, "names: expected 8, one a vertex, got 3"),
+        (graph, {"robots": 0}, "robots: expected at least 1, got 0"),
     ):
         with pytest.raises(ValueError, match=message):
-            log_patrol_graph(file, *arguments, **options)
+            GraphPatrol.of(on, chain, **more)
     path = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
-    walk = measure(random_walk(path, np.ones(2)))
     with pytest.raises(ValueError, match="game: expected walks on 2 edges, got 13"):
-        patrol_graph_dataset(path, walk, game=game)
-    assert not file.exists()
+        patrol_of(path, game=game)
+    with pytest.raises(ValueError, match="its vertices have no positions"):
+        save_recording(patrol_of(Graph(graph.edges)), tmp_path / "bad.rrd")
+    assert not (tmp_path / "bad.rrd").exists()
 
 
 def test_a_matrix_of_one_number(tmp_path, read):

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
-from jaxcell.patrol.graph_files import load_graph
+from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.tasks.rooms import place, random_room
@@ -89,10 +89,10 @@ def test_walks_are_those_of_minimum_commute():
     for i, share in enumerate(batch["share"]):
         stops = [0, len(names) - 1]
         expected = optimize.minimum_commute(graph, emphasis=stops, share=float(share))
-        assert found.commute_time[i] == pytest.approx(float(expected.commute_time), rel=1e-6)
+        assert found.mean_commute_time[i] == pytest.approx(float(expected.commute_time), rel=1e-6)
     even = task("patrol")(batch, {"file": LINE}, 0)
     expected = optimize.minimum_commute(graph)
-    np.testing.assert_allclose(even.commute_time, float(expected.commute_time), rtol=1e-6)
+    np.testing.assert_allclose(even.mean_commute_time, float(expected.commute_time), rtol=1e-6)
 
 
 def test_drift_is_that_of_group_counts():
@@ -163,7 +163,7 @@ def test_parameters_are_refused_by_name(name):
         "patrol": ("share", 1.5),
         "drift": ("rho", 1.5),
     }.get(name, ("cell", 0.0))
-    called = {"cover": "Cover", "plans": "Plans"}.get(name, f"'{name}'")
+    called = rf"('{name}'|[A-Z]\w+)"
     with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):
         task(name)({swept: np.array([1])}, {**needed, "colour": 1}, 0)
     with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad:g}"):

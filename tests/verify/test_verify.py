@@ -21,10 +21,10 @@ from jaxcell.bounce import (
 )
 from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
+from jaxcell.optimize import minimum_commute
 from jaxcell.patrol.attack import Vulnerability
-from jaxcell.patrol.graph_files import load_graph
-from jaxcell.patrol.measures import measure
-from jaxcell.patrol.strategy_game import strategy_game
+from jaxcell.patrol.walks.game import strategy_game
+from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
@@ -161,16 +161,26 @@ def test_teams(lab):
 
 def test_walks_on_a_graph():
     graph, _ = load_graph(DATA / "graphs" / "eight.json")
-    measures = measure(patrol.random_walk(graph, np.ones(len(graph.edges))))
-    assert not disagreeing(verify.compare_walk(measures))
+    walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, np.ones(len(graph.edges))))
+    assert not disagreeing(verify.compare_walk(walk))
     for wrong, what in (
-        ({"hitting_times": 1.001 * measures.hitting_times}, "hitting times of some vertices"),
-        ({"stationary": measures.stationary[::-1].copy()}, "what a step changes"),
-        ({"kemeny_constant": measures.kemeny_constant + 1}, "Kemeny constant"),
-        ({"entropy_rate": 0.0}, "entropy rate"),
+        ({"hitting_time": 1.001 * walk.hitting_time}, "hitting times of some vertices"),
+        ({"stationary": walk.stationary[::-1].copy()}, "shares of time after a step"),
+        ({"kemeny_constant": walk.kemeny_constant + 1}, "Kemeny constant"),
+        ({"entropy_rate_nats": 0.0}, "entropy rate"),
     ):
-        found = disagreeing(verify.compare_walk(dataclasses.replace(measures, **wrong)))
+        found = disagreeing(verify.compare_walk(dataclasses.replace(walk, **wrong)))
         assert any(one.startswith(what) for one in found), found
+
+
+@pytest.mark.parametrize(("name", "emphasis"), [("line", ()), ("eight", (1, 4))])
+def test_the_least_commute_time(name, emphasis):
+    graph, _ = load_graph(DATA / "graphs" / f"{name}.json")
+    best = minimum_commute(graph, emphasis or None, 0.9).weights
+    walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, best))
+    assert not disagreeing(verify.compare_commute(walk, emphasis, 0.9))
+    other = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, best + 0.01))
+    assert disagreeing(verify.compare_commute(other, emphasis, 0.9)) == ["least commute time"]
 
 
 def test_games():

@@ -29,15 +29,16 @@ def log_tab(
 
     **Arguments:** those of [`lay_out_tab`][], and
 
-    - `text`: what one sees, in Markdown.
+    - `text`: what one sees, in Markdown; empty for no text, if there is a legend.
     - `legend`: what the colours mean; none for no legend.
     - `timeline`: one that the recording has.
     """
     below = f"{path}/" if path else ""
-    log_text(stream, f"{below}text", text)
+    if text:
+        log_text(stream, f"{below}text", text)
     if legend:
         log_legend(stream, f"{below}legend", legend, timeline)
-    return lay_out_tab(path, name, views, len(legend), shares=shares, rows=rows)
+    return lay_out_tab(path, name, views, len(legend), text=bool(text), shares=shares, rows=rows)
 
 
 def lay_out_tab(
@@ -46,6 +47,7 @@ def lay_out_tab(
     views: rrb.Container | rrb.View,
     legend: int,
     *,
+    text: bool = True,
     shares: tuple[int, int] = (7, 3),
     rows: tuple[int, int] = (3, 2),
 ) -> rrb.Container:
@@ -56,15 +58,17 @@ def lay_out_tab(
     - `path`: what the text and the legend are under; empty for the recording as a whole.
     - `name`: what the tab is called.
     - `views`: what is on its left.
+    - `text`: whether it has a text; without one it has a legend.
     - `legend`: how many rows the legend has; 0 for no legend.
     - `shares`: how much of the width the views and the rest have.
     - `rows`: how much of the height the text and the legend have.
     """
     below = f"{path}/" if path else ""
-    about: rrb.Container | rrb.View = text_view(f"{below}text")
+    about: list[rrb.View] = [text_view(f"{below}text")] if text else []
     if legend:
-        about = rrb.Vertical(about, legend_view(f"{below}legend", legend), row_shares=list(rows))
-    return rrb.Horizontal(views, about, column_shares=list(shares), name=name)
+        about.append(legend_view(f"{below}legend", legend))
+    side = rrb.Vertical(*about, row_shares=list(rows)) if len(about) > 1 else about[0]
+    return rrb.Horizontal(views, side, column_shares=list(shares), name=name)
 
 
 def log_text(stream: rr.RecordingStream, path: str, text: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import Checks, Quantity, Result, parts, values
+from ...base.quantities import Checks, Quantity, Result, columns, is_single, parts, values
 from ...space import CellSpace
 from ..checks import PROBABILITY, with_checks
 from ..provenance import cell_coordinates, provenance
@@ -17,8 +17,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     """A result as a labelled dataset.
 
     Each quantity is a variable with its meaning, units and kind as attributes; those of a part
-    begin with the name of the part. A result on cells has their coordinates: over `position` `x`
-    and `y`, over `direction` `theta`.
+    begin with the name of the part, except coordinates. A result on cells has their coordinates:
+    over `position` `x` and `y`, over `direction` `theta`.
 
     **Arguments:**
 
@@ -34,7 +34,7 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     found = xr.Dataset(attrs=provenance(result.title, cells, spec))
     if cells is not None:
         found = found.assign_coords(cell_coordinates(cells))
-    for name, (described, value) in _flat(result, "").items():
+    for name, (described, value) in _flat(result).items():
         array = np.asarray(value)
         attributes = {"long_name": described.meaning, **described.attributes}
         if described.units is not None:
@@ -54,23 +54,23 @@ def summary(result: Result) -> dict[str, Any]:
     Single numbers and texts, listed arrays, and a list of rows for each of `result.tables`; a part
     has an object of its own. What is not finite is `None`.
     """
-    found: dict[str, Any] = {}
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for name, (described, value) in values(result).items():
-        plain = _plain(value)
-        if not described.dims or described.listed:
-            found[name] = plain
-        elif len(described.dims) == 1 and described.dims[0] in set(result.tables) - {name}:
-            table = rows.setdefault(result.tables[described.dims[0]], [{} for _ in plain])
-            for row, cell in zip(table, plain, strict=True):
-                row[name] = cell
-    return {**found, **rows, **{name: summary(part) for name, part in parts(result).items()}}
+    found = {
+        name: _plain(value) for name, (about, value) in values(result).items() if is_single(about)
+    }
+    for dim, table in columns(result).items():
+        plain = {name: _plain(value) for name, (_, value) in table.items()}
+        if plain:
+            rows = zip(*plain.values(), strict=True)
+            found[result.tables[dim]] = [dict(zip(plain, row, strict=True)) for row in rows]
+    return {**found, **{name: summary(part) for name, part in parts(result).items()}}
 
 
-def _flat(result: Result, prefix: str) -> dict[str, tuple[Quantity, Any]]:
-    found = {prefix + name: one for name, one in values(result).items()}
+def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
+    found = dict(values(result))
     for name, part in parts(result).items():
-        found |= _flat(part, f"{prefix}{name}_")
+        for key, (about, value) in _flat(part).items():
+            # Dimensions are shared, and so are their coordinates.
+            found[key if about.kind == "coordinate" else f"{name}_{key}"] = about, value
     return found
 
 

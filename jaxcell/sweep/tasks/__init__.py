@@ -10,6 +10,6 @@ TASKS: dict[str, str] = {
     "localize": "jaxcell.sweep.tasks.localize:localize",
     "cover": "jaxcell.study:Cover",
     "plans": "jaxcell.study:Plans",
-    "patrol": "jaxcell.sweep.tasks.patrol:patrol",
+    "patrol": "jaxcell.study:PatrolGraph",
     "drift": "jaxcell.sweep.tasks.drift:drift",
 }

@@ -29,13 +29,13 @@ from typing import Any, NamedTuple, NoReturn
 from xml.etree.ElementTree import ParseError
 from xml.parsers import expat
 
-from ..files import replacing
-from ..optimize import Graph
+from ...files import replacing
+from ...optimize import Graph
 
 
 _LIST_SUFFIXES = (".edges", ".txt")
 _SUFFIXES = ".json (node-link), .graphml, .edges or .txt (edge list)"
-_MOST_BYTES = 64 * 1024**2
+_MAX_BYTES = 64 * 1024**2
 _LARGEST_COORDINATE = 1e9
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
@@ -267,13 +267,13 @@ def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[st
             if str(name) not in numbers:
                 raise ValueError(f"{field}: there is no vertex {reprlib.repr(name)}")
         tail, head = sorted(numbers[str(name)] for name in ends)
-        told = " and ".join(map(reprlib.repr, ends))
+        joined = " and ".join(map(reprlib.repr, ends))
         if tail == head:
-            raise ValueError(f"{field}: it is a loop, which joins {told}; expected two vertices")
+            raise ValueError(f"{field}: it is a loop, which joins {joined}; expected two vertices")
         if (tail, head) in before:
             first = before[tail, head]
             raise ValueError(
-                f"{field}: it joins {told}, as {first} does; expected no parallel edges"
+                f"{field}: it joins {joined}, as {first} does; expected no parallel edges"
             )
         before[tail, head] = field
     pairs = [[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges]
@@ -358,8 +358,8 @@ def _format_list(vertices: list[tuple[str, float, float]], edges: list[tuple[str
 
 def _text(path: Path) -> str:
     size = path.stat().st_size
-    if size > _MOST_BYTES:
-        raise ValueError(f"it has {size:,} bytes; expected a graph of at most {_MOST_BYTES:,}")
+    if size > _MAX_BYTES:
+        raise ValueError(f"it has {size:,} bytes; expected a graph of at most {_MAX_BYTES:,}")
     try:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:

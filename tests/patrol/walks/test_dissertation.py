@@ -16,11 +16,11 @@ from jaxcell.patrol import (
     mean_hitting_times,
     random_walk,
 )
-from jaxcell.patrol.graph_files import load_graph
-from jaxcell.patrol.strategy_game import strategy_game
+from jaxcell.patrol.walks.game import strategy_game
+from jaxcell.patrol.walks.graph_files import load_graph
 
 
-EIGHT = Path(__file__).parents[2] / "data" / "graphs" / "eight.json"
+EIGHT = Path(__file__).parents[3] / "data" / "graphs" / "eight.json"
 
 
 @pytest.mark.parametrize(
@@ -65,5 +65,5 @@ def test_the_game_of_the_small_graph():
     assert int(game.commitment.answer[0]) == 6
     assert mixture[[6, 8]].sum() == pytest.approx(1, abs=1e-9)
     # Neither does so alone.
-    assert game.adversary[6].argmax() != 6
-    assert game.adversary[8].argmax() != 6
+    assert game.adversary_payoff[6].argmax() != 6
+    assert game.adversary_payoff[8].argmax() != 6

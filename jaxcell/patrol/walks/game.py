@@ -1,0 +1,148 @@
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...base.quantities import Result, derived, quantity
+from ...optimize import Commitment, Graph, minimum_commute, payoffs, stackelberg
+from .paths import toward
+from .walk import walk_hitting_times
+
+
+# Of the longest time: vertices that are as close by symmetry differ by rounding.
+_SAME = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StrategyGame(Result):
+    """A patroller that mixes walks against an adversary that attacks a vertex."""
+
+    title: ClassVar[str] = "Game between walks on a graph and an adversary"
+    tables: ClassVar[Mapping[str, str]] = {"strategy": "strategies"}
+
+    names: Sequence[str]
+    "Of the vertices."
+    preferred: tuple[tuple[int, ...], ...]
+    "For each strategy the vertices it is for: one, all, or those with an emphasis."
+    weight: Annotated[
+        Float[np.ndarray, "strategies edges"],
+        quantity("strategy edge", "weight of the edge in the walk", "1", kind="distribution"),
+    ]
+    closest: Int[np.ndarray, "strategies vertices"]
+    "The vertices from the closest to the furthest, in mean hitting time."
+    patroller_payoff: Annotated[
+        Float[np.ndarray, "strategies vertices"],
+        quantity("strategy vertex", "what an attack on the vertex pays the patroller"),
+    ]
+    adversary_payoff: Annotated[
+        Float[np.ndarray, "strategies vertices"],
+        quantity("strategy vertex", "what an attack on the vertex pays the adversary"),
+    ]
+    commitment: Commitment
+    "The best mixture of the strategies, and the vertex that the adversary then attacks."
+
+    @derived("strategy", "strategy", kind="coordinate")
+    def strategy(self) -> list[str]:
+        labels = []
+        for preferred in self.preferred:
+            if len(preferred) == 1:
+                labels.append(f"toward {self.names[preferred[0]]}")
+            elif len(preferred) == len(self.names):
+                labels.append("all vertices")
+            else:
+                listed = ", ".join(self.names[vertex] for vertex in preferred)
+                labels.append(f"emphasis {listed}")
+        return labels
+
+    @derived("strategy", "share", "1", kind="distribution")
+    def share(self) -> Float[np.ndarray, "strategies"]:
+        return np.asarray(self.commitment.weights)
+
+    @derived("strategy place", "vertices from the closest", listed=True)
+    def order(self) -> list[list[str]]:
+        return [[self.names[vertex] for vertex in row] for row in self.closest.tolist()]
+
+    @derived("strategy vertex", "rank of the vertex, 1 for the closest", kind="count")
+    def rank(self) -> Int[np.ndarray, "strategies vertices"]:
+        return np.argsort(self.closest, axis=1) + 1
+
+    @derived("", "what the patroller is paid")
+    def value(self) -> float:
+        return self.commitment.value
+
+    @derived("", "what the adversary is paid")
+    def adversary_value(self) -> float:
+        return float(self.commitment.follower_value[0])
+
+    @derived("", "vertex that it attacks")
+    def attacked(self) -> str:
+        return self.names[int(self.commitment.answer[0])]
+
+    @derived("", "how far the mixture may be from the best, relative", kind="residual")
+    def gap(self) -> float:
+        return float(self.commitment.certificate.residual)
+
+
+def strategy_game(
+    graph: Graph,
+    emphasis: Sequence[int] | None = None,
+    share: float = 0.8,
+    *,
+    paths: int = 3,
+    names: Sequence[str] | None = None,
+) -> StrategyGame:
+    """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
+
+    The strategies are the walk toward each vertex, [`jaxcell.patrol.toward`][], the walk that
+    commutes fastest, [`jaxcell.optimize.minimum_commute`][], and, if there is an emphasis, the one
+    that does so with it. In each, vertices are closer if their mean hitting time is less: the time
+    from a vertex to the preferred ones, and in the strategy for all vertices, the time to a vertex
+    from the others. Vertices that are as close are in the order of their numbers.
+
+    **Arguments:**
+
+    - `graph`: a connected graph whose vertices have positions.
+    - `emphasis`: the vertices of the last strategy, two or more.
+    - `share`: the least sum of the weights on the shortest closed tour through them.
+    - `paths`: how many shortest paths lead from each vertex to the one that a walk is toward.
+    - `names`: of the vertices; by default their numbers.
+
+    **Returns:** [`StrategyGame`][].
+
+    **Raises:** as [`jaxcell.optimize.minimum_commute`][], [`jaxcell.patrol.toward`][] and
+    [`jaxcell.optimize.stackelberg`][].
+
+    On a line of three, the walk toward `a` has `a` closest to the patroller, then `b`, then `c`:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
+        >>> game = patrol.strategy_game(graph, names="abc")
+        >>> game.strategy, game.order[0]
+        (['toward a', 'toward b', 'toward c', 'all vertices'], ['a', 'b', 'c'])
+        >>> round(game.value, 3)
+        2.083
+    """
+    every = range(graph.vertices)
+    preferred = [*((v,) for v in every), tuple(every)]
+    weights = [toward(graph, v, paths) for v in every]
+    weights.append(minimum_commute(graph).weights)
+    if emphasis is not None:
+        preferred.append(tuple(emphasis))
+        weights.append(minimum_commute(graph, emphasis, share).weights)
+    order = []
+    for prefers, weight in zip(preferred, weights, strict=True):
+        times = walk_hitting_times(graph, weight)
+        mean = times.mean(axis=0) if len(prefers) == graph.vertices else times[:, prefers].mean(1)
+        order.append(np.argsort(np.round(mean / (_SAME * mean.max())), kind="stable"))
+    patroller, adversary = payoffs(np.stack(order))
+    return StrategyGame(
+        names=[str(v) for v in every] if names is None else list(names),
+        preferred=tuple(preferred),
+        weight=np.stack(weights),
+        closest=np.stack(order),
+        patroller_payoff=np.asarray(patroller),
+        adversary_payoff=np.asarray(adversary),
+        commitment=stackelberg(patroller, adversary),
+    )

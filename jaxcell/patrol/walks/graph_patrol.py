@@ -1,0 +1,142 @@
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from ...base.quantities import derived, quantity
+from ...certificate import Certificate
+from ...mapping import Chain
+from ...optimize import Graph
+from .game import StrategyGame
+from .measures import Measures, measure
+
+
+# What a solver or a scaling leaves of a probability that is 0.
+_NOTHING = 1e-9
+# Of all steps: less is what a solver leaves of an edge that is not used.
+_USED = 1e-6
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class GraphPatrol(Measures):
+    """The random walk with which robots patrol a graph, each by itself, and what it achieves."""
+
+    title: ClassVar[str] = "Random walk of a patroller on a graph"
+    tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices", "edge": "edges"}
+
+    graph: Graph
+    names: Sequence[str]
+    "Of the vertices."
+    goal: Annotated[str | None, quantity("", "what the walk makes large")] = None
+    value: Annotated[float | None, quantity("", "how large that is")] = None
+    certificate: Certificate | None = None
+    "How good the walk is at what it is for, as far as that is known."
+    game: StrategyGame | None = None
+    robots: int = 1
+    "How many walk."
+    seed: int = 0
+    "Of the walks that are recorded."
+
+    @classmethod
+    def of(
+        cls, graph: Graph, chain: Chain, *, names: Sequence[str] | None = None, **more: Any
+    ) -> "GraphPatrol":
+        """Measure the chain of a patroller.
+
+        **Arguments:**
+
+        - `graph`: a connected graph.
+        - `chain`: a chain that moves along its edges, or stays.
+        - `names`: of the vertices; by default their numbers.
+        - further keywords: the other fields of [`GraphPatrol`][].
+
+        **Raises:** `ValueError` if the chain or the names are not those of the vertices, if the
+        chain moves where there is no edge, if the game is one of another graph, or for no robots.
+
+        A random walk on a line of three vertices:
+
+            >>> from jaxcell import patrol, record
+            >>> graph = patrol.Graph([[0, 1], [1, 2]])
+            >>> found = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, [1, 1]), names="abc")
+            >>> round(record.dataset(found).hitting_time.sel(start="a", target="c").item(), 6)
+            4.0
+        """
+        names = [str(vertex) for vertex in range(graph.vertices)] if names is None else names
+        return cls(**vars(measure(chain)), graph=graph, names=list(names), **more)
+
+    def __post_init__(self) -> None:
+        graph, vertices = self.graph, self.stationary.size
+        if vertices != graph.vertices:
+            raise ValueError(f"chain: expected one of {graph.vertices} vertices, got {vertices}")
+        if len(self.names) != vertices:
+            raise ValueError(f"names: expected {vertices}, one a vertex, got {len(self.names)}")
+        allowed = graph.matrix(np.ones(len(graph.edges))).toarray() + np.eye(vertices)
+        wrong = np.argwhere((allowed == 0) & (self.transition > _NOTHING))
+        if len(wrong):
+            raise ValueError(
+                f"chain: it goes from vertex {wrong[0, 0]} to {wrong[0, 1]}, between which there "
+                "is no edge"
+            )
+        if self.game is not None and self.game.weight.shape[1] != len(graph.edges):
+            raise ValueError(
+                f"game: expected walks on {len(graph.edges)} edges, got {self.game.weight.shape[1]}"
+            )
+        if self.robots < 1:
+            raise ValueError(f"robots: expected at least 1, got {self.robots}")
+
+    @derived("vertex", "vertex", kind="coordinate")
+    def vertex(self) -> list[str]:
+        return list(self.names)
+
+    @derived("start", "vertex of the row", kind="coordinate")
+    def start(self) -> list[str]:
+        return list(self.names)
+
+    @derived("target", "vertex of the column", kind="coordinate")
+    def target(self) -> list[str]:
+        return list(self.names)
+
+    @derived("vertex", "x", "m", kind="coordinate")
+    def x(self) -> Float[np.ndarray, "vertices"] | None:
+        return None if self.graph.xy is None else self.graph.xy[:, 0]
+
+    @derived("vertex", "y", "m", kind="coordinate")
+    def y(self) -> Float[np.ndarray, "vertices"] | None:
+        return None if self.graph.xy is None else self.graph.xy[:, 1]
+
+    @derived("edge side", "ends", listed=True)
+    def ends(self) -> list[list[str]]:
+        return [[self.names[end] for end in edge] for edge in self.graph.edges.tolist()]
+
+    @derived("edge side", "probability of taking it from each end", "1", kind="share", listed=True)
+    def probabilities(self) -> Float[np.ndarray, "edges 2"]:
+        return np.stack([self.transition[i, j] for i, j in self._directions], axis=1)
+
+    @derived("edge", "share of steps along it", "1", kind="share")
+    def weight(self) -> Float[np.ndarray, "edges"]:
+        flow = self.stationary[:, None] * self.transition
+        return sum(flow[i, j] for i, j in self._directions)
+
+    @derived("", "largest share of the steps on one edge", kind="share")
+    def largest_weight(self) -> float:
+        return float(self.weight.max())
+
+    @derived("", "edges with a share of the steps above 1e-6", kind="count")
+    def edges_used(self) -> int:
+        return int((self.weight > _USED).sum())
+
+    @derived("", "how far it may be from the best walk, relative", kind="residual")
+    def gap(self) -> float | None:
+        return None if self.certificate is None else float(self.certificate.residual)
+
+    @derived("", "steps of the solver", kind="count")
+    def iterations(self) -> int | None:
+        return None if self.certificate is None else int(self.certificate.iterations)
+
+    @property
+    def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The starts and the ends of the edges, in both directions."""
+        tail, head = self.graph.edges.T
+        return [(tail, head), (head, tail)]

@@ -1,0 +1,175 @@
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import tyro
+
+from .study import Say, Study, require, silent
+
+
+if TYPE_CHECKING:
+    from ..optimize import Graph
+    from ..patrol import GraphPatrol
+    from ..verify import Comparison
+
+
+# The matrices of all pairs, and the eigenvalues, take minutes.
+_MAX_VERTICES = 3000
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatrolGraph(Study):
+    """Find a random walk with which to patrol a graph, and play against an adversary."""
+
+    name: ClassVar[str] = "patrol"
+
+    file: tyro.conf.Positional[Path]
+    """Graph file: node-link .json, .graphml, or a list of vertices and edges .edges or .txt."""
+    strategy: Literal[
+        "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
+    ] = "commute"
+    """What the walk is for: a short time there and back (commute), --vertex (toward), forgetting
+    its start (mixing), a short time to any vertex (kemeny), steps that are hard to guess (entropy),
+    returns that are (return-time), or capture within --attack-time (capture). For mixing, kemeny
+    and return-time it spends the same time at all vertices, and may wait."""
+    emphasis: tuple[str, ...] = ()
+    """Two or more vertices to visit more often, for "commute" and the game."""
+    share: float = 0.8
+    """Least share of steps on the shortest closed tour through them."""
+    vertex: str | None = None
+    """The vertex that "toward" is toward."""
+    paths: int = 3
+    """Shortest paths from each vertex that lead there, for "toward" and the game."""
+    attack_time: int | None = None
+    """Steps that an attack takes, for "capture", which is by one patroller."""
+    robots: int = 1
+    """How many patrollers walk, each by itself."""
+    game: bool = False
+    """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
+    seed: int = 0
+    """Seed of the walk that is recorded."""
+
+    def __post_init__(self) -> None:
+        require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
+        require("paths", self.paths, "at least 1", lambda x: x >= 1)
+        require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        if self.emphasis and not (self.strategy == "commute" or self.game):
+            raise ValueError(f"emphasis has no meaning for {self.strategy!r} without a game")
+        if len(self.emphasis) == 1:
+            raise ValueError("emphasis: expected two or more vertices, got one")
+        for i, name in enumerate(self.emphasis):
+            if name in self.emphasis[:i]:
+                raise ValueError(f"emphasis: vertex {name!r} comes twice")
+        for parameter, strategy in (("vertex", "toward"), ("attack_time", "capture")):
+            given, wanted = getattr(self, parameter) is not None, self.strategy == strategy
+            if given and not wanted:
+                raise ValueError(f"{parameter} has no meaning for {self.strategy!r}")
+            if wanted and not given:
+                raise ValueError(f"{parameter}: {strategy!r} needs it")
+
+    def memory(self) -> float | int:
+        from .. import estimates, memory
+        from ..patrol import load_graph
+
+        graph, _ = load_graph(self.file)
+        weighted = self.strategy == "commute" or self.game
+        needed = estimates.walk(graph.vertices, len(graph.edges), weighted)
+        memory.check(needed, "patrol graph", "expected a smaller graph, or another strategy")
+        return needed
+
+    def run(self, say: Say = silent) -> "GraphPatrol":
+        from ..patrol import GraphPatrol, load_graph, strategy_game
+
+        graph, names = load_graph(self.file)
+        self._check(graph, names)
+        emphasis = self._vertices(names, "emphasis", *self.emphasis) or None
+        say(f"seeking a walk on {graph.vertices:,} vertices")
+        walk, game = self._walk(graph, names, emphasis), None
+        if self.game:
+            say("mixing strategies")
+            game = strategy_game(graph, emphasis, self.share, paths=self.paths, names=names)
+        options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
+        return GraphPatrol.of(graph, **walk, game=game, **options)
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        return f"{self.file}: {self.strategy}"
+
+    def verify(self, result: Any) -> "Sequence[Comparison]":
+        from ..verify import compare_commute, compare_game, compare_walk
+
+        found = compare_walk(result)
+        if self.strategy == "commute":
+            emphasis = self._vertices(result.names, "emphasis", *self.emphasis)
+            found += compare_commute(result, emphasis, self.share)
+        return found if result.game is None else [*found, *compare_game(result.game)]
+
+    def _check(self, graph: "Graph", names: Sequence[str]) -> None:
+        """Refuse a graph that is too large or not connected, and an attack that is too short."""
+        import numpy as np
+        from scipy.sparse.csgraph import shortest_path
+
+        if graph.vertices > _MAX_VERTICES:
+            raise ValueError(
+                f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
+                f"computed for at most {_MAX_VERTICES:,}"
+            )
+        hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
+        apart = np.flatnonzero(np.isinf(hops[0]))
+        if apart.size:
+            raise ValueError(
+                f"{self.file}: no walk leads from vertex {names[0]!r} to {names[apart[0]]!r}; "
+                "expected a connected graph"
+            )
+        # To a vertex and back it takes two steps.
+        np.fill_diagonal(hops, 2)
+        if self.attack_time is not None and self.attack_time < hops.max():
+            start, end = (names[v] for v in np.unravel_index(hops.argmax(), hops.shape))
+            raise ValueError(
+                f"attack_time: {self.attack_time} steps are over before a patroller comes from "
+                f"vertex {start!r} to {end!r}, which takes {hops.max():g}"
+            )
+
+    def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
+        """The numbers of vertices that a parameter names."""
+        for name in wanted:
+            if name not in names:
+                listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
+        return [names.index(name) for name in wanted]
+
+    def _walk(
+        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None
+    ) -> dict[str, Any]:
+        """The chain that the strategy finds, with its certificate, goal and value."""
+        import numpy as np
+
+        from .. import optimize, patrol
+
+        if self.strategy == "toward":
+            (vertex,) = self._vertices(names, "vertex", str(self.vertex))
+            return {"chain": patrol.random_walk(graph, patrol.toward(graph, vertex, self.paths))}
+        # Without given shares of time, the best walks leave some vertices out.
+        even = np.full(graph.vertices, 1 / graph.vertices)
+        best: Any
+        goal = {
+            "return-time": "return-time entropy, in nats",
+            "capture": f"least chance that one patroller captures within {self.attack_time} steps",
+        }.get(self.strategy)
+        if self.strategy == "commute":
+            best = optimize.minimum_commute(graph, emphasis, self.share)
+            chain = patrol.random_walk(graph, best.weights)
+        elif self.strategy == "capture":
+            best = patrol.maximin_capture(graph, self.attack_time)
+            chain = best.chains[0]
+        else:
+            seek: Any = {
+                "mixing": lambda: optimize.fastest_mixing(graph, even),
+                "kemeny": lambda: patrol.minimum_kemeny(graph, even, stay=True),
+                "entropy": lambda: patrol.maximum_entropy_rate(graph),
+                "return-time": lambda: patrol.maximum_return_time_entropy(graph, even, stay=True),
+            }[self.strategy]
+            best = seek()
+            chain = best.chain
+        value = None if goal is None else best.value
+        return {"chain": chain, "certificate": best.certificate, "goal": goal, "value": value}
