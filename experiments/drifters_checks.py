@@ -10,8 +10,8 @@ from drifters_sea import Layer, Ocean, double_gyre
 
 from jaxcell.drift import (
     Comparison,
+    Drifters,
     Flow,
-    Replay,
     Sea,
     Voyage,
     Water,
@@ -20,8 +20,8 @@ from jaxcell.drift import (
     discounted_voyage,
     drift_map,
     ftle,
-    replay,
     ridges,
+    simulate_drifters,
     simulate_voyages,
     surest_voyage,
 )
@@ -51,7 +51,7 @@ class Check:
 
     name: str
     chain: Chain
-    drifted: Replay
+    drifted: Drifters
     found: Comparison
 
 
@@ -71,7 +71,7 @@ def replays(ocean: Ocean, record: int, seed: int) -> tuple[Rows, list[Check]]:
     )
     checks = []
     for place, (name, chain, flow, rho) in enumerate(cases):
-        drifted = replay(
+        drifted = simulate_drifters(
             jax.random.fold_in(jax.random.key(seed), place),
             water,
             flow,

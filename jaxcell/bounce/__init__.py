@@ -14,9 +14,9 @@ on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `s
 
 **Groups** (Alg. 2.1). Between two bumps a robot runs straight, so every orbit passes through the
 bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
-groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; their parts
-`runs`, `bump_section`, `expand_groups`, `summarize`; for many grids and angles `grid_groups`, or in
-two parts `walls` and `wall_groups`, the first of which is `cell_walls` for a map of any shape.
+groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; for many
+grids and angles `grid_groups`, or in two parts `walls` and `wall_groups`, the first of which is
+`cell_walls` for a map of any shape.
 
 **Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
 fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;
@@ -38,12 +38,11 @@ the mixture `alpha` of angles whose coverage is nearest to a target minimises `|
 **Teams** (Eq. 3.9 to 3.11, Alg. 3.4). Robots step together, and each that would meet a wall or
 another robot bumps. The joint state of `m` robots is a tuple of cells; all `N^m` are never listed.
 A joint trajectory follows the joint map until it repeats itself, and then goes on from the best of
-the `2 m` states in which one robot is turned by one direction. `squares_of`, `joint_image`,
-`joint_orbits`, `team_trajectory`, `team_trajectories`.
+the `2 m` states in which one robot is turned by one direction. `team_trajectory`,
+`team_trajectories`.
 
-Of these, `bounce_image`, `grid_moves`, `runs`, `bump_section`, `expand_groups`, `summarize`,
-`joint_image` and `joint_orbits` work under `jit` and `vmap`. The coverage needs 64-bit numbers:
-`jax.config.update("jax_enable_x64", True)`.
+Of these, `bounce_image` and `grid_moves` work under `jit` and `vmap`. The coverage needs 64-bit
+numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 
 from .coverage import (
@@ -63,25 +62,8 @@ from .dynamics import (
     moves as moves,
 )
 from .filter_size import heading_filter_sizes as heading_filter_sizes
-from .grid_groups import (
-    GridGroups as GridGroups,
-    grid_groups as grid_groups,
-    wall_groups as wall_groups,
-)
-from .groups import (
-    bounce_groups as bounce_groups,
-    bump_section as bump_section,
-    expand_groups as expand_groups,
-    group_summary as group_summary,
-    runs as runs,
-    summarize as summarize,
-)
-from .joint import (
-    JointImage as JointImage,
-    joint_image as joint_image,
-    joint_orbits as joint_orbits,
-    squares_of as squares_of,
-)
+from .grid_groups import grid_groups as grid_groups, wall_groups as wall_groups
+from .groups import bounce_groups as bounce_groups, group_summary as group_summary
 from .localize import (
     Localization as Localization,
     localization_filter as localization_filter,

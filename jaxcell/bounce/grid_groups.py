@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..mapping import GroupTotals
+from ..mapping.groups import follow, periodic_cells
 from .dynamics import Collision, bounce_shift
 from .walls import Walls, walls as walls_of
 
@@ -18,24 +20,6 @@ _BLOCK = 1 << 15
 # them. That map depends on the ways of the headings alone: cycles of the same ways are isomorphic.
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class GridGroups:
-    """What there is to say about all periodic groups of a bounce map, in a few numbers."""
-
-    count: Int[np.ndarray, "*batch"]
-    "Number of periodic groups."
-    longest_transient: Int[np.ndarray, "*batch"]
-    "Mappings from the farthest cell to its group."
-    shortest_period: Int[np.ndarray, "*batch"]
-    "The smallest number of cells of a group."
-    longest_period: Int[np.ndarray, "*batch"]
-    "The largest number of cells of a group."
-    periodic_cells: Int[np.ndarray, "*batch"]
-    "Number of cells of all groups."
-    largest_basin: Int[np.ndarray, "*batch"]
-    "Most cells that reach the same group, its own included."
-
-
 def grid_groups(
     free: Bool[np.ndarray, "*rooms rows columns"] | Bool[Array, "*rooms rows columns"],
     bounce: Float[np.ndarray, "angles"] | float,
@@ -43,11 +27,12 @@ def grid_groups(
     *,
     step: float = 1.0,
     collision: Collision = "swept",
-) -> GridGroups:
-    """The periodic groups of many grids of one shape, each with many bouncing angles.
+) -> GroupTotals:
+    """Total the periodic groups of many grids of one shape, each with many bouncing angles.
 
-    Gives the extremes of what [`jaxcell.bounce.group_summary`][] gives for each, many times faster,
-    since no list of groups is made.
+    Gives the totals of what [`jaxcell.bounce.group_summary`][] gives for each grid and angle. That
+    takes four times as long for the rooms of Figure 2.7, the row `group_study` of the benchmarks:
+    here no list of groups is made, and headings whose ways are the same are followed once.
 
     **Arguments:**
 
@@ -57,7 +42,8 @@ def grid_groups(
     - `step`: length of a step in squares, at least 1.
     - `collision`: as for [`jaxcell.bounce.moves`][].
 
-    **Returns:** [`GridGroups`][] of integers `[*rooms, angles]`, or `[*rooms]` for one angle.
+    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[*rooms, angles]`, or `[*rooms]` for
+    one angle.
 
     **Raises:** `ValueError` for an angle that is not a whole number of directions, a step below 1,
     and a grid without a free square.
@@ -82,18 +68,18 @@ def grid_groups(
         walls_of(flat, directions, step=step, collision=collision), np.atleast_1d(shift)
     )
     fields = (getattr(found, field.name) for field in dataclasses.fields(found))
-    return GridGroups(*(x.reshape((*rooms, *shift.shape)) for x in fields))
+    return GroupTotals(*(x.reshape((*rooms, *shift.shape)) for x in fields))
 
 
-def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GridGroups:
-    """The periodic groups of grids whose walls are known, for each number of directions turned.
+def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GroupTotals:
+    """Total the periodic groups of grids with known walls.
 
     **Arguments:**
 
     - `walls`: the walls of grids.
     - `shift`: directions that the robot turns by at a bump.
 
-    **Returns:** [`GridGroups`][] of integers `[grids, angles]`.
+    **Returns:** [`jaxcell.mapping.GroupTotals`][], of shape `[grids, angles]`.
 
     An open room of two rows of three squares, with turns to the left and right about:
 
@@ -116,7 +102,7 @@ def wall_groups(walls: Walls, shift: Int[np.ndarray, "angles"]) -> GridGroups:
         found = _measured(walls, cycles)[:, :, which.reshape(ways.shape[:2])]
         for total, one, collect in zip(totals, found, _COLLECT, strict=True):
             total[:, angles] = collect(one, axis=2)
-    return GridGroups(*totals)
+    return GroupTotals(*totals)
 
 
 _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.max, np.sum, np.max)
@@ -125,7 +111,7 @@ _COLLECT: tuple[Callable[..., np.ndarray], ...] = (np.sum, np.max, np.min, np.ma
 def _measured(
     walls: Walls, cycles: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 grids cycles"]:
-    """What the fields of [`GridGroups`][] are for some cycles of headings."""
+    """Compute the fields of [`jaxcell.mapping.GroupTotals`][] for some cycles of headings."""
     grids = len(walls.count)
     tables = _Tables.of(walls)
     found = np.empty((6, grids * len(cycles)), np.int64)
@@ -157,7 +143,7 @@ class _Tables:
 def _measure(
     tables: _Tables, grid: Int[np.ndarray, "cycles"], ways: Int[np.ndarray, "cycles order"]
 ) -> Int[np.ndarray, "6 cycles"]:
-    """What the fields of [`GridGroups`][] are for cycles of headings, each in one grid.
+    """Compute the fields of `GroupTotals` for cycles of headings, each in one grid.
 
     A place is a cycle and a slot of a layer, as one number.
     """
@@ -167,7 +153,7 @@ def _measure(
     base = (np.arange(cycles) * slots)[:, None]
     live = (tables.behind[layer[0]] >= 0).ravel()
     image, mappings = _once_around(tables, turn)
-    periodic = live & _periodic(image)
+    periodic = live & periodic_cells(image)
 
     # As in `jaxcell.mapping.section`: `into` is how many cells of a group are on the last run to a
     # periodic place, its own included.
@@ -189,7 +175,7 @@ def _measure(
     around, transient = _pull(tables, layer, turn, groups, lead, none)
     # A place from which the first return is periodic may have come to its group before that.
     weight = np.where(live & ~periodic, np.where(periodic[image], around, mappings), 0)
-    leader, lead = _follow(image, periodic, weight)
+    leader, lead = follow(image, periodic, weight)
     lead[at] = 1 - into
     _, later = _pull(tables, layer, turn, groups, lead, live & ~periodic)
 
@@ -273,30 +259,3 @@ def _pull(
         steps = np.where(behind < 0, 0, lead.reshape(cycles, slots) + behind)
         np.maximum(longest, steps.max(axis=1), out=longest)
     return lead, longest
-
-
-def _periodic(image: Int[np.ndarray, "places"]) -> Bool[np.ndarray, "places"]:
-    """As [`jaxcell.mapping.groups.periodic_cells`][], in NumPy."""
-    power, count = image, -1
-    while True:
-        seen = np.zeros(image.size, bool)
-        seen[power] = True
-        fewer = int(np.count_nonzero(seen))
-        if fewer == count:
-            return seen
-        power, count = power[power], fewer
-
-
-def _follow(
-    image: Int[np.ndarray, "places"],
-    periodic: Bool[np.ndarray, "places"],
-    weight: Int[np.ndarray, "places"],
-) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "places"]]:
-    """As [`jaxcell.mapping.groups.follow`][], in NumPy."""
-    leader = np.where(periodic, np.arange(image.size), image.size)
-    power, total = image, weight
-    while True:
-        least, added = np.minimum(leader, leader[power]), total[power]
-        if not added.any() and np.array_equal(least, leader):
-            return leader, total
-        power, leader, total = power[power], least, total + added

@@ -40,23 +40,13 @@ class Runs:
 
 @jax.jit
 def runs(moves: Moves) -> Runs:
-    """The straight run from every position in every way.
+    """Follow the straight run from every position in every way.
 
     **Arguments:**
 
     - `moves`: where a step leads.
 
     **Returns:** `Runs`, with arrays over ways and positions.
-
-    A corridor of three squares, with the directions East and West; at the end of a run is a bump:
-
-        >>> import numpy as np
-        >>> from jaxcell import bounce, mapping, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> moves = bounce.moves(cells)
-        >>> runs = bounce.runs(moves)
-        >>> runs.length.tolist()
-        [[2, 1, 0], [0, 1, 2]]
     """
     ways, positions = moves.target.shape
     position = jnp.arange(positions, dtype=jnp.int32)
@@ -107,7 +97,7 @@ def _slots(moves: Moves, runs: Runs, slots: int) -> tuple[Int[Array, "slots"], I
 
 @functools.partial(jax.jit, static_argnames="slots")
 def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots: int) -> Section:
-    """The first-return map from bump to bump.
+    """Build the first-return map from bump to bump.
 
     **Arguments:**
 
@@ -116,17 +106,6 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
     - `slots`: length of the arrays, at least `runs.slots`.
 
     **Returns:** [`jaxcell.mapping.Section`][].
-
-    A corridor of three squares, whose two bumps follow each other after three mappings:
-
-        >>> import numpy as np
-        >>> from jaxcell import bounce, mapping, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> moves = bounce.moves(cells)
-        >>> runs = bounce.runs(moves)
-        >>> section = bounce.bump_section(moves, runs, 1, slots=int(runs.slots))
-        >>> section.duration[section.live].tolist()
-        [3, 3]
     """
     positions = runs.wall.shape[1]
     slot = jnp.arange(slots, dtype=jnp.int32)
@@ -148,7 +127,7 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
 
 @jax.jit
 def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGroups:
-    """The groups of all cells from those of the section.
+    """Expand the groups of the section to all cells.
 
     **Arguments:**
 
@@ -156,17 +135,6 @@ def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGr
     - `groups`: those of the section of [`bump_section`][].
 
     **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
-
-    A corridor of three squares, in which a robot goes there and back:
-
-        >>> import numpy as np
-        >>> from jaxcell import bounce, mapping, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> moves = bounce.moves(cells)
-        >>> runs = bounce.runs(moves)
-        >>> section = bounce.bump_section(moves, runs, 1, slots=int(runs.slots))
-        >>> bounce.expand_groups(moves, runs, mapping.section_groups(section)).period.tolist()
-        [6, 6, 6, 6, 6, 6]
     """
 
     # One direction at a time: what is gathered from is then a few hundred slots, which fit the
@@ -184,22 +152,11 @@ def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGr
 
 @jax.jit
 def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
-    """What sweeps ask of the groups, without an array over all cells.
+    """Summarize the groups of the section, without an array over all cells.
 
     **Arguments:** as for [`expand_groups`][].
 
     **Returns:** [`jaxcell.mapping.GroupSummary`][].
-
-    A corridor of three squares, in which a robot goes there and back; its basin is all six cells:
-
-        >>> import numpy as np
-        >>> from jaxcell import bounce, mapping, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> moves = bounce.moves(cells)
-        >>> runs = bounce.runs(moves)
-        >>> section = bounce.bump_section(moves, runs, 1, slots=int(runs.slots))
-        >>> bounce.summarize(moves, runs, mapping.section_groups(section)).basin[:1].tolist()
-        [6]
     """
     ways, positions = runs.wall.shape
     slots = groups.group.shape[0]
@@ -257,10 +214,10 @@ def bounce_groups(
     step: float | None = None,
     collision: Collision = "swept",
 ) -> PeriodicGroups:
-    """The periodic groups of a bounce map, by way of the section of its bumps.
+    """Find the periodic groups of a bounce map, by way of the section of its bumps.
 
     Gives what [`jaxcell.mapping.periodic_groups`][] gives for the image of
-    [`jaxcell.bounce.bounce_map`][], many times faster.
+    [`jaxcell.bounce.bounce_map`][], many times faster: the rows `groups` of the benchmarks.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
 
@@ -296,7 +253,7 @@ def group_summary(
     step: float | None = None,
     collision: Collision = "swept",
 ) -> GroupSummary:
-    """Number, periods, basins and longest transients of the periodic groups of a bounce map.
+    """Count the periodic groups of a bounce map, with their periods, basins and transients.
 
     **Arguments:** as for [`jaxcell.bounce.bounce_map`][]; an array of angles makes a batch.
 

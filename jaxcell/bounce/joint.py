@@ -31,21 +31,13 @@ class JointImage:
 
 
 def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
-    """Column and row of each position, which tell where robots meet.
+    """Find the column and row of each position, which tell where robots meet.
 
     **Arguments:**
 
     - `cells`: the cell space.
 
     **Returns:** the columns, and the rows.
-
-    A room of two by two squares:
-
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((2, 2), bool), directions=4)
-        >>> bounce.squares_of(cells).tolist()
-        [[0, 1, 0, 1], [0, 0, 1, 1]]
     """
     row, column = np.divmod(cells.square, cells.free.shape[1])
     return np.stack([column, row])
@@ -58,7 +50,7 @@ def joint_image(
     shift: Int[Array, "robots"],
     state: Int[Array, "robots"],
 ) -> JointImage:
-    """The joint bounce map: one step of several robots at once (Alam 2018, Eq. 3.9).
+    """Make one step of several robots at once: the joint bounce map (Alam 2018, Eq. 3.9).
 
     All robots set out together, straight and at the same pace, from the centre of their cell to the
     centre of the next. A robot bumps if
@@ -84,18 +76,6 @@ def joint_image(
     - `state`: the cell of each robot, no two in one position.
 
     **Returns:** [`JointImage`][].
-
-    Robots at both ends of a corridor, that look at each other, meet in the middle square:
-
-        >>> import jax.numpy as jnp
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> moves, squares = bounce.moves(cells), jnp.array(bounce.squares_of(cells))
-        >>> turn, state = jnp.array([[1, 1], [0, 5]], jnp.int32)
-        >>> step = bounce.joint_image(moves, squares, turn, state)
-        >>> step.image.tolist(), step.collided.tolist(), int(step.collisions)
-        ([3, 2], [True, True], 1)
     """
     directions, positions = moves.way.shape[0], moves.free.shape[0]
     direction, position = state // positions, state % positions
@@ -142,25 +122,14 @@ def joint_orbits(
     *,
     steps: int,
 ) -> JointImage:
-    """What the next `steps` steps do, from many joint states side by side.
+    """Follow many joint states side by side.
 
     **Arguments:** as for [`joint_image`][], and
 
     - `states`: the cells of the robots at the beginning of each lane.
-    - `steps`: how many steps.
+    - `steps`: number of steps.
 
     **Returns:** [`JointImage`][] with batch axes (steps, lanes).
-
-    Robots at both ends of a corridor meet in the middle, turn round, and bump at the ends:
-
-        >>> import jax.numpy as jnp
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
-        >>> moves, squares = bounce.moves(cells), jnp.array(bounce.squares_of(cells))
-        >>> turn, state = jnp.array([[1, 1], [0, 5]], jnp.int32)
-        >>> bounce.joint_orbits(moves, squares, turn, state[None], steps=2).image.tolist()
-        [[[3, 2]], [[0, 5]]]
     """
     images = jax.vmap(functools.partial(joint_image, moves, squares, shift))
 

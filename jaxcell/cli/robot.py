@@ -21,7 +21,7 @@ from .terminal import note, note_results, status
 if TYPE_CHECKING:
     from ..record import RobotRecording
     from ..robot.marker import CrossLook
-    from ..robot.outcome import Outcome
+    from ..robot.outcome import RunOutcome
     from ..robot.patrol_task import PatrolTask
     from ..robot.run_log import RunLog
     from ..robot.tasks import AnyTask
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..space import CellSpace
     from .robot_emulation import Emulation
 
-    _Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], Outcome]]
+    _Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
 
 
 _LOG = "run.jsonl"
@@ -282,7 +282,7 @@ class RobotRun:
 
     def _run(
         self, walker: "Walker", runner: "_Runner", path: Path, recording: "RobotRecording | None"
-    ) -> "Outcome":
+    ) -> "RunOutcome":
         from ..robot.run_log import RunLog
 
         header, run = runner
@@ -296,9 +296,9 @@ class RobotRun:
             return run(walker, log)
 
 
-def _stopped(error: BaseException, log: Path) -> "tuple[Outcome, int]":
+def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
     """How a run stands that was stopped, by its log if there is one, and the exit status."""
-    from ..robot.outcome import Outcome
+    from ..robot.outcome import RunOutcome
     from ..robot.run_log import read_log, why_stopped
 
     code = 1
@@ -308,7 +308,7 @@ def _stopped(error: BaseException, log: Path) -> "tuple[Outcome, int]":
         code = int(error.code or 0)
     if log.exists():
         return replayed(read_log(log)), code
-    return Outcome("stopped", "", why_stopped(error)), code
+    return RunOutcome("stopped", "", why_stopped(error)), code
 
 
 def _cross_look(source: str) -> "CrossLook":

@@ -10,7 +10,7 @@ from ..study.map_study import cell_at
 
 if TYPE_CHECKING:
     from ..robot.emulator import Emulator
-    from ..robot.outcome import Outcome
+    from ..robot.outcome import RunOutcome
     from ..robot.patrol_task import PatrolTask
     from ..robot.tasks import AnyTask
     from ..space import CellSpace
@@ -31,7 +31,7 @@ class Emulation:
             return int(self.cells.index(*self.robot.pose))
         return None
 
-    def describe(self, outcome: "Outcome") -> dict[str, Any]:
+    def describe(self, outcome: "RunOutcome") -> dict[str, Any]:
         """The truth, for the summary."""
         x, y, theta = self.robot.pose
         return {

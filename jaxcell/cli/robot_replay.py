@@ -9,7 +9,7 @@ from .robot_summary import show
 
 
 if TYPE_CHECKING:
-    from ..robot.outcome import Outcome
+    from ..robot.outcome import RunOutcome
     from ..robot.run_log import LoggedRun
 
 
@@ -42,18 +42,18 @@ class RobotReplay:
         return 0
 
 
-def replayed(run: "LoggedRun", file: Path | None = None) -> "Outcome":
+def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
     """How a logged run ended, or stands, with what stopped it; `file` is what was run."""
     from ..robot.run_log import stopped
 
     return stopped(_replayed(run, file), run)
 
 
-def _replayed(run: "LoggedRun", file: Path | None) -> "Outcome":
+def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
     from ..automata import Filter
     from ..robot.patrol import replay_patrol
     from ..robot.patrol_task import PatrolTask
-    from ..robot.runner import plan_outcome, replay
+    from ..robot.runner import plan_outcome, replay_filter
     from ..robot.task import digest
     from ..robot.tasks import load_task
     from ..robot.team import replay_member
@@ -67,7 +67,7 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "Outcome":
     if digest(path) != run.header["sha256"]:
         raise ValueError(f"it is of another {kind} than {path} is now")
     if kind == "filter":
-        return replay(run, Filter.load(path))
+        return replay_filter(run, Filter.load(path))
     task = load_task(path, run.header["robot"])
     if not isinstance(task, PatrolTask):
         raise ValueError(f"kind: expected filter, plan, team or patrol, got {kind!r}")

@@ -32,9 +32,9 @@ edges but for the solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* say in which.
 
-How far groups can be trusted say `diagnose` and `group_counts`; `replay` simulates drifters without
-cells and `compare` sets the chain against them; and `ftle` (the finite-time Lyapunov exponent),
-`ridges` and `agreement` compare the borders of groups with coherent structures.
+`diagnose` and `group_counts` tell whether groups can be trusted; `simulate_drifters` moves drifters
+without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
+exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
 
 **Deployment.** A *deployment* is a set of cells to release drifters in, so that in the long term
 they reach every cell that any drifter can: one in each persistent group, and more that cover the
@@ -82,6 +82,12 @@ from .diagnosis import (
     group_counts as group_counts,
 )
 from .drift_map import drift_map as drift_map, periodic_drift_map as periodic_drift_map
+from .drifters import (
+    Comparison as Comparison,
+    Drifters as Drifters,
+    compare as compare,
+    simulate_drifters as simulate_drifters,
+)
 from .flow import (
     Flow as Flow,
     advect as advect,
@@ -93,12 +99,6 @@ from .reach import (
     reachable as reachable,
     reachable_at_depth as reachable_at_depth,
     reachable_by_layer as reachable_by_layer,
-)
-from .replay import (
-    Comparison as Comparison,
-    Replay as Replay,
-    compare as compare,
-    replay as replay,
 )
 from .sea import Sea as Sea
 from .voyage import (

@@ -38,7 +38,8 @@ components without a way out, found in time proportional to its edges. Nothing h
 What gives which:
 
 - `SimpleMap`: `C`, with what a bump sensor says on the way.
-- `periodic_groups`: groups, steps and periods, a `PeriodicGroups`; `GroupSummary` is its totals.
+- `periodic_groups`: groups, steps and periods, a `PeriodicGroups`; `GroupSummary` has the size of
+    each group, and `GroupTotals` six numbers of them all.
 - `section_groups`: the same from a `Section`, a `SectionGroups`.
 - `Chain`: `P`, with products from both sides, `p P` and `P v`.
 - `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
@@ -60,6 +61,7 @@ from .domiciles import (
 from .generalized import Chain as Chain
 from .groups import (
     GroupSummary as GroupSummary,
+    GroupTotals as GroupTotals,
     PeriodicGroups as PeriodicGroups,
     periodic_groups as periodic_groups,
 )

@@ -1,32 +1,39 @@
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PeriodicGroups:
-    """Where every cell ends up: the result of Alg. 2.1 (Alam 2018)."""
+    """Where every cell ends up: the result of Alg. 2.1 (Alam 2018).
 
-    group: Int[Array, "*batch cells"]
+    `jax.device_get` gives the same with NumPy arrays.
+    """
+
+    group: Int[Array | np.ndarray, "*batch cells"]
     "The periodic group that the cell reaches, numbered from 0 by their smallest cells."
-    step: Int[Array, "*batch cells"]
+    step: Int[Array | np.ndarray, "*batch cells"]
     "Mappings until the cell is on its periodic group, 0 on it."
-    group_period: Int[Array, "*batch groups"]
+    group_period: Int[Array | np.ndarray, "*batch groups"]
     "Period of each group; zeros past `count`."
-    count: Int[Array, "*batch"]
+    count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
 
     @property
-    def period(self) -> Int[Array, "*batch cells"]:
+    def period(self) -> Int[Array | np.ndarray, "*batch cells"]:
         """Period of the group that the cell reaches."""
-        period = jnp.take_along_axis(self.group_period, jnp.maximum(self.group, 0), axis=-1)
-        return jnp.where(self.group < 0, -1, period)
+        xp = _namespace(self.group)
+        period = xp.take_along_axis(self.group_period, xp.maximum(self.group, 0), axis=-1)
+        return xp.where(self.group < 0, -1, period)
 
     @property
-    def periodic(self) -> Bool[Array, "*batch cells"]:
+    def periodic(self) -> Bool[Array | np.ndarray, "*batch cells"]:
         """Whether the cell is on a periodic group."""
         return self.step == 0
 
@@ -34,23 +41,54 @@ class PeriodicGroups:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class GroupSummary:
-    """What sweeps ask of the groups of a map; slots past `count` hold zeros."""
+    """The size of each periodic group of a map; slots past `count` hold zeros."""
 
-    count: Int[Array, "*batch"]
+    count: Int[Array | np.ndarray, "*batch"]
     "Number of periodic groups."
-    period: Int[Array, "*batch groups"]
+    period: Int[Array | np.ndarray, "*batch groups"]
     "Period of each group."
-    basin: Int[Array, "*batch groups"]
+    basin: Int[Array | np.ndarray, "*batch groups"]
     "Number of cells that reach each group, its own included."
-    transient: Int[Array, "*batch groups"]
+    transient: Int[Array | np.ndarray, "*batch groups"]
     "Longest transient of each group: mappings from the farthest cell of its basin."
+
+    def totals(self) -> "GroupTotals":
+        """Reduce the groups of each map to six numbers, on the host."""
+        count, period, basin, transient = map(
+            np.asarray, (self.count, self.period, self.basin, self.transient)
+        )
+        live = np.arange(period.shape[-1]) < count[..., None]
+        shortest = np.where(live, period, np.iinfo(period.dtype).max).min(axis=-1)
+        numbers = (
+            *(count, transient.max(axis=-1), shortest, period.max(axis=-1)),
+            *(period.sum(axis=-1), basin.max(axis=-1)),
+        )
+        return GroupTotals(*map(np.asarray, numbers))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GroupTotals:
+    """All periodic groups of a map in a few numbers."""
+
+    count: Int[np.ndarray, "*batch"]
+    "Number of periodic groups."
+    longest_transient: Int[np.ndarray, "*batch"]
+    "Mappings from the farthest cell to its group."
+    shortest_period: Int[np.ndarray, "*batch"]
+    "The smallest number of cells of a group."
+    longest_period: Int[np.ndarray, "*batch"]
+    "The largest number of cells of a group."
+    periodic_cells: Int[np.ndarray, "*batch"]
+    "Number of cells of all groups."
+    largest_basin: Int[np.ndarray, "*batch"]
+    "Most cells that reach the same group, its own included."
 
 
 @jax.jit
 def periodic_groups(
     image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
 ) -> PeriodicGroups:
-    """Finds the periodic groups of a simple map by pointer doubling (Alg. 2.1 of Alam 2018).
+    """Find the periodic groups of a simple map by pointer doubling (Alg. 2.1 of Alam 2018).
 
     Works on any functional graph, under `jit` and `vmap`. The number of rounds is about the binary
     logarithm of the longest transient or period, and each round is a few gathers.
@@ -89,17 +127,24 @@ def periodic_groups(
     )
 
 
-def periodic_cells(image: Int[Array, "cells"]) -> Bool[Array, "cells"]:
-    """The cells that come back to themselves under a map.
+def periodic_cells(
+    image: Int[Array | np.ndarray, "cells"],
+) -> Bool[Any, "cells"]:
+    """Find the cells that come back to themselves under a map, of JAX or of NumPy.
 
     Doubles the map, `f, f^2, f^4, ...`, until the number of distinct images stops falling. That
     stop is exact: if `f^m` and `f^2m` have equally many images then `f^m` permutes its images, so
     each is periodic, and a periodic cell is always an image.
     """
 
-    def images(power: Int[Array, "cells"]) -> tuple[Bool[Array, "cells"], Int[Array, ""]]:
-        seen = jnp.zeros(power.shape, bool).at[power].set(True)
-        return seen, jnp.sum(seen, dtype=power.dtype)
+    def images(power: Any) -> tuple[Any, Any]:
+        seen: Any
+        if isinstance(power, np.ndarray):
+            seen = np.zeros(power.shape, bool)
+            seen[power] = True
+        else:
+            seen = jnp.zeros(power.shape, bool).at[power].set(True)
+        return seen, seen.sum(dtype=power.dtype)
 
     def double(state):  # type: ignore[no-untyped-def]
         power, _, count, _ = state
@@ -107,27 +152,28 @@ def periodic_cells(image: Int[Array, "cells"]) -> Bool[Array, "cells"]:
         seen, fewer = images(power)
         return power, seen, fewer, fewer < count
 
-    _, seen, _, _ = jax.lax.while_loop(
-        lambda state: state[-1], double, (image, *images(image), jnp.array(True))
-    )
+    _, seen, _, _ = _repeat(double, (image, *images(image), _namespace(image).asarray(True)))
     return seen
 
 
 def follow(
-    image: Int[Array, "cells"], periodic: Bool[Array, "cells"], weight: Int[Array, "cells"]
-) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
-    """The smallest cell of the group that each cell reaches, and the weights on the way there.
+    image: Int[Array | np.ndarray, "cells"],
+    periodic: Bool[Array | np.ndarray, "cells"],
+    weight: Int[Array | np.ndarray, "cells"],
+) -> tuple[Int[Any, "cells"], Int[Any, "cells"]]:
+    """Find the smallest cell of the group that each cell reaches, and sum weights on the way.
 
     **Arguments:**
 
-    - `image`: the cell that each cell is mapped to.
+    - `image`: the cell that each cell is mapped to, an array of JAX or of NumPy, as the others are.
     - `periodic`: which cells are periodic.
     - `weight`: what a transient cell adds; with 1 the sum is the number of mappings to reach the
         group.
     """
+    xp = _namespace(image)
     cells = image.shape[0]
-    leader = jnp.where(periodic, jnp.arange(cells, dtype=image.dtype), cells)
-    total = jnp.where(periodic, 0, weight)
+    leader = xp.where(periodic, xp.arange(cells, dtype=image.dtype), cells)
+    total = xp.where(periodic, 0, weight)
 
     # After r rounds `leader` is the smallest periodic cell, and `total` the sum of weights, among
     # the first 2^r cells of the orbit. A round that changes nothing means that nothing is left to
@@ -135,11 +181,22 @@ def follow(
     # cover the whole cycle.
     def double(state):  # type: ignore[no-untyped-def]
         power, leader, total, _ = state
-        least = jnp.minimum(leader, leader[power])
+        least = xp.minimum(leader, leader[power])
         added = total[power]
-        return power[power], least, total + added, jnp.any(least != leader) | jnp.any(added != 0)
+        return power[power], least, total + added, xp.any(least != leader) | xp.any(added != 0)
 
-    _, leader, total, _ = jax.lax.while_loop(
-        lambda state: state[-1], double, (image, leader, total, jnp.array(True))
-    )
+    _, leader, total, _ = _repeat(double, (image, leader, total, xp.asarray(True)))
     return leader, total
+
+
+def _namespace(array: Array | np.ndarray) -> Any:
+    return np if isinstance(array, np.ndarray) else jnp
+
+
+def _repeat(function: Callable[[Any], Any], state: Any) -> Any:
+    """Apply a function until the last part of the state is false."""
+    if not isinstance(state[0], np.ndarray):
+        return jax.lax.while_loop(lambda state: state[-1], function, state)
+    while state[-1]:
+        state = function(state)
+    return state

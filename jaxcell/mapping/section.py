@@ -34,7 +34,7 @@ class Section:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class SectionGroups:
-    """The periodic groups of the full space, told on a section.
+    """The periodic groups of the full space, given on a section.
 
     A cell that meets the section first in slot `s`, after `t` mappings, reaches `group[s]`, in
     `max(0, t + lead[s])` mappings.
@@ -48,8 +48,8 @@ class SectionGroups:
 
 
 def section_groups(section: Section, *, max_groups: int | None = None) -> SectionGroups:
-    """Periodic groups of the full space from a section of it, with the numbers that
-    [`periodic_groups`][] would give them.
+    """Find the periodic groups of the full space from a section of it, numbered as by
+    [`periodic_groups`][].
 
     **Arguments:**
 

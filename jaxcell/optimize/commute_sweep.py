@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import jax.scipy.linalg
 import numpy as np
-import scipy.sparse.csgraph
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.connected import vertices_apart
 from ..certificate import Certificate
 from ..precision import require_x64
 from .graph import Graph
@@ -118,11 +118,10 @@ def _on_tour(
     graph: Graph, stops: Sequence[int], allowed: Bool[np.ndarray, "edges"], problem: int
 ) -> Bool[np.ndarray, "edges"]:
     """The edges of a tour along those allowed; all of them, if no walk reaches all vertices."""
-    matrix = graph.matrix(allowed.astype(np.float64))
-    matrix.eliminate_zeros()
-    if scipy.sparse.csgraph.connected_components(matrix, directed=False)[0] > 1:
+    edges = graph.edges[allowed]
+    if vertices_apart(graph.vertices, edges) is not None:
         return allowed
-    part = Graph(graph.edges[allowed], graph.vertices, graph.xy)
+    part = Graph(edges, graph.vertices, graph.xy)
     try:
         tour = shortest_tour(part, stops)
     except ValueError as error:

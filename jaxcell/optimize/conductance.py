@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
+from ..base.connected import check_connected
 from ..certificate import Certificate
 from ..threads import one_blas_thread
 from .graph import Graph
@@ -91,7 +91,7 @@ def minimum_commute(
         raise ValueError(f"share: expected 0 to 1, got {share}")
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    check_connected(graph)
+    check_connected(graph.vertices, graph.edges)
     tour, emphasised = None, np.ones(len(graph.edges), bool)
     if emphasis is not None:
         try:
@@ -275,24 +275,3 @@ def _inverse(
         if info == 0:
             return lambda sides: potrs(factor, sides.astype(kind), lower=1)[0].astype(np.float64)
     raise np.linalg.LinAlgError("the Hessian is singular to rounding")
-
-
-def check_connected(graph: Graph) -> None:
-    """**Raises:** `ValueError` that names vertices of each of two parts that are not connected."""
-    parts, part = scipy.sparse.csgraph.connected_components(
-        graph.matrix(np.ones(len(graph.edges))), directed=False
-    )
-    if parts > 1:
-        sizes = np.bincount(part)
-        smallest = int(np.argmin(sizes))
-        listed = np.flatnonzero(part == smallest)
-        raise ValueError(
-            f"graph: expected all vertices connected, but {_some(listed)} "
-            f"({listed.size} of {graph.vertices}) cannot be reached from vertex "
-            f"{np.flatnonzero(part != smallest)[0]}"
-        )
-
-
-def _some(vertices: Int[np.ndarray, "some"]) -> str:
-    shown = ", ".join(str(v) for v in vertices[:8])
-    return f"vertices {shown}" + (", ..." if vertices.size > 8 else "")

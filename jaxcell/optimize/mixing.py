@@ -5,10 +5,10 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float
 
+from ..base.connected import check_connected
 from ..certificate import Certificate
 from ..mapping import Chain
 from ..threads import one_blas_thread
-from .conductance import check_connected
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
 
@@ -154,7 +154,7 @@ def _fastest(
     """Starts where every vertex stays half of the time or more, which no bound touches."""
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    check_connected(graph)
+    check_connected(graph.vertices, graph.edges)
     problem = SpectralProblem(graph.edges, np.sqrt(stationary), bounds, limits)
     degree = np.bincount(graph.edges.ravel(), minlength=graph.vertices)
     start = (stationary / (2 * degree))[graph.edges].min(axis=1)

@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Int
 
+from ..base.connected import check_connected
 from ..optimize import Graph
 
 
@@ -59,14 +60,9 @@ def base_station(
     check_visible(graph, visible)
     if not 0 < central <= 1:
         raise ValueError(f"central: expected a share, more than 0 and at most 1, got {central}")
+    check_connected(graph.vertices, graph.edges)
     near = graph.matrix(graph.lengths)
     far = scipy.sparse.csgraph.dijkstra(near, directed=False).sum(axis=1)
-    if np.isinf(far[0]):
-        _, part = scipy.sparse.csgraph.connected_components(near, directed=False)
-        raise ValueError(
-            f"graph: cell {np.flatnonzero(part != part[0])[0]} cannot be reached from cell 0, so "
-            "that no place is central to both"
-        )
     # Rounded, so that cells that are alike by symmetry are in the order of their numbers.
     order = np.argsort(far.round(9), stable=True)[: max(1, round(central * graph.vertices))]
     base = int(order[np.argmax(visible[order].sum(axis=1))])

@@ -5,7 +5,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..drift import replay
+from ..drift import simulate_drifters
 from .blueprint import log_text
 from .canvas.palette import Color
 from .drift_groups import DRIFTER
@@ -71,7 +71,7 @@ def _log_arrows(stream: rr.RecordingStream, sea: SeaMap, layer: int) -> None:
 def _log_drifters(stream: rr.RecordingStream, sea: SeaMap, layer: int, seed: int) -> None:
     """Logs drifters that the current itself carries, without disturbances."""
     water, clock = sea.drift.waters[layer], sea.clock
-    moved = replay(
+    moved = simulate_drifters(
         jax.random.key(seed),
         water,
         sea.drift.flows[layer],

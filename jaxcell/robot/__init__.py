@@ -25,12 +25,12 @@ bump, is what a filter expects.
 
 | what runs (`load_task` reads it) | run | from a log | source |
 | --- | --- | --- | --- |
-| a localization filter | `run_filter` | `replay` | section 2.4 |
+| a localization filter | `run_filter` | `replay_filter` | section 2.4 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
 
-Each gives an `Outcome`. A `RunLog` has every observation on the disk before the robot goes on;
+Each gives an `RunOutcome`. A `RunLog` has every observation on the disk before the robot goes on;
 `read_log` reads it, also if it was cut off, and a replay comes to the same outcome.
 
 **On the way.** Patrols go from cell to cell by Lee's wave routing: `grid_steps` has the ways of a
@@ -62,7 +62,7 @@ from .open_interface import (
     CommandParser as CommandParser,
     StreamParser as StreamParser,
 )
-from .outcome import Outcome as Outcome
+from .outcome import RunOutcome as RunOutcome
 from .packets import Contact as Contact, Mode as Mode, Packet as Packet
 from .patrol import (
     Patrol as Patrol,
@@ -76,7 +76,7 @@ from .routing import grid_steps as grid_steps, route as route, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
 from .runner import (
     plan_outcome as plan_outcome,
-    replay as replay,
+    replay_filter as replay_filter,
     run_filter as run_filter,
     run_plan as run_plan,
 )

@@ -3,7 +3,7 @@ from typing import Literal
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """How a run ended."""
 
     result: Literal[

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .outcome import Outcome, observed
+from .outcome import RunOutcome, observed
 from .patrol_task import PatrolTask
 from .routing import close, next_way, wave
 from .run_log import LoggedRun, RunLog, finished
@@ -13,7 +13,7 @@ from .walker import Walker
 
 
 @dataclasses.dataclass(frozen=True)
-class PatrolOutcome(Outcome):
+class PatrolOutcome(RunOutcome):
     """How a patrol ended."""
 
     visited: tuple[int, ...] = ()

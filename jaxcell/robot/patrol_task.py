@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.documents import Fields, refused
 from ..files import replacing
 from .routing import grid_steps, wave
-from .task import Fields, Task
+from .task import Task, common_fields, robot_fields
 
 
 if TYPE_CHECKING:
@@ -126,16 +127,18 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
     """
     from ..space import CellSpace
 
-    fields = Fields(path, values)
-    own = fields.part("robots", robot)
-    common = fields.common
+    fields = Fields(values, f"{path}: ")
+    own = robot_fields(path, fields, robot)
+    common = common_fields(path, fields)
     if common["directions"] != 4:
-        raise fields.refused("directions", "4: a patrol drives along the grid")
+        raise refused(
+            f"{path}: directions", "4: a patrol drives along the grid", common["directions"]
+        )
     rows = fields.get("free")
     if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
-        raise fields.refused("free", "a list of rows of . and #", show=False)
+        raise fields.refused("free", "a list of rows of . and #")
     if len({len(row) for row in rows}) != 1 or set("".join(rows)) - {".", "#"}:
-        raise fields.refused("free", "rows of . and #, of one length", show=False)
+        raise fields.refused("free", "rows of . and #, of one length")
     free = np.array([list(row) for row in rows]) == "."
     x, y = fields.numbers("origin_m", (2,), whole=False).tolist()
     cells = CellSpace.of_grid(free, 4, cell=common["cell"], origin=(x, y))
@@ -143,9 +146,9 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
     image = own.numbers("image", (-1, cells.positions), whole=True)
     probability = own.numbers("probability", image.shape, whole=False)
     if image.min() < 0 or image.max() >= cells.positions:
-        raise own.refused("image", f"positions from 0 to {cells.positions - 1}", show=False)
+        raise own.refused("image", f"positions from 0 to {cells.positions - 1}")
     if probability.min() < 0 or np.abs(probability.sum(axis=0) - 1).max() > 1e-6:
-        raise own.refused("probability", "from 0, with the sum 1 at each position", show=False)
+        raise own.refused("probability", "from 0, with the sum 1 at each position")
     task = PatrolTask(
         **common,
         robot=robot,

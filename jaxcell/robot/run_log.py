@@ -11,11 +11,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .driver import RobotStopped
-from .outcome import Outcome
+from .outcome import RunOutcome
 from .walker import Walker
 
 
-_O = TypeVar("_O", bound=Outcome)
+_O = TypeVar("_O", bound=RunOutcome)
 
 _FORMAT = "jaxcell-robot-log"
 _VERSION = 1
@@ -139,7 +139,7 @@ def stopped(outcome: _O, run: LoggedRun) -> _O:
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")
 
 
-def finished(outcome: Outcome, log: RunLog | None) -> Outcome:
+def finished(outcome: RunOutcome, log: RunLog | None) -> RunOutcome:
     """Writes how a run ended, and returns it."""
     if log is not None:
         log.event("end", result=outcome.result, reason=outcome.reason)

@@ -2,14 +2,14 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from ..automata import Filter
-from .outcome import Outcome, observed
+from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
 
 
 def run_filter(
     walker: Walker, filter: Filter, bounce: float, *, log: RunLog | None = None, limit: int = 10_000
-) -> Outcome:
+) -> RunOutcome:
     """Lets a robot bounce until a filter knows where it is, or that it cannot be in the map.
 
     At each bump the robot turns by the bouncing angle (Alam 2018, section 2.4).
@@ -23,7 +23,7 @@ def run_filter(
     - `log`: where to write each observation as it comes.
     - `limit`: how many observations to make at most.
 
-    **Returns:** [`Outcome`][].
+    **Returns:** [`RunOutcome`][].
 
     A point robot in a corridor of three cells, without a serial line, and a filter for robots that
     go West in it and stay at the end:
@@ -57,7 +57,7 @@ def run_filter(
 
 def run_plan(
     walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None
-) -> Outcome:
+) -> RunOutcome:
     """Lets a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
 
     **Arguments:**
@@ -67,8 +67,8 @@ def run_plan(
         counter-clockwise; as `jaxcell.bounce.Plan.actions`.
     - `log`: where to write each observation as it comes.
 
-    **Returns:** [`Outcome`][]: `"refuted"` at the first step that meets a wall where none can be,
-    or none where one must be.
+    **Returns:** [`RunOutcome`][]: `"refuted"` at the first step that meets a wall where none can
+    be, or none where one must be.
 
     A point robot in a corridor of three cells, without a serial line; it goes to the end and turns:
 
@@ -95,7 +95,7 @@ def run_plan(
     return finished(plan_outcome(actions, walker.observations), log)
 
 
-def plan_outcome(actions: Sequence[float | int], observations: str) -> Outcome:
+def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcome:
     """How a plan ended, or stands, by what the robot sensed on it.
 
     **Arguments:**
@@ -103,7 +103,7 @@ def plan_outcome(actions: Sequence[float | int], observations: str) -> Outcome:
     - `actions`: as for [`run_plan`][].
     - `observations`: 0 for a step and 1 for a bump, one for each action that was tried.
 
-    **Returns:** [`Outcome`][].
+    **Returns:** [`RunOutcome`][].
 
     The second step met a wall where none can be:
 
@@ -119,14 +119,14 @@ def plan_outcome(actions: Sequence[float | int], observations: str) -> Outcome:
                 else "the robot met no wall where the plan has one"
             )
             reason = observed(f"action {index} of {len(actions)}: {slip}", observations)
-            return Outcome("refuted", observations, reason)
+            return RunOutcome("refuted", observations, reason)
     if len(observations) < len(actions):
         reason = f"{len(observations)} of {len(actions)} actions are done"
-        return Outcome("unfinished", observations, reason)
-    return Outcome("arrived", observations, f"all {len(actions)} actions are done")
+        return RunOutcome("unfinished", observations, reason)
+    return RunOutcome("arrived", observations, f"all {len(actions)} actions are done")
 
 
-def replay(run: LoggedRun, filter: Filter) -> Outcome:
+def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
     """Gives a filter what a robot sensed in a logged run.
 
     **Arguments:**
@@ -134,7 +134,7 @@ def replay(run: LoggedRun, filter: Filter) -> Outcome:
     - `run`: the log of a run of a filter.
     - `filter`: the filter that was run.
 
-    **Returns:** [`Outcome`][], that of the run if it was not cut off.
+    **Returns:** [`RunOutcome`][], that of the run if it was not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
     it: it is of another filter.
@@ -147,7 +147,7 @@ def replay(run: LoggedRun, filter: Filter) -> Outcome:
         >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
         >>> filter = Filter.of(subset_construction(image, bumped))
         >>> events = ({"event": "observation", "observation": 1},)
-        >>> robot.replay(robot.LoggedRun({}, events, True), filter).result
+        >>> robot.replay_filter(robot.LoggedRun({}, events, True), filter).result
         'localized'
     """
     follower = _Follower(filter)
@@ -197,7 +197,7 @@ class _Follower:
             "uncertainty": 0 if refuted else self._state.uncertainty,
         }
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RunOutcome:
         """How it ended, or stands."""
         count = len(self.observations)
         cells: list[int] = [] if self.result == "refuted" else self._state.cells.tolist()
@@ -213,6 +213,6 @@ class _Follower:
             )
         else:
             reason = f"not localized after {count} observations; {len(cells)} configurations left"
-        return Outcome(
+        return RunOutcome(
             self.result or "unfinished", self.observations, reason, tuple(self.colors), tuple(cells)
         )

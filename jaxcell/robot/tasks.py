@@ -1,13 +1,13 @@
 import dataclasses
-import json
 import math
 import os
 from pathlib import Path
 from typing import Any
 
 from ..automata import Filter
+from ..base.documents import Fields, checked_number, decode_json, read_text, refused
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
-from .task import Fields, Task, digest as digest, is_number
+from .task import Task, common_fields, digest as digest
 from .team import KIND as TEAM, MemberTask, read_member
 
 
@@ -87,24 +87,24 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
             f"{path}: it is for one robot, so that there is no robot {robot} to choose"
         )
     if path.suffix == ".json":
-        return _plan(Fields(path, values))
+        return _plan(path, Fields(values, f"{path}: "))
     filter = Filter.load(path)
-    fields = Fields(path, filter.metadata)
-    common = fields.common
+    fields = Fields(filter.metadata, f"{path}: ")
+    common = common_fields(path, fields)
     return FilterTask(**common, filter=filter, bounce=math.radians(fields.number("bounce_deg")))
 
 
-def _plan(fields: Fields) -> PlanTask:
+def _plan(path: Path, fields: Fields) -> PlanTask:
     if fields.get("found") is False:
-        raise ValueError(f"{fields.path}: found: there is no path to the goal, so no plan to run")
-    actions = fields.get("actions_deg")
-    if not isinstance(actions, list) or not all(map(is_number, actions)):
-        raise fields.refused(
-            "actions_deg",
-            "a list of angles, as in the summary.json of `jaxcell navigate --out`",
-        )
+        raise ValueError(f"{path}: found: there is no path to the goal, so no plan to run")
+    field, actions = f"{path}: actions_deg", fields.get("actions_deg")
+    expected = "a list of angles, as in the summary.json of `jaxcell navigate --out`"
+    if not isinstance(actions, list):
+        raise refused(field, expected, actions)
+    for action in actions:
+        checked_number(field, action, expected)
     return PlanTask(
-        **fields.common,
+        **common_fields(path, fields),
         start=int(fields.number("start")),
         actions=tuple(map(math.radians, actions)),
     )
@@ -112,7 +112,7 @@ def _plan(fields: Fields) -> PlanTask:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: expected JSON: {error}") from None
+        values = decode_json(read_text(path), "a task")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     return values if isinstance(values, dict) else {}

@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Int
 
+from ..base.documents import Fields
 from ..files import replacing
-from .outcome import Outcome, observed
+from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
-from .task import Fields, Task
+from .task import Task, common_fields, robot_fields
 from .walker import Walker
 
 
@@ -139,14 +140,14 @@ def read_member(path: Path, values: dict[str, Any], robot: int) -> MemberTask:
 
     **Raises:** `ValueError` that names the field.
     """
-    fields = Fields(path, values)
-    own = fields.part("robots", robot)
+    fields = Fields(values, f"{path}: ")
+    own = robot_fields(path, fields, robot)
     x, y, heading = own.numbers("start", (3,), whole=False).tolist()
     actions = own.get("actions")
     if not isinstance(actions, str) or set(actions) - {FREE, WALL, ROBOT, LEFT, RIGHT}:
-        raise own.refused("actions", "a text of 0, 1, 2, + and -", show=False)
+        raise own.refused("actions", "a text of 0, 1, 2, + and -")
     return MemberTask(
-        **fields.common,
+        **common_fields(path, fields),
         robot=robot,
         robots=len(values["robots"]),
         start=(x, y, math.radians(heading)),
@@ -202,19 +203,19 @@ class Member:
         while self.action in (ROBOT, LEFT, RIGHT):
             self.turn()
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RunOutcome:
         """How it ended, or stands."""
         count = len(self._actions)
         where = f"action {self.index} of {count}"
         if self._refuted == "bumps":
             reason = f"{where}: the robot bumped {self._bumps} times where its way is free"
-            return Outcome("refuted", self.observations, observed(reason, self.observations))
+            return RunOutcome("refuted", self.observations, observed(reason, self.observations))
         if self._refuted == "no wall":
             reason = f"{where}: the robot met no wall where there is one"
-            return Outcome("refuted", self.observations, observed(reason, self.observations))
+            return RunOutcome("refuted", self.observations, observed(reason, self.observations))
         if self.action is not None:
-            return Outcome("unfinished", self.observations, f"{self.index} of {count} are done")
-        return Outcome("arrived", self.observations, f"all {count} actions are done")
+            return RunOutcome("unfinished", self.observations, f"{self.index} of {count} are done")
+        return RunOutcome("arrived", self.observations, f"all {count} actions are done")
 
 
 TRIES = 3
@@ -228,7 +229,7 @@ def run_member(
     log: RunLog | None = None,
     pause: float = 2.0,
     sleep: Callable[[float], object] = time.sleep,
-) -> Outcome:
+) -> RunOutcome:
     """Lets a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
 
     The robots neither see each other nor share a clock, so they come a little early or late to
@@ -245,8 +246,8 @@ def run_member(
     - `pause`: seconds to wait before it tries again.
     - `sleep`: what waits.
 
-    **Returns:** [`jaxcell.robot.Outcome`][]: `"arrived"`, or `"refuted"` at a step that met no wall
-    where there is one, or something three times where the way is free.
+    **Returns:** [`jaxcell.robot.RunOutcome`][]: `"arrived"`, or `"refuted"` at a step that met no
+    wall where there is one, or something three times where the way is free.
 
     A point robot in a corridor of three cells, without a serial line:
 
@@ -286,7 +287,7 @@ def run_member(
     return finished(member.outcome(), log)
 
 
-def replay_member(run: LoggedRun) -> Outcome:
+def replay_member(run: LoggedRun) -> RunOutcome:
     """How a robot of a team ended, or stands, by its log."""
     member = Member(run.header["actions"], TRIES)
     member.replay(run.observations)

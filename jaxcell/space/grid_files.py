@@ -17,6 +17,7 @@ import yaml
 from jaxtyping import Bool, Integer
 from PIL import UnidentifiedImageError
 
+from ..base.documents import checked_number, refused
 from .images import read_image
 from .occupancy import blocked_rings, rasterise
 
@@ -93,17 +94,15 @@ def parse_ascii(text: str) -> dict[str, Any]:
     if "name" in header:
         fields["name"] = header["name"]
     if "robot_radius" in header:
-        (fields["robot_radius"],) = _numbers("robot_radius", [header["robot_radius"]])
+        fields["robot_radius"] = _number("robot_radius", header["robot_radius"])
     if "directions" in header:
         try:
             fields["directions"] = int(header["directions"])
         except ValueError:
-            raise ValueError(
-                f"directions: expected a whole number, got {reprlib.repr(header['directions'])}"
-            ) from None
-    origin = _numbers("origin", header.get("origin", "0 0").split())
+            raise refused("directions", "a whole number", header["directions"]) from None
+    origin = [_number("origin", text) for text in header.get("origin", "0 0").split()]
     if len(origin) != 2:
-        raise ValueError(f"origin: expected two numbers x y, got {reprlib.repr(header['origin'])}")
+        raise refused("origin", "two numbers x y", header["origin"])
     cell = _side("cell", header.get("cell", "1"))
     return {**fields, **_grid_fields(blocked, (origin[0], origin[1]), cell)}
 
@@ -174,17 +173,17 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
         str(document["negate"]).lower()
     )
     if negate is None:
-        raise ValueError(f"negate: expected 0 or 1, got {reprlib.repr(document['negate'])}")
+        raise refused("negate", "0 or 1", document["negate"])
 
     origin = document["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise ValueError(f"origin: expected [x, y, yaw], got {reprlib.repr(origin)}")
-    x, y, yaw = _numbers("origin", origin)
+        raise refused("origin", "[x, y, yaw]", origin)
+    x, y, yaw = (_number("origin", text) for text in origin)
     if yaw != 0:
         raise ValueError(f"origin: only maps that are not rotated are read, got a yaw of {yaw:g}")
     resolution = _side("resolution", document["resolution"])
-    (occupied,) = _numbers("occupied_thresh", [document["occupied_thresh"]])
-    (free,) = _numbers("free_thresh", [document["free_thresh"]])
+    occupied = _number("occupied_thresh", document["occupied_thresh"])
+    free = _number("free_thresh", document["free_thresh"])
     if not 0 <= free <= occupied <= 1:
         raise ValueError(
             "free_thresh, occupied_thresh: expected 0 <= free_thresh <= occupied_thresh <= 1, "
@@ -192,9 +191,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
         )
 
     if not isinstance(document["image"], str) or not document["image"]:
-        raise ValueError(
-            f"image: expected the name of a file, got {reprlib.repr(document['image'])}"
-        )
+        raise refused("image", "the name of a file", document["image"])
     try:
         pixels_free = _free_pixels(folder / document["image"], negate, free)
     except ValueError as error:
@@ -247,22 +244,12 @@ def _read_header_line(line: str, number: int, header: dict[str, str]) -> None:
     header[key] = value.strip()
 
 
-def _numbers(field: str, texts: list[Any]) -> list[float]:
-    """Finite numbers from text."""
-    values = []
-    for text in texts:
-        try:
-            value = float(text) if isinstance(text, str) else math.nan
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise ValueError(f"{field}: expected a finite number, got {reprlib.repr(text)}")
-        values.append(value)
-    return values
+def _number(field: str, text: Any) -> float:
+    return checked_number(field, text, most=math.inf, text=True)
 
 
 def _side(field: str, text: Any) -> float:
-    (value,) = _numbers(field, [text])
+    value = _number(field, text)
     if not value > 0:
         raise ValueError(f"{field}: expected more than 0 m, got {value:g}")
     return value

@@ -32,6 +32,14 @@ from typing import Any
 
 import shapely
 
+from ..base.documents import (
+    check_file,
+    checked_list,
+    checked_pair,
+    decode_json,
+    read_text,
+    refused,
+)
 from ..files import replacing
 from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
 
@@ -62,18 +70,15 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     `ValueError` that names the file, the field, and what is wrong; `FileNotFoundError`.
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise ValueError(f"{path}: expected a map file, got a directory")
+    check_file(path, "a map")
     suffix = path.suffix.lower()
     try:
         if suffix == ".json":
-            fields = parse_json(_text(path))
+            fields = parse_json(read_text(path))
         elif suffix in _MAP_SERVER_SUFFIXES:
-            fields = parse_map_server(_text(path), path.parent)
+            fields = parse_map_server(read_text(path), path.parent)
         elif suffix in _GRID_SUFFIXES:
-            fields = parse_ascii(_text(path))
+            fields = parse_ascii(read_text(path))
         elif suffix in _IMAGE_SUFFIXES:
             raise ValueError("an image alone has no scale; give the map_server .yaml that names it")
         else:
@@ -131,23 +136,18 @@ def parse_json(text: str) -> dict[str, Any]:
 
     `ValueError` that names the field.
     """
-    try:
-        document = json.loads(text, object_pairs_hook=_without_repeats)
-    except RecursionError:
-        raise ValueError("not a map: its brackets are nested too deeply") from None
-    except ValueError as error:
-        raise ValueError(f"not valid JSON, or cut short: {error}") from None
+    document = decode_json(text, "a map")
     if not isinstance(document, dict) or document.get("format") != "jaxcell-map":
         raise ValueError('format: expected an object with "format": "jaxcell-map"')
     version = document.get("version")
     if type(version) is not int or version != 1:
-        raise ValueError(f"version: expected 1, got {reprlib.repr(version)}")
+        raise refused("version", "1", version)
     for key in document:
         if key not in ("format", "version", "units", *_KEYS):
             raise ValueError(f"{reprlib.repr(key)}: unknown key; expected {', '.join(_KEYS)}")
     units = document.get("units", "m")
     if not isinstance(units, str) or units not in _UNITS:
-        raise ValueError(f"units: expected {', '.join(_UNITS)}, got {reprlib.repr(units)}")
+        raise refused("units", ", ".join(_UNITS), units)
     if "boundary" not in document:
         raise ValueError("boundary: it is missing")
 
@@ -155,17 +155,15 @@ def parse_json(text: str) -> dict[str, Any]:
     fields["boundary"] = _vertices("boundary", fields["boundary"], units)
     fields["obstacles"] = [
         _vertices(f"obstacles[{i}]", ring, units)
-        for i, ring in enumerate(_list("obstacles", fields.get("obstacles", [])))
+        for i, ring in enumerate(checked_list("obstacles", fields.get("obstacles", [])))
     ]
     for key in ("robot_radius", "cell"):
         if key in fields:
             fields[key] = _length(key, fields[key], units)
     if not isinstance(fields.get("name", ""), str):
-        raise ValueError(f"name: expected text, got {reprlib.repr(fields['name'])}")
+        raise refused("name", "text", fields["name"])
     if type(fields.get("directions", 1)) is not int:
-        raise ValueError(
-            f"directions: expected a whole number, got {reprlib.repr(fields['directions'])}"
-        )
+        raise refused("directions", "a whole number", fields["directions"])
     return fields
 
 
@@ -191,42 +189,19 @@ def format_json(fields: Mapping[str, Any]) -> str:
     return "{\n" + ",\n".join(f'  "{key}": {value}' for key, value in values.items()) + "\n}\n"
 
 
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    document = dict(pairs)
-    if len(document) < len(pairs):
-        keys = [key for key, _ in pairs]
-        repeated = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the key {reprlib.repr(repeated)} is given twice")
-    return document
-
-
-def _list(field: str, value: object) -> list[Any]:
-    if not isinstance(value, list):
-        raise ValueError(f"{field}: expected a list, got {reprlib.repr(value)}")
-    return value
-
-
 def _vertices(field: str, value: object, units: str) -> list[list[float]]:
     vertices = []
-    for i, pair in enumerate(_list(field, value)):
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise ValueError(f"{field}[{i}]: expected a pair [x, y], got {reprlib.repr(pair)}")
-        vertices.append([_length(f"{field}[{i}]", number, units) for number in pair])
+    for i, pair in enumerate(checked_list(field, value)):
+        both = checked_pair(f"{field}[{i}]", pair)
+        vertices.append([_length(f"{field}[{i}]", number, units) for number in both])
     return vertices
 
 
 def _length(field: str, value: object, units: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"{field}: expected a number, got {reprlib.repr(value)}")
+        raise refused(field, "a number", value)
     metres, parts = _UNITS[units]
     try:
         return float(value) * metres / parts
     except OverflowError:
         raise ValueError(f"{field}: the number is too large") from None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"expected UTF-8 text; byte {error.start} is not") from None

@@ -11,14 +11,14 @@ from jaxcell.bounce import (
     bounce_image,
     bounce_map,
     bounce_shift,
-    bump_section,
-    expand_groups,
+    cell_walls,
     grid_moves,
     group_summary,
     moves,
-    runs,
+    wall_groups,
     walls,
 )
+from jaxcell.bounce.groups import bump_section, expand_groups, runs
 from jaxcell.mapping import periodic_groups, section_groups
 from jaxcell.space import CellSpace, Workspace
 
@@ -115,6 +115,19 @@ def test_both_routes_to_the_groups_agree(cells, collision, length):
             assert summary["transient"][i, g] == step[members].max()
             assert summary["period"][i, g] == period[members][0] == (members & (step == 0)).sum()
         assert not summary["basin"][i, count:].any()
+
+
+def test_totals_are_those_of_the_summary():
+    cells = CellSpace.of_grid(np.eye(7) == 0, 24)
+    turns = np.array([0, 1, 6, 9])
+    angles = 2 * math.pi * turns / 24
+    summary = vars(group_summary(cells, angles).totals())
+    for name, total in vars(wall_groups(cell_walls(cells), turns)).items():
+        np.testing.assert_array_equal(summary[name], total[0], err_msg=name)
+    alone = group_summary(cells, angles[1]).totals()
+    assert {name: int(total) for name, total in vars(alone).items()} == {
+        name: int(total[1]) for name, total in summary.items()
+    }
 
 
 @given(GRIDS, st.integers(0, 7))

@@ -35,7 +35,7 @@ def image_of(free, directions, shift, **motion):
 
 
 def measured(image):
-    """What `GridGroups` tells, by walking from every cell."""
+    """The fields of `GroupTotals`, by walking from every cell."""
     image = image.tolist()
     group, step, periods = [-1] * len(image), [0] * len(image), []
     for z in range(len(image)):

@@ -13,13 +13,11 @@ from hypothesis import given, settings, strategies as st
 from jaxcell.bounce import (
     TeamOutcome,
     bounce_map,
-    joint_image,
-    joint_orbits,
     moves,
-    squares_of,
     team_trajectories,
     team_trajectory,
 )
+from jaxcell.bounce.joint import joint_image, joint_orbits, squares_of
 from jaxcell.space import CellSpace
 
 

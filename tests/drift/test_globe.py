@@ -173,8 +173,10 @@ def test_a_replay_does_not_know_where_columns_begin():
     cells = np.sort(cells[cells >= 0])
     to = moved(water, other, 4)
     key = jax.random.key(3)
-    found = drift.replay(key, water, flow, cells, 1.0, 6, drifters=40, rho=0.6)
-    again = drift.replay(key, other, turned_flow, to[cells], 1.0, 6, drifters=40, rho=0.6)
+    found = drift.simulate_drifters(key, water, flow, cells, 1.0, 6, drifters=40, rho=0.6)
+    again = drift.simulate_drifters(
+        key, other, turned_flow, to[cells], 1.0, 6, drifters=40, rho=0.6
+    )
     x, y = np.asarray(found.x), np.asarray(found.y)
     assert x.min() < -0.5  # some go across the seam
     np.testing.assert_allclose(np.asarray(again.x), x + 4, atol=1e-9)
@@ -190,7 +192,7 @@ def test_a_jet_goes_round_the_earth():
     assert np.asarray(groups.group).reshape(ROWS, COLUMNS).tolist() == [
         [row] * COLUMNS for row in range(ROWS)
     ]
-    drifted = drift.replay(
+    drifted = drift.simulate_drifters(
         jax.random.key(0), water, flow, int(water.number[2, 0]), 1.0, 2 * COLUMNS, drifters=3
     )
     np.testing.assert_allclose(drifted.x[-1] - drifted.x[0], 2 * COLUMNS, atol=1e-9)
@@ -205,7 +207,7 @@ def test_distances_go_the_shorter_way_round():
     water = drift.Water.of(globe(dry=0))
     x = jnp.array([[0.0, 0.0], [COLUMNS - 1.0, COLUMNS - 1.0]])
     cell = np.array([[18, 18], [18 + COLUMNS - 1] * 2], np.int32)
-    drifted = drift.Replay(x, 0 * x + 2, cell, 3600.0)
+    drifted = drift.Drifters(x, 0 * x + 2, cell, 3600.0)
     whole = np.arange(water.cells, dtype=np.int32)[None]
     stays = drift.drift_map(
         water, drift.Flow(jnp.zeros((1, 2, ROWS, COLUMNS)), jnp.zeros(1), True), 1.0, edge="exit"

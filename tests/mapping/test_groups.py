@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.mapping import Section, periodic_groups, section_groups
+from jaxcell.mapping.groups import follow, periodic_cells
 
 
 @st.composite
@@ -59,6 +60,21 @@ def assert_same(groups, expected):
 @given(functional_graphs())
 def test_equals_the_sequential_algorithm(image):
     assert_same(periodic_groups(jnp.asarray(image)), sequential(image))
+
+
+@given(functional_graphs())
+def test_numpy_arrays_stay_on_the_host(image):
+    group, step, _, _ = sequential(image)
+    smallest = np.array([np.flatnonzero((group == g) & (step == 0))[0] for g in group])
+    periodic = periodic_cells(image)
+    leader, steps = follow(image, periodic, np.ones_like(image))
+    assert {type(x) for x in (periodic, leader, steps)} == {np.ndarray}
+    np.testing.assert_array_equal(periodic, step == 0)
+    np.testing.assert_array_equal(leader, smallest)
+    np.testing.assert_array_equal(steps, step)
+    groups = jax.device_get(periodic_groups(jnp.asarray(image)))
+    assert type(groups.period) is np.ndarray
+    assert_same(groups, sequential(image))
 
 
 @given(functional_graphs())

@@ -257,7 +257,12 @@ def test_refuses_a_region_that_cannot_report():
         (LINE, np.ones((3, 3), bool), 0.5, r"visible: expected an array \[4, 4\]"),
         (LINE, np.ones((4, 4), bool), 0.0, "central: expected a share"),
         (LINE, np.eye(4, dtype=bool), 0.5, "view: the base station at cell 1 sees no other cell"),
-        (Graph([[0, 1], [2, 3]]), np.ones((4, 4), bool), 0.5, "graph: cell 2 cannot be reached"),
+        (
+            Graph([[0, 1], [2, 3]]),
+            np.ones((4, 4), bool),
+            0.5,
+            "graph: expected all vertices connected, but vertices 2, 3",
+        ),
     ],
 )
 def test_refuses_base_stations(graph, visible, central, message):

@@ -208,7 +208,7 @@ def test_robots_and_seeds_draw_differently(task_of):
         (lambda f: f.update(closed=[[99, 0]]), "closed: position 99 does not exist"),
         (lambda f: f.update(closed=[[0, 0, 1]]), "closed: expected whole numbers, any x 2"),
         (lambda f: f.update(range_m=-1), "range_m: expected a finite number from 0, got -1"),
-        (lambda f: f.update(robots={}), "robots: expected a list of objects"),
+        (lambda f: f.update(robots={}), "robots: expected a list, got {}"),
         (lambda f: f["robots"][0].update(start=99), r"robots\[0\].start: expected a whole number"),
         (lambda f: f["robots"][0]["image"][0].__setitem__(0, 19), "image: expected positions from"),
         (lambda f: f["robots"][0]["image"].append([1]), "image: expected whole numbers, any x 19"),

@@ -9,7 +9,7 @@ from jaxcell.robot.body import Body, Noise
 from jaxcell.robot.create import Create
 from jaxcell.robot.emulator import Emulator, Line
 from jaxcell.robot.run_log import RunLog, read_log
-from jaxcell.robot.runner import plan_outcome, replay, run_filter, run_plan
+from jaxcell.robot.runner import plan_outcome, replay_filter, run_filter, run_plan
 from jaxcell.robot.walker import Walker, cell_strides
 
 
@@ -122,9 +122,9 @@ def test_a_log_is_written_as_it_goes_and_replays_to_the_same_colours(tmp_path):
         "result": "localized",
         "reason": outcome.reason,
     }
-    assert replay(run, filter) == outcome
+    assert replay_filter(run, filter) == outcome
     with pytest.raises(ValueError, match=r"observation \d+: the log has colour"):
-        replay(run, bounce_filter(LAB_A, 135))
+        replay_filter(run, bounce_filter(LAB_A, 135))
     with pytest.raises(FileExistsError):
         RunLog(path, {})
 

@@ -1,7 +1,7 @@
 """Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
 
 Every vertex has a name and a position, every edge joins two different vertices, once, and can be
-walked both ways. What else a file says of them is passed over.
+walked both ways. Other attributes in a file are ignored.
 
 **Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
 and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
@@ -17,9 +17,7 @@ hall yard
 ```
 """
 
-import contextlib
 import json
-import math
 import os
 import reprlib
 import warnings
@@ -29,6 +27,16 @@ from typing import Any, NamedTuple, NoReturn
 from xml.etree.ElementTree import ParseError
 from xml.parsers import expat
 
+from ...base.documents import (
+    MAX_NUMBER,
+    Fields,
+    check_file,
+    checked_number,
+    checked_pair,
+    decode_json,
+    read_text,
+    refused,
+)
 from ...files import replacing
 from ...optimize import Graph
 
@@ -36,7 +44,6 @@ from ...optimize import Graph
 _LIST_SUFFIXES = (".edges", ".txt")
 _SUFFIXES = ".json (node-link), .graphml, .edges or .txt (edge list)"
 _MAX_BYTES = 64 * 1024**2
-_LARGEST_COORDINATE = 1e9
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
     "give each pair of neighbours once"
@@ -44,7 +51,7 @@ _DIRECTED = (
 
 
 class _Vertex(NamedTuple):
-    """What a file says of a vertex, not yet checked."""
+    """A vertex of a file, not yet checked."""
 
     field: str
     name: object
@@ -52,7 +59,7 @@ class _Vertex(NamedTuple):
 
 
 class _Edge(NamedTuple):
-    """What a file says of an edge, not yet checked."""
+    """An edge of a file, not yet checked."""
 
     field: str
     tail: object
@@ -60,7 +67,7 @@ class _Edge(NamedTuple):
 
 
 def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
-    """Reads a graph file.
+    """Read a graph file.
 
     **Arguments:**
 
@@ -84,10 +91,7 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
         (8, 13, ('1', '2'), [1.0, 3.0])
     """
     path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
-    if path.is_dir():
-        raise ValueError(f"{path}: expected a graph file, got a directory")
+    check_file(path, "a graph")
     suffix = path.suffix.lower()
     try:
         if suffix == ".json":
@@ -106,7 +110,7 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
 def save_graph(
     graph: Graph, path: str | os.PathLike[str], names: Sequence[str] | None = None
 ) -> None:
-    """Writes a graph file, whole or not at all; reading it gives the same numbers.
+    """Write a graph file, whole or not at all; reading it gives the same numbers.
 
     **Arguments:**
 
@@ -164,26 +168,22 @@ def save_graph(
 
 
 def _parse_json(text: str) -> tuple[list[_Vertex], list[_Edge]]:
-    try:
-        document = json.loads(text)
-    except RecursionError:
-        raise ValueError("not a graph: its brackets are nested too deeply") from None
-    except ValueError as error:
-        raise ValueError(f"not valid JSON, or cut short: {error}") from None
+    document = decode_json(text, "a graph")
     if not isinstance(document, dict):
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
     if document.get("directed"):
         raise ValueError(f"directed: {_DIRECTED}")
     # Until version 3.4, and in D3, the edges are "links".
     key = "edges" if "edges" in document else "links"
+    fields = Fields(document)
     return (
         [
-            _Vertex(field, _member(field, one, "id"), one)
-            for field, one in _objects(document, "nodes")
+            _Vertex(f"nodes[{i}]", node.needed("id"), node.values)
+            for i, node in enumerate(fields.parts("nodes"))
         ],
         [
-            _Edge(field, _member(field, one, "source"), _member(field, one, "target"))
-            for field, one in _objects(document, key)
+            _Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"))
+            for i, edge in enumerate(fields.parts(key))
         ],
     )
 
@@ -237,22 +237,17 @@ def _parse_list(text: str) -> tuple[list[_Vertex], list[_Edge]]:
         elif len(words) == 2:
             edges.append(_Edge(field, *words))
         elif words:
-            raise ValueError(
-                f"{field}: expected a vertex (name x y) or an edge (name name), got "
-                f"{reprlib.repr(line.strip())}"
-            )
+            raise refused(field, "a vertex (name x y) or an edge (name name)", line.strip())
     return vertices, edges
 
 
 def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[str, ...]]:
-    """Puts the parts of a file together, and says what is wrong in the words of the file."""
+    """Make a graph of the parts of a file; errors name these parts."""
     numbers: dict[str, int] = {}
     xy = []
     for field, name, attributes in vertices:
         if type(name) not in (str, int) or not str(name).strip() or not str(name).isprintable():
-            raise ValueError(
-                f"{field}: expected a name, printable text or a number, got {reprlib.repr(name)}"
-            )
+            raise refused(field, "a name, printable text or a number", name)
         if str(name) in numbers:
             raise ValueError(f"{field}: the vertex {reprlib.repr(name)} comes twice")
         numbers[str(name)] = len(numbers)
@@ -282,44 +277,15 @@ def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[st
 
 def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:
     if "x" in attributes or "y" in attributes or "pos" not in attributes:
-        both = [(f"{field}.{axis}", _member(field, attributes, axis)) for axis in "xy"]
+        fields = Fields(attributes, f"{field}.")
+        both = [(f"{field}.{axis}", fields.needed(axis)) for axis in "xy"]
     else:
-        pair = attributes["pos"]
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise ValueError(f"{field}.pos: expected a pair [x, y], got {reprlib.repr(pair)}")
+        pair = checked_pair(f"{field}.pos", attributes["pos"])
         both = [(f"{field}.pos[{i}]", value) for i, value in enumerate(pair)]
-    x, y = (_coordinate(*one) for one in both)
-    return x, y
-
-
-def _coordinate(field: str, value: object) -> float:
-    number = math.nan
     # GraphML and lists have numbers as text.
-    if type(value) in (int, float, str):
-        with contextlib.suppress(ValueError, OverflowError):
-            number = float(value)  # type: ignore[arg-type]
-    if not abs(number) <= _LARGEST_COORDINATE:
-        raise ValueError(
-            f"{field}: expected a finite number of at most {_LARGEST_COORDINATE:g} m, got "
-            f"{reprlib.repr(value)}"
-        )
-    return number
-
-
-def _member(field: str, members: Mapping[str, Any], key: str) -> Any:
-    if key not in members:
-        raise ValueError(f"{field}.{key}: it is missing")
-    return members[key]
-
-
-def _objects(document: dict[str, Any], key: str) -> list[tuple[str, dict[str, Any]]]:
-    values = document.get(key)
-    if not isinstance(values, list):
-        raise ValueError(f"{key}: expected a list, got {reprlib.repr(values)}")
-    for i, value in enumerate(values):
-        if not isinstance(value, dict):
-            raise ValueError(f"{key}[{i}]: expected an object, got {reprlib.repr(value)}")
-    return [(f"{key}[{i}]", value) for i, value in enumerate(values)]
+    expected = f"a finite number of at most {MAX_NUMBER:g} m"
+    x, y = (checked_number(*one, expected, text=True) for one in both)
+    return x, y
 
 
 def _format_json(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
@@ -360,7 +326,4 @@ def _text(path: Path) -> str:
     size = path.stat().st_size
     if size > _MAX_BYTES:
         raise ValueError(f"it has {size:,} bytes; expected a graph of at most {_MAX_BYTES:,}")
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"expected UTF-8 text; byte {error.start} is not") from None
+    return read_text(path)

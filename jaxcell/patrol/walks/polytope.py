@@ -6,6 +6,7 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
+from ...base.connected import check_connected
 from ...optimize import Graph, shortest_tour
 from .sinkhorn import scale_to_stationary
 
@@ -59,11 +60,12 @@ class ChainPolytope:
         if stay:
             loops = np.repeat(np.arange(graph.vertices, dtype=np.int32)[:, None], 2, axis=1)
             moves = np.concatenate([moves, loops])
-        _check_connected(graph.vertices, moves, "graph: expected all vertices connected, but")
+        check_connected(graph.vertices, moves)
         if stationary is not None:
             stationary = _checked(stationary, graph.vertices)
             moves = moves[_possible(moves, stationary, stay)]
-            _check_connected(
+            # A move that some chain makes is on a cycle: where it leads to, it can be reached from.
+            check_connected(
                 graph.vertices, moves, "stationary: with it, no chain comes round, because"
             )
         tails, heads = moves.T
@@ -205,11 +207,3 @@ def _possible(
         )
     part = scipy.sparse.csgraph.connected_components(change, connection="strong")[1]
     return made | (part[tails] == part[heads + n])
-
-
-def _check_connected(vertices: int, moves: Int[np.ndarray, "moves 2"], what: str) -> None:
-    ways = scipy.sparse.csr_array((np.ones(len(moves)), moves.T), (vertices, vertices))
-    part = scipy.sparse.csgraph.connected_components(ways, connection="strong")[1]
-    apart = np.flatnonzero(part != part[0])
-    if apart.size:
-        raise ValueError(f"{what} vertex {apart[0]} cannot be reached from vertex 0")

@@ -1,9 +1,9 @@
 from typing import Any
 
 import numpy as np
-import scipy.sparse.csgraph
 from jaxtyping import Float
 
+from ...base.connected import check_connected
 from ...mapping import Chain
 from ...optimize import Graph
 
@@ -64,13 +64,11 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     weights = _checked(graph, weights)
     matrix = graph.matrix(weights)
     total = np.asarray(matrix.sum(axis=1))
-    matrix.eliminate_zeros()
-    parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
-    if parts > 1:
-        raise ValueError(
-            f"weights: those of 0 separate vertex {np.flatnonzero(part != part[0])[0]} from "
-            "vertex 0, which the walk never reaches"
-        )
+    check_connected(
+        graph.vertices,
+        graph.edges[weights > 0],
+        "weights: expected positive ones that connect all vertices, but",
+    )
     shift = total.mean() / graph.vertices
     inverse = np.linalg.inv(np.diag(total) - matrix.toarray() + shift)
     # The shift adds the same number to all entries, and they cancel.

@@ -5,8 +5,8 @@ from scipy.stats import wasserstein_distance
 from seas import double_gyre, sea
 
 from jaxcell.drift.drift_map import drift_map
+from jaxcell.drift.drifters import compare, simulate_drifters
 from jaxcell.drift.flow import Flow, crossing_time
-from jaxcell.drift.replay import compare, replay
 from jaxcell.drift.water import Water
 
 
@@ -18,7 +18,7 @@ def uniform(east, north, dx=900.0, dy=900.0):
 
 def test_drifters_begin_in_their_cells_and_go_with_the_flow(getkey):
     water, flow = uniform(0.5, 0.25)
-    found = replay(getkey(), water, flow, [10, 11], 1800.0, 6, drifters=4000)
+    found = simulate_drifters(getkey(), water, flow, [10, 11], 1800.0, 6, drifters=4000)
     assert found.cell.shape == (7, 4000)
     assert set(found.cell[0]) == {10, 11}
     share = found.share(water.cells)
@@ -35,7 +35,9 @@ def test_the_key_decides():
 
     def run(seed):
         key = jax.random.key(seed)
-        return np.asarray(replay(key, water, flow, [10, 11], 900.0, 6, drifters=4000, rho=0.5).x)
+        return np.asarray(
+            simulate_drifters(key, water, flow, [10, 11], 900.0, 6, drifters=4000, rho=0.5).x
+        )
 
     np.testing.assert_array_equal(run(1), run(1))
     assert (run(1)[0] != run(2)[0]).any()
@@ -43,7 +45,7 @@ def test_the_key_decides():
 
 def test_what_leaves_the_grid_is_gone(getkey):
     water, flow = uniform(1.0, 0.0)
-    found = replay(getkey(), water, flow, [22, 23], 900.0, 6, drifters=4000)
+    found = simulate_drifters(getkey(), water, flow, [22, 23], 900.0, 6, drifters=4000)
     assert set(found.cell[3]) == {25, 26}
     assert set(found.cell[4]) == {-1, 26}
     assert (found.cell[5:] == -1).all()
@@ -53,7 +55,7 @@ def test_what_leaves_the_grid_is_gone(getkey):
 
 def test_disturbed_drifters_are_turned(getkey):
     water, flow = uniform(3.0, 0.0, dx=1000.0, dy=500.0)
-    found = replay(getkey(), water, flow, [36, 37], 1000.0, 6, drifters=4000, rho=0.5)
+    found = simulate_drifters(getkey(), water, flow, [36, 37], 1000.0, 6, drifters=4000, rho=0.5)
     right, up = 1000 * (found.x[1] - found.x[0]), 500 * (found.y[1] - found.y[0])
     angle = np.degrees(np.arctan2(up, right))
     np.testing.assert_allclose(np.hypot(right, up), 3000, rtol=1e-9)
@@ -66,7 +68,7 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     currents = sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0)
     water, flow = Water.of(currents), Flow.of(currents)
     chain = drift_map(water, flow, 900.0, rho=1.0, edge="exit")
-    drifted = replay(getkey(), water, flow, [40, 55, 70], 900.0, 100, drifters=3000)
+    drifted = simulate_drifters(getkey(), water, flow, [40, 55, 70], 900.0, 100, drifters=3000)
     found = compare(water, chain, drifted)
     assert found.hours.tolist() == [1, 12, 24]
     assert found.total_variation[0] == pytest.approx(0, abs=1e-12)
@@ -81,7 +83,9 @@ def test_distances_are_those_of_the_definitions(getkey):
     duration = crossing_time(water, flow)
     chain = drift_map(water, flow, duration, edge="exit")
     steps = round(12 * 3600 / duration)
-    drifted = replay(getkey(), water, flow, [100, 101], duration, steps, drifters=3000, rho=0.8)
+    drifted = simulate_drifters(
+        getkey(), water, flow, [100, 101], duration, steps, drifters=3000, rho=0.8
+    )
     found = compare(water, chain, drifted, [1, 12])
     for k, hours in enumerate((1, 12)):
         step = round(hours * 3600 / duration)
@@ -106,7 +110,9 @@ def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
     water, flow = Water.of(currents), Flow.of(currents)
     duration = 2 * crossing_time(water, flow)
     steps = round(24 * 3600 / duration) + 1
-    drifted = replay(getkey(), water, flow, [62, 63, 64], duration, steps, drifters=20_000)
+    drifted = simulate_drifters(
+        getkey(), water, flow, [62, 63, 64], duration, steps, drifters=20_000
+    )
     apart = {}
     for spread, rho in (("sampled", 1.0), ("turned", 1.0), ("turned", 0.6)):
         chain = drift_map(
@@ -126,7 +132,7 @@ def test_bad_input_is_refused(getkey):
     water, flow = Water.of(currents), Flow.of(currents)
 
     def run(cells=0, duration=900.0, steps=2, **options):
-        return replay(getkey(), water, flow, cells, duration, steps, **options)
+        return simulate_drifters(getkey(), water, flow, cells, duration, steps, **options)
 
     with pytest.raises(ValueError, match="cell 32 does not exist; cells are 0 to 31"):
         run(32)

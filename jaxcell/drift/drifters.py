@@ -15,7 +15,7 @@ from .water import Water
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Replay:
+class Drifters:
     """Where simulated drifters were, step by step."""
 
     x: Float[Array, "steps drifters"]
@@ -32,7 +32,7 @@ class Replay:
         return _share(self.cell, cells)
 
 
-def replay(
+def simulate_drifters(
     key: jax.Array,
     water: Water,
     flow: Flow,
@@ -44,8 +44,8 @@ def replay(
     rho: float | int = 1.0,
     start: float | int = 0.0,
     substeps: int = 8,
-) -> Replay:
-    """Simulates drifters in the flow itself, without cells, as a check of the map between them.
+) -> Drifters:
+    """Simulate drifters in the flow itself, without cells, as a check of the map between them.
 
     They move by the Runge-Kutta method, and once they have left the grid they are gone.
 
@@ -62,7 +62,7 @@ def replay(
     - `start`: when they are released, in seconds as in `Flow.time`.
     - `substeps`: steps of the Runge-Kutta method in one step.
 
-    **Returns:** [`Replay`][], beginning with the places of release.
+    **Returns:** [`Drifters`][], beginning with the places of release.
 
     **Raises:** `ValueError` for numbers out of range, or cells that do not exist.
 
@@ -73,7 +73,7 @@ def replay(
         >>> from jaxcell.bundled import bundled
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-        >>> drift.replay(jax.random.key(0), water, flow, 100, 0, 2)
+        >>> drift.simulate_drifters(jax.random.key(0), water, flow, 100, 0, 2)
         Traceback (most recent call last):
             ...
         ValueError: duration: expected a number of seconds other than 0, got 0
@@ -95,7 +95,7 @@ def replay(
     cell = water.landing(
         np.asarray(xs), np.asarray(ys), origin=np.asarray(there)[choice], exits=True
     )
-    return Replay(xs, ys, cell, duration)
+    return Drifters(xs, ys, cell, duration)
 
 
 @functools.partial(jax.jit, static_argnames="drifters")
@@ -154,7 +154,7 @@ class Comparison:
 def compare(
     water: Water,
     chain: Chain,
-    drifted: Replay,
+    drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
     """Compares a drift map with simulated drifters.
@@ -180,7 +180,7 @@ def compare(
         >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
         >>> chain = mapping.Chain(np.int32([[1, 1]]), np.ones((1, 2)))
         >>> x = jnp.array([[0.0, 0.0], [0.0, 1.0]])
-        >>> drifted = drift.Replay(x, 0 * x, np.int32([[0, 0], [0, 1]]), 3600.0)
+        >>> drifted = drift.Drifters(x, 0 * x, np.int32([[0, 0], [0, 1]]), 3600.0)
         >>> drift.compare(water, chain, drifted, [0, 1]).total_variation.tolist()
         [0.0, 0.5]
     """

@@ -1,0 +1,62 @@
+"""Whether a graph is connected."""
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Int
+
+
+_MAX_LISTED = 8
+
+
+def vertices_apart(
+    vertices: int, edges: Int[np.ndarray, "edges 2"]
+) -> tuple[Int[np.ndarray, "some"], int] | None:
+    """Find vertices that some other vertex cannot be reached from.
+
+    **Arguments:**
+
+    - `vertices`: number of vertices.
+    - `edges`: the two ends of each edge.
+
+    **Returns:** the vertices of the smallest part, and the first vertex of the others; `None` if
+    the graph is connected.
+
+    A line of two vertices, and a third vertex:
+
+        >>> import numpy as np
+        >>> from jaxcell.base.connected import vertices_apart
+        >>> vertices_apart(3, np.array([[0, 1]]))
+        (array([2]), 0)
+    """
+    matrix = scipy.sparse.csr_array((np.ones(len(edges)), edges.T), (vertices, vertices))
+    parts, part = scipy.sparse.csgraph.connected_components(matrix, directed=False)
+    if parts < 2:
+        return None
+    # The last of equally small parts, which vertex 0 is not in.
+    smallest = parts - 1 - int(np.argmin(np.bincount(part)[::-1]))
+    return np.flatnonzero(part == smallest), int(np.flatnonzero(part != smallest)[0])
+
+
+def check_connected(
+    vertices: int,
+    edges: Int[np.ndarray, "edges 2"],
+    expected: str = "graph: expected all vertices connected, but",
+) -> None:
+    """Refuse a graph that is not connected.
+
+    **Arguments:**
+
+    - `vertices`, `edges`: as for [`vertices_apart`][].
+    - `expected`: how the error begins.
+
+    **Raises:** `ValueError` that names vertices of two parts.
+    """
+    found = vertices_apart(vertices, edges)
+    if found is None:
+        return
+    apart, other = found
+    listed = ", ".join(map(str, apart[:_MAX_LISTED])) + ", ..." * (apart.size > _MAX_LISTED)
+    raise ValueError(
+        f"{expected} {'vertex' if apart.size == 1 else 'vertices'} {listed} "
+        f"({apart.size} of {vertices}) cannot be reached from vertex {other}"
+    )

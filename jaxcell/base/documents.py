@@ -1,0 +1,185 @@
+"""Documents: text files whose fields have types.
+
+Errors are `ValueError`s of one line: the field, what was expected, and the value.
+
+    >>> from jaxcell.base.documents import Fields, decode_json
+    >>> robot = Fields(decode_json('{"radius": "wide"}', "a robot"))
+    >>> robot.number("radius", 0.0)
+    Traceback (most recent call last):
+        ...
+    ValueError: radius: expected a finite number from 0, got 'wide'
+"""
+
+import contextlib
+import dataclasses
+import json
+import math
+import re
+import reprlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+MAX_NUMBER = 1e9
+"""Largest number accepted by default: lengths are metres, of robots and their surroundings."""
+
+
+def check_file(path: Path, kind: str) -> None:
+    """Refuse a path that is no file.
+
+    **Raises:** `FileNotFoundError`; `ValueError` for a folder.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    if path.is_dir():
+        raise ValueError(f"{path}: expected {kind} file, got a directory")
+
+
+def read_text(path: Path) -> str:
+    """Read a UTF-8 file, with or without a byte order mark.
+
+    **Raises:** `ValueError` for other encodings.
+    """
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"expected UTF-8 text; byte {error.start} is not") from None
+
+
+def decode_json(text: str, kind: str) -> Any:
+    """Decode JSON, of whose objects no key is repeated.
+
+    **Arguments:**
+
+    - `text`: the text.
+    - `kind`: what it should describe, for errors.
+
+    **Raises:** `ValueError` for text that is not JSON.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_without_repeats)
+    except RecursionError:
+        raise ValueError(f"not {kind}: its brackets are nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"not valid JSON, or cut short: {error}") from None
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    document = dict(pairs)
+    if len(document) < len(pairs):
+        keys = [key for key, _ in pairs]
+        repeated = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {reprlib.repr(repeated)} is given twice")
+    return document
+
+
+def refused(field: str, expected: str, value: Any) -> ValueError:
+    """Make the error of a field with a wrong value."""
+    return ValueError(f"{field}: expected {expected}, got {reprlib.repr(value)}")
+
+
+def checked_list(field: str, value: Any) -> list[Any]:
+    """Check that a value is a list."""
+    if not isinstance(value, list):
+        raise refused(field, "a list", value)
+    return value
+
+
+def checked_pair(field: str, value: Any) -> list[Any]:
+    """Check that a value is a list of two."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise refused(field, "a pair [x, y]", value)
+    return value
+
+
+def checked_number(
+    field: str,
+    value: Any,
+    expected: str = "a finite number",
+    *,
+    least: float = -math.inf,
+    most: float = MAX_NUMBER,
+    text: bool = False,
+) -> float:
+    """Check that a value is a finite number.
+
+    **Arguments:**
+
+    - `field`, `value`: its name and its value.
+    - `expected`: what it should be, for the error.
+    - `least`: the least number that is accepted.
+    - `most`: the largest magnitude that is accepted.
+    - `text`: whether the number may be written as text.
+    """
+    number = math.nan
+    if type(value) in ((int, float, str) if text else (int, float)):
+        with contextlib.suppress(ValueError, OverflowError):
+            number = float(value)
+    if not (math.isfinite(number) and least <= number and abs(number) <= most):
+        raise refused(field, expected, value)
+    return number
+
+
+@dataclasses.dataclass(frozen=True)
+class Fields:
+    """The fields of an object in a document."""
+
+    values: Mapping[str, Any]
+    where: str = ""
+    "What errors name before the field: a file, or a place in it such as `robots[1].`."
+
+    def get(self, name: str) -> Any:
+        """A field; `None` if it is missing."""
+        return self.values.get(name)
+
+    def needed(self, name: str) -> Any:
+        """A field that must not be missing."""
+        if name not in self.values:
+            raise ValueError(f"{self.where}{name}: it is missing")
+        return self.values[name]
+
+    def number(self, name: str, least: float = -math.inf) -> float:
+        """A finite number of at least `least`."""
+        expected = "a finite number" + (f" from {least:g}" if least > -math.inf else "")
+        return checked_number(self.where + name, self.get(name), expected, least=least)
+
+    def whole(self, name: str, least: int, most: int) -> int:
+        """A whole number."""
+        value = self.get(name)
+        if type(value) is not int or not least <= value <= most:
+            raise refused(self.where + name, f"a whole number from {least} to {most}", value)
+        return value
+
+    def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> np.ndarray:
+        """An array of finite numbers; -1 in `shape` stands for any length."""
+        try:
+            found = np.array(self.get(name))
+        except ValueError:
+            # A ragged one.
+            found = np.empty((), object)
+        lengths = "x".join(map(str, found.shape))
+        matches = re.fullmatch("x".join(r"\d+" if n < 0 else str(n) for n in shape), lengths)
+        if not matches or found.dtype.kind not in "iuf"[: 2 if whole else 3]:
+            sizes = " x ".join("any" if n < 0 else str(n) for n in shape)
+            raise self.refused(name, f"{'whole ' * whole}numbers, {sizes} of them")
+        most = 2**31 - 1 if whole else MAX_NUMBER
+        if not (np.abs(found.astype(float)) <= most).all():
+            raise self.refused(name, f"finite numbers of at most {most:g}")
+        return found.astype(np.int32 if whole else float)
+
+    def parts(self, name: str) -> "list[Fields]":
+        """The fields of each object of a list."""
+        parts = []
+        for i, part in enumerate(checked_list(self.where + name, self.get(name))):
+            place = f"{self.where}{name}[{i}]"
+            if not isinstance(part, dict):
+                raise refused(place, "an object", part)
+            parts.append(Fields(part, f"{place}."))
+        return parts
+
+    def refused(self, name: str, expected: str) -> ValueError:
+        """Make the error of a field whose value is too long to show."""
+        return ValueError(f"{self.where}{name}: expected {expected}")
