@@ -84,12 +84,14 @@ def _filter(path: Path) -> dict[str, Any]:
 
 def _netcdf(path: Path) -> dict[str, Any]:
     import netCDF4
+    from scipy.io import netcdf_file
 
-    from ..netcdf_classic import promised_length
+    from ..drift.netcdf import netcdf_engine
 
     try:
-        # The library may look for ages for what a damaged header promises.
-        promised_length(path)
+        if netcdf_engine(path) == "scipy":
+            # The other library may look for ages for what a damaged header promises.
+            netcdf_file(path).close()
         with netCDF4.Dataset(path) as file:
             return _contents(file)
     except Exception as error:  # what a damaged file makes the library raise is not written

@@ -73,8 +73,7 @@ if TYPE_CHECKING:
     from .navigation import log_navigation as log_navigation
     from .patrol_graph import log_patrol_graph as log_patrol_graph
     from .patrol_map import log_patrol_map as log_patrol_map
-    from .robot import RobotRecording as RobotRecording
-    from .robot_track import RecordedRobot as RecordedRobot
+    from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
     from .sweep import log_sweep as log_sweep
     from .team import log_team as log_team
 

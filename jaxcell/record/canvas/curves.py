@@ -21,28 +21,32 @@ def log_curve(
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
-    line = rr.SeriesLines(
-        colors=color,
-        widths=2,
-        interpolation_mode="StepAfter",
-        names=None if name is None else [name],
-    )
+    log_curve_style(stream, path, color, name)
+
+
+def log_curve_style(
+    stream: rr.RecordingStream, path: str, color: Color = BELIEF, name: str | None = None
+) -> None:
+    """Log how a curve looks: a number holds until the next one."""
+    names = None if name is None else [name]
+    line = rr.SeriesLines(colors=color, widths=2, interpolation_mode="StepAfter", names=names)
     stream.log(path, line, static=True)
 
 
 def curve_view(
-    path: str, title: str, last: int, most: float | None = None, legend: bool = False
+    path: str, title: str, last: int | None, most: float | None = None, legend: bool = False
 ) -> rrb.TimeSeriesView:
     """A view of the curves at a path, from the start to the end and not near one time.
 
     **Arguments:**
 
-    - `last`: the last time.
+    - `last`: the last time; `None` while the recording grows.
     - `most`: the largest number, if the axis is to begin at 0 and end there.
     - `legend`: whether to name the curves.
     """
-    boundary = rrb.TimeRangeBoundary.absolute
-    whole = rrb.TimeRange(start=boundary(seq=0), end=boundary(seq=max(last, 1)))
+    boundary = rrb.TimeRangeBoundary
+    end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, 1))
+    whole = rrb.TimeRange(start=boundary.absolute(seq=0), end=end)
     return rrb.TimeSeriesView(
         origin=path,
         name=title,

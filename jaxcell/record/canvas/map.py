@@ -102,6 +102,15 @@ def on_squares(
     return pictures.reshape(*kind.shape[:-1], *cells.free.shape)
 
 
+def log_classes(
+    stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
+) -> None:
+    """Name and colour the classes of the pictures at a path; higher orders lie on top."""
+    named = [(i, one.label, one.color) for i, one in enumerate(classes)]
+    stream.log(path, rr.AnnotationContext(named), static=True)
+    stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
+
+
 def log_pictures(
     stream: rr.RecordingStream,
     path: str,
@@ -112,9 +121,7 @@ def log_pictures(
     order: float = -10.0,
 ) -> None:
     """Log a picture of classes, or one for each time; higher orders lie on top."""
-    named = [(i, one.label, one.color) for i, one in enumerate(classes)]
-    stream.log(path, rr.AnnotationContext(named), static=True)
-    stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
+    log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
         return

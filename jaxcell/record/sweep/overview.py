@@ -204,8 +204,8 @@ drag the slider.
   and greatest value among the members that share the value of the parameter, over all values of the
   others. Where members are alone there is one line.
 - **Below**: its mean over pairs of parameters, from dark blue (small) to yellow, in equal ratios
-  where these are large, and in the same colours on all maps of the variable. Grey squares have no member that is done; the white line is where the
-  slider is. Hover over a square to read it.
+  where these are large, and in the same colours on all maps of the variable. Grey squares have no
+  member that is done; the white line is where the slider is. Hover over a square to read it.
 
 One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE ...`""",
         "## Variables\n\n"
