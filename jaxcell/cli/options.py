@@ -201,6 +201,20 @@ def cell_at(cells: "CellSpace", text: str, option: str) -> int:
         raise ValueError(f"{option} {text!r}: {error}") from None
 
 
+def direction_at(heading: float, directions: int) -> int:
+    """The direction of the option `--heading`, in degrees.
+
+    **Raises:** `ValueError` if there is none in which a robot has this heading.
+    """
+    turn = heading * directions / 360
+    if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
+        raise ValueError(
+            f"--heading {heading:g}: expected a multiple of the {360 / directions:g} degrees "
+            "between the directions"
+        )
+    return round(turn) % directions
+
+
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
     """Refuses a place for results where none can be written, before they are computed.
 
