@@ -38,7 +38,7 @@ class Emulation:
         return None
 
     def describe(self, outcome: "Outcome") -> dict[str, Any]:
-        """The truth, for the summary."""
+        """The true state, for the summary."""
         x, y, theta = self.robot.pose
         return {
             "start": self.start,

@@ -1,11 +1,16 @@
 """Numbers that change over a timeline, as curves over the whole of it."""
 
+from typing import Literal, TypeAlias
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int, Num
 
 from .palette import BELIEF, Color
+
+
+Shape: TypeAlias = Literal["Linear", "StepAfter", "StepBefore"]
 
 
 def log_curve(
@@ -16,20 +21,25 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     color: Color = BELIEF,
     name: str | None = None,
+    shape: Shape = "StepAfter",
 ) -> None:
-    """Log a number at each time as a curve of steps."""
+    """Log a number at each time as a curve, by default of steps that begin at their times."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
-    log_curve_style(stream, path, color, name)
+    log_curve_style(stream, path, color, name, shape)
 
 
 def log_curve_style(
-    stream: rr.RecordingStream, path: str, color: Color = BELIEF, name: str | None = None
+    stream: rr.RecordingStream,
+    path: str,
+    color: Color = BELIEF,
+    name: str | None = None,
+    shape: Shape = "StepAfter",
 ) -> None:
-    """Log how a curve looks: a number holds until the next one."""
+    """Log how a curve looks whose numbers are logged later."""
     names = None if name is None else [name]
-    line = rr.SeriesLines(colors=color, widths=2, interpolation_mode="StepAfter", names=names)
+    line = rr.SeriesLines(colors=color, widths=2, interpolation_mode=shape, names=names)
     stream.log(path, line, static=True)
 
 

@@ -13,9 +13,16 @@ import rerun.blueprint as rrb
 
 from ...automata import Filter
 from ...space import CellSpace
-from ..canvas.belief import MAX_ARROWS, belief_arrows, belief_shades, log_belief_style
+from ..canvas.belief import (
+    MAX_ARROWS,
+    arrows,
+    belief_length,
+    log_belief_style,
+    log_shades,
+    shades,
+)
 from ..canvas.curves import curve_view, log_curve_style
-from ..canvas.map import CellMap
+from ..canvas.map import CellMap, on_squares
 from ..canvas.marks import points
 from ..canvas.page import log_text, text_view
 from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
@@ -216,10 +223,11 @@ class RobotRecording:
         if self._map is None or not self._has_belief:
             return
         few = robot.cells if robot.cells.size <= MAX_ARROWS else NOWHERE
-        origins, vectors = belief_arrows(self._map, few)
+        cells = self._map.cells
+        origins, vectors = arrows(cells, few, belief_length(cells))
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
-        shades = belief_shades(self._map.cells, robot.cells)
-        self._stream.log("map/grid/belief", rr.SegmentationImage(shades))
+        picture = on_squares(cells, shades(cells, robot.cells))
+        self._stream.log("map/grid/belief", rr.SegmentationImage(picture))
 
     def _log_estimate(self, robot: Track, estimate: Sequence[float]) -> None:
         place = robot.estimated(estimate)[None]
@@ -232,7 +240,8 @@ class RobotRecording:
         """Log what does not change: how marks and curves look."""
         styles: dict[str, rr.AsComponents] = {"odometry": rr.Transform3D(scale=[1, -1, 1])}
         if self._map is not None and self._has_belief:
-            log_belief_style(self._map)
+            log_belief_style(self._stream, self._map.cells)
+            log_shades(self._stream)
             frame = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
             styles["map/candidates"] = frame
         for robot in self._robots:
