@@ -50,6 +50,17 @@ class RobotRecording:
 
     In the block, `event` takes the events of the run, as `jaxcell.robot.RunLog.on_event` gives
     them.
+
+    A robot that met a wall:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import record
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     with record.RobotRecording(path, [record.RecordedRobot()]) as recording:
+        ...         recording.event("observation", {"seconds": 1.0, "observation": 1})
+        ...     path.exists()
+        True
     """
 
     def __init__(

@@ -60,6 +60,18 @@ def log_sweep(
     - `failures`: what failed, a line each, shown in the text.
 
     **Raises:** `ValueError` if the dataset is none of a sweep, or has no variable to show.
+
+    A sweep of three members:
+
+        >>> import pathlib, tempfile
+        >>> import xarray as xr
+        >>> from jaxcell import record
+        >>> values = {"status": ("angle", [1, 1, 1]), "groups": ("angle", [4, 2, 3])}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_sweep(path, xr.Dataset(values, {"angle": [0, 45, 90]}))
+        ...     path.exists()
+        True
     """
     if "status" not in dataset:
         raise ValueError("dataset: expected the result of a sweep, which has a variable status")
