@@ -69,12 +69,12 @@ def _main():
     jax.config.update("jax_enable_x64", True)
     import netCDF4  # noqa: F401
     import numpy as np
-    from jaxcell.cli.target import read_target
 
     from jaxcell.bounce.plans.files import read_roadmap
     from jaxcell.cli.info import describe
     from jaxcell.drift import open_currents
     from jaxcell.space import CellSpace
+    from jaxcell.study.target import read_target
 
     cells = CellSpace.of_grid(np.ones((2, 3), bool), 4)
     readers = {

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Runs one command and returns its exit status: 0 done, 1 no answer, 2 bad input."""
+    """Run one command and return its exit status: 0 done, 1 no answer, 2 bad input."""
     from .app import run
 
     return run(sys.argv[1:] if args is None else args)

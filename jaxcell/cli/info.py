@@ -12,7 +12,7 @@ from .terminal import say, table
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Info:
-    """Tell what a file is, and what is in it: a map, a graph, currents, or a result."""
+    """Describe a file: a map, a graph, currents, or a result."""
 
     file: tyro.conf.Positional[Path]
     """Any file that jaxcell reads or writes, or a directory of results."""
@@ -30,9 +30,9 @@ class Info:
 
 
 def describe(path: Path) -> dict[str, Any]:
-    """What a file is (`what`), and what is in it.
+    """Describe what a file is, as `what`, and what is in it.
 
-    **Raises:** `ValueError` if it is none that we know, or is damaged; `FileNotFoundError`.
+    **Raises:** `ValueError` if it is of no known kind, or damaged; `FileNotFoundError`.
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
@@ -84,12 +84,14 @@ def _filter(path: Path) -> dict[str, Any]:
 
 def _netcdf(path: Path) -> dict[str, Any]:
     import netCDF4
+    from scipy.io import netcdf_file
 
-    from ..netcdf_classic import promised_length
+    from ..drift.netcdf import netcdf_engine
 
     try:
-        # The library may look for ages for what a damaged header promises.
-        promised_length(path)
+        if netcdf_engine(path) == "scipy":
+            # The other library may look for ages for what a damaged header promises.
+            netcdf_file(path).close()
         with netCDF4.Dataset(path) as file:
             return _contents(file)
     except Exception as error:  # what a damaged file makes the library raise is not written
@@ -103,21 +105,17 @@ def _contents(file: Any) -> dict[str, Any]:
     ours = "jaxcell_version" in everything
     attributes = {name: str(value) for name, value in everything.items() if ours or name == "title"}
     title = attributes.pop("title", "without a title")
-    coordinates = {
-        *file.dimensions,
-        *(
-            name
-            for one in [file, *file.variables.values()]
-            for name in str(one.__dict__.get("coordinates", "")).split()
-        ),
-    }
+    attributes.pop("coordinates", None)
+    coordinates = set(file.dimensions)
+    for one in (file, *file.variables.values()):
+        coordinates.update(str(one.__dict__.get("coordinates", "")).split())
     return {
         "what": f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}",
         "dimensions": {name: len(one) for name, one in file.dimensions.items()},
         "variables": {
             name: _variable(one) for name, one in file.variables.items() if name not in coordinates
         },
-        **{name: value for name, value in attributes.items() if name != "coordinates"},
+        **attributes,
     }
 
 
@@ -158,17 +156,19 @@ def _json(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not valid JSON, or cut short: {error}") from None
     if not isinstance(fields, dict):
         raise ValueError(f"{path}: expected a JSON object, as all of ours are")
-    if "format" in fields and fields["format"] == "jaxcell-map":
-        return _map(path)
-    if fields.get("format") == "jaxcell-robot-task":
-        return _robot_task(path)
-    if fields.get("format") == "jaxcell filter":
-        return _exported_filter(path, fields)
-    if "nodes" in fields:
-        return _graph(path)
-    if "command" in fields:
-        plain = {name: value for name, value in fields.items() if not isinstance(value, dict)}
-        return {"what": f"the summary of {plain.pop('command')}", **plain}
+    match fields:
+        case {"format": "jaxcell-map"}:
+            return _map(path)
+        case {"format": "jaxcell-robot-task"}:
+            return _robot_task(path)
+        case {"format": "jaxcell filter"}:
+            return info_exports.filter_json(path, fields)
+        case {"nodes": _}:
+            return _graph(path)
+        case {"command": command}:
+            plain = {key: one for key, one in fields.items() if not isinstance(one, dict)}
+            plain.pop("command", None)
+            return {"what": f"the summary of {command}", **plain}
     raise ValueError(
         f"{path}: neither a map, a graph, a task of robots, nor a summary of a command"
     )
@@ -203,19 +203,6 @@ def _graph(path: Path) -> dict[str, Any]:
 
     graph, names = load_graph(path)
     return {"what": "a graph", "vertices": len(names), "edges": len(graph.edges)}
-
-
-def _exported_filter(path: Path, fields: dict[str, Any]) -> dict[str, Any]:
-    try:
-        targets = [target for row in fields["transition"] for target in row]
-        return {
-            "what": "a filter, for other programs",
-            "states": len(fields["transition"]),
-            "transitions": sum(target >= 0 for target in targets),
-            "knowledge_cycles": len(fields["cycles"]),
-        }
-    except (KeyError, TypeError):
-        raise ValueError(f"{path}: expected a filter, as `jaxcell export` writes it") from None
 
 
 def _robot_task(path: Path) -> dict[str, Any]:

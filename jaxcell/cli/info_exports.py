@@ -9,6 +9,20 @@ from typing import Any
 from xml.etree import ElementTree
 
 
+def filter_json(path: Path, fields: dict[str, Any]) -> dict[str, Any]:
+    """A filter as JSON."""
+    try:
+        targets = [target for row in fields["transition"] for target in row]
+        return {
+            "what": "a filter, for other programs",
+            "states": len(fields["transition"]),
+            "transitions": sum(target >= 0 for target in targets),
+            "knowledge_cycles": len(fields["cycles"]),
+        }
+    except (KeyError, TypeError):
+        raise _unexpected(path, "a filter, as `jaxcell export` writes it") from None
+
+
 def dot(path: Path) -> dict[str, Any]:
     """A filter as a graph of Graphviz."""
     text = _text(path)

@@ -1,6 +1,7 @@
 import contextlib
 import dataclasses
 import json
+import math
 import os
 import re
 import tempfile
@@ -21,13 +22,13 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-# Bytes above which people are told.
+# Bytes above which the need is printed.
 _MUCH = 1e9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """What every command that reads a map takes."""
+    """The options of every command that reads a map."""
 
     map: tyro.conf.Positional[Path]
     """Map file: our .json, a ROS map_server .yaml, or an ASCII grid .txt."""
@@ -43,7 +44,7 @@ class MapOptions:
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
 
     def cells(self, need: "Need", doing: str) -> "CellSpace":
-        """Reads the map, and cuts it into cells if what is done with them fits the memory.
+        """Read the map, and cut it into cells if what is done with them fits the memory.
 
         **Arguments:**
 
@@ -86,7 +87,7 @@ class MapOptions:
 
 
 def say_memory(needed: float | int, doing: str) -> None:
-    """Tells people how much memory something needs, if it is much."""
+    """Print how much memory something needs, if it is much."""
     from ..memory import gigabytes
 
     if needed > _MUCH:
@@ -95,7 +96,7 @@ def say_memory(needed: float | int, doing: str) -> None:
 
 @contextlib.contextmanager
 def starting() -> Iterator[None]:
-    """Sets JAX up for a command, around the imports that take seconds."""
+    """Set JAX up for a command, around the imports that take seconds."""
     with status("loading JAX"):
         from ..runtime import configure_jax
 
@@ -120,7 +121,7 @@ class OutputOptions:
         show: Callable[[], None],
         compare: Callable[[Any], "Sequence[Comparison]"],
     ) -> int:
-        """Writes `summary.json`, and then prints the summary as JSON, or shows it to people.
+        """Write `summary.json`, and then print the summary as JSON, or show it to people.
 
         **Arguments:**
 
@@ -157,7 +158,7 @@ class OutputOptions:
 
 
 def _verified(compare: Callable[[Any], "Sequence[Comparison]"]) -> dict[str, Any]:
-    """What came of computing parts of a result again."""
+    """Compute parts of a result again, and compare."""
     from .. import verify
 
     began = time.perf_counter()
@@ -176,8 +177,22 @@ def command_name(command: type) -> str:
     return re.sub("(?<=[a-z])(?=[A-Z])", " ", command.__name__).lower()
 
 
+def direction_at(heading: float, directions: int) -> int:
+    """The direction of the option `--heading`, in degrees.
+
+    **Raises:** `ValueError` if there is none in which a robot has this heading.
+    """
+    turn = heading * directions / 360
+    if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
+        raise ValueError(
+            f"--heading {heading:g}: expected a multiple of the {360 / directions:g} degrees "
+            "between the directions"
+        )
+    return round(turn) % directions
+
+
 def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
-    """Refuses a place for results where none can be written, before they are computed.
+    """Refuse a place for results where none can be written, before they are computed.
 
     **Arguments:**
 
@@ -196,7 +211,7 @@ def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
     if not place.is_dir():
         raise NotADirectoryError(f"{option}{out}: {place} is no directory")
     try:
-        # Permissions tell only half of it: a disk may be full, or mounted to be read.
+        # Permissions are only half of it: a disk may be full, or mounted read-only.
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as error:
@@ -204,7 +219,7 @@ def check_out(out: Path, folder: bool, option: str = "--out ") -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file whole or not at all."""
+    """Write a text file whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

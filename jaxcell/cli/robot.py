@@ -11,11 +11,10 @@ import tyro
 
 from ..files import name_in_results
 from ..study.map_study import cell_at
-from .options import command_name, write_text
+from .options import direction_at, write_text
 from .robot_emulation import emulate, seen_from
-from .robot_replay import replayed
-from .robot_summary import show
-from .terminal import note, note_results, status
+from .robot_replay import replayed, show
+from .terminal import note, note_results, say, status
 
 
 if TYPE_CHECKING:
@@ -109,20 +108,11 @@ class RobotRun:
                 "expected another directory"
             )
         task = load_task(self.file, self.robot)
-        rng = np.random.default_rng(self.seed)
         emulation = None
         if self.simulate is not None:
-            emulation = emulate(
-                self.simulate,
-                task,
-                start=self.start,
-                heading=self.heading,
-                noise=self.noise,
-                speedup=self.speedup,
-                rng=rng,
-            )
-        heading = self._heading(task, emulation)
-        runner = self._runner(task, emulation, heading)
+            emulation = emulate(self.simulate, task, self, np.random.default_rng(self.seed))
+        direction = self._direction(task, emulation)
+        runner = self._runner(task, emulation, direction)
         # Before the robot is there: what it needs takes seconds to load.
         recording = None if self.out is None else self._recording(task, emulation)
         code = None
@@ -136,13 +126,13 @@ class RobotRun:
                     assert port is not None
                     robot = stack.enter_context(Create.open(port))
                     robot.arm()
-                    walker = self._walker(robot, task, emulation, heading)
+                    walker = self._walker(robot, task, emulation, direction)
                     outcome = self._run(walker, runner, place / _LOG, recording)
             except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
                 outcome, code = _stopped(error, place / _LOG)
                 note(f"jaxcell robot run: {outcome.reason}")
         summary = {
-            "command": f"jaxcell {command_name(type(self))}",
+            "command": "jaxcell robot run",
             "file": name_in_results(self.file),
             "port": self.port,
             **dataclasses.asdict(outcome),
@@ -152,7 +142,7 @@ class RobotRun:
         if self.out is not None:
             write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         if self.json:
-            print(json.dumps(summary))
+            say(json.dumps(summary))
         else:
             show(self.file.name, summary, emulation)
             if self.out is not None:
@@ -161,28 +151,23 @@ class RobotRun:
             return code
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
-    def _heading(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:
-        """The direction at the start, where it is known."""
+    def _direction(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:
+        """The direction that the robot faces at the start, where it is known."""
         from ..robot.patrol_task import PatrolTask
         from ..robot.tasks import PlanTask
         from ..robot.team import MemberTask
 
         if self.heading is not None:
-            direction = self.heading * task.directions / 360
-            if abs(direction - round(direction)) > 1e-6:
-                raise ValueError(
-                    f"--heading {self.heading:g}: expected a multiple of the "
-                    f"{360 / task.directions:g} degrees between the directions"
-                )
-            return round(direction) % task.directions
+            return direction_at(self.heading, task.directions)
         if emulation is not None:
             return emulation.start // emulation.cells.positions
-        if isinstance(task, PatrolTask):
-            return self._patrol_start(task) // task.cells.positions
-        if isinstance(task, MemberTask):
-            return round(task.start[2] * task.directions / (2 * math.pi)) % task.directions
-        if isinstance(task, PlanTask):
-            raise ValueError("--heading: a plan needs the heading that its robot starts with")
+        match task:
+            case PatrolTask():
+                return self._patrol_start(task) // task.cells.positions
+            case MemberTask():
+                return round(task.start[2] * task.directions / (2 * math.pi)) % task.directions
+            case PlanTask():
+                raise ValueError("--heading: a plan needs the heading that its robot starts with")
         return None
 
     def _patrol_start(self, task: "PatrolTask", emulation: "Emulation | None" = None) -> int:
@@ -206,22 +191,19 @@ class RobotRun:
         cells = _cells_of(task, about) if emulation is None else emulation.cells
         robot = RecordedRobot()
         if emulation is not None:
-            x, y, theta = emulation.cells.centre(emulation.start)
-            start = float(x), float(y), float(theta)
-            robot = RecordedRobot(start=start, trace=emulation.robot.trace)
-        same = cells is not None and _is_map(cells, about)
+            robot = RecordedRobot(start=emulation.pose, trace=emulation.robot.trace)
         return RobotRecording(
             self.out / "run.rrd",
             [robot],
             cells=cells,
             filter=filter,
-            filter_of_cells=same,
+            filter_of_cells=cells is not None and _is_map(cells, about),
             viewer=self.live,
             spec={"file": name_in_results(self.file), **about},
         )
 
     def _walker(
-        self, robot: Any, task: "AnyTask", emulation: "Emulation | None", heading: int | None
+        self, robot: Any, task: "AnyTask", emulation: "Emulation | None", direction: int | None
     ) -> "Walker":
         from ..robot.clock import ByClock
         from ..robot.walker import Walker
@@ -234,14 +216,14 @@ class RobotRun:
         return Walker(
             robot,
             task.step,
-            strides=None if heading is None else task.strides,
-            direction=heading or 0,
+            strides=None if direction is None else task.strides,
+            direction=direction or 0,
             tolerance=self.tolerance,
             turn_tolerance=math.radians(self.turn_tolerance),
         )
 
     def _runner(
-        self, task: "AnyTask", emulation: "Emulation | None", heading: int | None
+        self, task: "AnyTask", emulation: "Emulation | None", direction: int | None
     ) -> "_Runner":
         """What runs the task, and the header of its log."""
         from ..robot.patrol import Patrol, run_patrol
@@ -266,7 +248,7 @@ class RobotRun:
         patrol = Patrol(
             task,
             start=self._patrol_start(task, emulation) % task.cells.positions,
-            facing=heading or 0,
+            facing=direction or 0,
             seed=self.seed,
             visits=self.visits,
             most_bumps=self.bumps,
@@ -301,10 +283,8 @@ def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
     from ..robot.outcome import RunOutcome
     from ..robot.run_log import read_log, why_stopped
 
-    code = 1
-    if isinstance(error, KeyboardInterrupt):
-        code = 130
-    elif isinstance(error, SystemExit):
+    code = 130 if isinstance(error, KeyboardInterrupt) else 1
+    if isinstance(error, SystemExit):
         code = int(error.code or 0)
     if log.exists():
         return replayed(read_log(log)), code

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from .terminal import status, table
+from .terminal import say, status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,14 +43,14 @@ class RobotCheck:
                 }
                 if self.move:
                     robot.arm()
-                    for name, way in [("forward_m", 0.1), ("back_m", -0.1)]:
-                        moved = robot.forward(way)
+                    for name, distance in ("forward_m", 0.1), ("back_m", -0.1):
+                        moved = robot.forward(distance)
                         found[name] = round(moved.distance, 4)
                         found["bumped"] = moved.bumped
         except RobotStopped as error:
             found["danger"] = str(error)
         if self.json:
-            print(json.dumps(found))
+            say(json.dumps(found))
         else:
             table(f"The robot at {self.port}", ("", ""), [(k, str(v)) for k, v in found.items()])
         return 0 if found["danger"] is None else 1

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..robot.patrol_task import PatrolTask
     from ..robot.tasks import AnyTask
     from ..space import CellSpace
+    from .robot import RobotRun
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +26,11 @@ class Emulation:
     start: int
 
     @property
+    def pose(self) -> tuple[float, float, float]:
+        """Where it starts, in metres and radians."""
+        return _pose(self.cells, self.start)
+
+    @property
     def end(self) -> int | None:
         """The cell that the robot is in, if any."""
         with contextlib.suppress(ValueError):
@@ -32,7 +38,7 @@ class Emulation:
         return None
 
     def describe(self, outcome: "RunOutcome") -> dict[str, Any]:
-        """The truth, for the summary."""
+        """The true state, for the summary."""
         x, y, theta = self.robot.pose
         return {
             "start": self.start,
@@ -43,36 +49,26 @@ class Emulation:
         }
 
 
-def emulate(
-    map: Path,
-    task: "AnyTask",
-    *,
-    start: str | None,
-    heading: float | None,
-    noise: float,
-    speedup: float,
-    rng: Any,
-) -> Emulation:
-    """An emulated robot in a map, at the start of a task, or at that of an option."""
+def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
+    """Emulate a robot in a map, at the start of a task, or at that of the options."""
     from ..robot.body import Body, Noise, bumper_give
     from ..robot.emulator import Emulator, Line
     from ..space import CellSpace, Workspace
 
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
-    if start is not None:
-        at = cell_at(cells, start, "--start")
+    if options.start is not None:
+        start = cell_at(cells, options.start, "--start")
     else:
-        at = _start(cells, task, heading, rng)
-    x, y, theta = cells.centre(at)
-    body = Body(
-        workspace,
-        (float(x), float(y), float(theta)),
-        give=bumper_give(task.cell),
-        noise=Noise(distance=noise, rotation=noise, veer=noise),
-        rng=rng,
-    )
-    return Emulation(Emulator(body, line=Line(speedup=speedup)), cells, at)
+        start = _start(cells, task, options.heading, rng)
+    noise = Noise(distance=options.noise, rotation=options.noise, veer=options.noise)
+    body = Body(workspace, _pose(cells, start), give=bumper_give(task.cell), noise=noise, rng=rng)
+    return Emulation(Emulator(body, line=Line(speedup=options.speedup)), cells, start)
+
+
+def _pose(cells: "CellSpace", cell: int) -> tuple[float, float, float]:
+    x, y, theta = cells.centre(cell)
+    return float(x), float(y), float(theta)
 
 
 def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
@@ -87,8 +83,8 @@ def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any)
         case MemberTask():
             pose = task.start
         case PatrolTask():
-            x, y, _ = task.cells.centre(task.start)
-            pose = float(x), float(y), math.radians(heading or 0)
+            x, y, _ = _pose(task.cells, task.start)
+            pose = x, y, math.radians(heading or 0)
         case _:
             return int(rng.integers(cells.size))
     try:

@@ -1,16 +1,20 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from .robot_summary import show
+from .terminal import configuration, say, table
 
 
 if TYPE_CHECKING:
     from ..robot.outcome import RunOutcome
     from ..robot.run_log import LoggedRun
+    from .robot_emulation import Emulation
+
+
+_SIDES = ("East", "North", "West", "South")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -36,10 +40,36 @@ class RobotReplay:
             raise ValueError(f"{self.log}: {error}") from error
         summary = {"log": str(self.log), "whole": run.whole, **dataclasses.asdict(outcome)}
         if self.json:
-            print(json.dumps(summary))
+            say(json.dumps(summary))
         else:
             show(self.log.name, summary)
         return 0
+
+
+def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = None) -> None:
+    """Print the outcome of a run for people."""
+    observed, cells = summary["observations"], summary["cells"]
+    rows: list[tuple[str, object]] = [
+        ("result", summary["result"]),
+        ("why", summary["reason"]),
+        ("observed", observed if len(observed) <= 60 else f"{observed[:57]}... ({len(observed)})"),
+    ]
+    if "visited" in summary:
+        rows.append(("visited", f"{len(summary['visited'])} cells"))
+    if summary.get("obstacles"):
+        met = [f"{_SIDES[side]} of position {at}" for at, side in summary["obstacles"][:8]]
+        rows.append(("in the way", "\n".join(met)))
+    if emulation is None:
+        rows += [("may be in", ", ".join(map(str, cells[:20])))] * bool(cells)
+    else:
+        truth, space = summary["emulated"], emulation.cells
+        end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
+        rows += [("started at", configuration(space, truth["start"])), ("is at", end)]
+        if cells:
+            rows.append(("may be at", "\n".join(configuration(space, z) for z in cells[:8])))
+            among = "yes" if truth["truth_is_a_candidate"] else "NO"
+            rows.append(("the truth is among them", among))
+    table(title, ("", ""), rows)
 
 
 def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import tyro
 
-from .options import write_text
+from .options import direction_at, write_text
 from .terminal import note
 
 
@@ -68,13 +68,6 @@ class RobotSketch:
             task = dataclasses.replace(task, filter=minimize(task.filter))
         direction = None
         if self.heading is not None:
-            turn = self.heading * task.directions / 360
-            if not math.isfinite(turn) or abs(turn - round(turn)) > 1e-6:
-                raise ValueError(
-                    f"--heading {self.heading:g}: expected a multiple of the "
-                    f"{360 / task.directions:g} degrees between the directions"
-                )
-            direction = round(turn) % task.directions
-        return filter_sketch(
-            task, direction=direction, flash=FLASH if self.flash is None else self.flash
-        )
+            direction = direction_at(self.heading, task.directions)
+        flash = FLASH if self.flash is None else self.flash
+        return filter_sketch(task, direction=direction, flash=flash)

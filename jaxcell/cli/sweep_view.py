@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tyro
 
-from ..display import has_display
+from ..base.display import has_display
 from .sweep import failure_told
 from .terminal import note, own_command, status, table
 from .view import View

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-# Away from a terminal nothing is said of work that does not last.
+# Seconds until the first line and between others, away from a terminal.
 _FIRST_LINE, _LINES = 1.5, 60.0
 
 
 @contextlib.contextmanager
 def status(text: str) -> Iterator[Callable[[str], None]]:
-    """Shows that work goes on: on a terminal all the time, elsewhere by lines.
+    """Show that work goes on: by a spinner on a terminal, elsewhere by a line now and then.
 
-    Gives a function that changes the text.
+    Yields a function that changes the text.
     """
     console = Console(stderr=True)
     if console.is_terminal:
@@ -42,14 +42,14 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
 
 @contextlib.contextmanager
 def steps(text: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """Shows how much of some work is done, and how long the rest will take at the rate so far.
+    """Show how much of some work is done, and how long the rest will take at the rate so far.
 
-    Gives a function that is told the number of steps done, and more about them.
+    Yields a function that takes the number of steps done, and more about them.
     """
-    began, first, done, told = math.nan, None, 0, ""
+    began, first, done, about = math.nan, None, 0, ""
 
     def line() -> str:
-        parts = [f"{text}: {done:,} of {total:,}", told]
+        parts = [f"{text}: {done:,} of {total:,}", about]
         if first is not None and done > first:
             each = (time.monotonic() - began) / (done - first)
             parts.append(f"{duration(each * (total - done))} left")
@@ -58,10 +58,10 @@ def steps(text: str, total: int) -> Iterator[Callable[[int, str], None]]:
     with status(line()) as change:
 
         def show(now: int, more: str) -> None:
-            nonlocal began, first, done, told
+            nonlocal began, first, done, about
             if first is None:
                 began, first = time.monotonic(), now
-            done, told = now, more
+            done, about = now, more
             change(line())
 
         yield show
@@ -69,7 +69,7 @@ def steps(text: str, total: int) -> Iterator[Callable[[int, str], None]]:
 
 @contextlib.contextmanager
 def telling(text: str) -> Iterator[Callable[..., None]]:
-    """Shows what a study says of its work, and how long the rest will take at the rate so far."""
+    """Show what a study says of its work, and how long the rest will take at the rate so far."""
     with status(text) as change:
         current, began, first = text, 0.0, 0
 
@@ -91,7 +91,7 @@ def telling(text: str) -> Iterator[Callable[..., None]]:
 
 @contextlib.contextmanager
 def _in_lines(line: Callable[[], str]) -> Iterator[None]:
-    """Says how far work is after two seconds, and every minute."""
+    """Print how far work is after a moment, and then every minute."""
     ended, began = threading.Event(), time.monotonic()
 
     def tell() -> None:
@@ -110,14 +110,14 @@ def _in_lines(line: Callable[[], str]) -> Iterator[None]:
 
 
 def duration(seconds: float) -> str:
-    """A time as hours, minutes and seconds."""
+    """Write a time as hours, minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{rest:02}"
 
 
 def note_results(results: Path) -> None:
-    """Says where the results are, and how to look at them from this shell."""
+    """Print where the results are, and how to look at them from this shell."""
     note(f"Results are in {results}; to look at them: {own_command('jaxcell')} view {results}")
 
 
@@ -129,17 +129,17 @@ def own_command(name: str) -> str:
 
 
 def say(text: str) -> None:
-    """A line on standard output, in its place among tables and notes when all go to one file."""
+    """Print a line on standard output, in order with notes when both go to one file."""
     print(text, flush=True)
 
 
 def note(text: str) -> None:
-    """A remark for people."""
+    """Print a remark on standard error."""
     Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Prints a table with numbers to the right."""
+    """Print a table; columns of numbers are aligned to the right."""
     body = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]
     grid = Table(title=title, title_justify="left", title_style="bold")
     for i, column in enumerate(columns):
@@ -166,7 +166,7 @@ def configuration(cells: "CellSpace", z: int, heading: bool = True) -> str:
 
 @contextlib.contextmanager
 def stdout_on_stderr() -> Iterator[None]:
-    """Keeps the standard output for results, whatever solvers, tasks and their processes print."""
+    """Keep the standard output for results, whatever solvers, tasks and their processes print."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)

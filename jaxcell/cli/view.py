@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from ..display import has_display
+from ..base.display import has_display
 from .terminal import note, own_command
 
 

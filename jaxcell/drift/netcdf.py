@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 import netCDF4
 import numpy as np
@@ -14,7 +15,6 @@ import xarray as xr
 from jaxtyping import Float
 
 from .. import memory
-from ..netcdf_classic import promised_length
 
 
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
@@ -89,7 +89,7 @@ class OceanFile:
 
 @contextlib.contextmanager
 def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
-    """Opens a NetCDF file, of version 3 or 4, for the length of the block.
+    """Open a NetCDF file, of version 3 or 4, for the length of the block.
 
     **Raises:** `FileNotFoundError` if it does not exist, `ValueError` if it is truncated, damaged,
     or not NetCDF.
@@ -97,20 +97,12 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
     name = os.fspath(path)
     if not Path(path).is_file():
         raise FileNotFoundError(f"{name}: there is no such file")
-    try:
-        promised = promised_length(path)
-    except ValueError as error:
-        raise ValueError(f"{name}: truncated or damaged: {error}") from error
-    length = Path(path).stat().st_size
-    if promised is not None and length < promised:
-        raise ValueError(
-            f"{name}: truncated: it has {length} bytes, and its header promises {promised}"
-        )
+    engine = netcdf_engine(path)
     with warnings.catch_warnings():
         # Two different fill values in one variable: both are missing.
         warnings.simplefilter("ignore", xr.SerializationWarning)
         try:
-            sizes = _coordinate_sizes(path)
+            sizes = _coordinate_sizes(path) if engine == "netcdf4" else {}
         except Exception as error:  # as above
             raise _unreadable(name, error) from error
         for field, size in sizes.items():
@@ -121,12 +113,30 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
                 )
         try:
             dataset = xr.open_dataset(
-                path, engine="netcdf4", decode_times=False, decode_coords=False, cache=False
+                path, engine=engine, decode_times=False, decode_coords=False, cache=False
             )
         except Exception as error:  # as above
             raise _unreadable(name, error) from error
         with dataset:
             yield OceanFile(name, dataset)
+
+
+def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
+    """The reader of a file, by its first four bytes.
+
+    Scipy refuses a classic file that is truncated; the NetCDF library reads the end that is lost as
+    zeros, and a current of zero looks like slack water.
+
+    **Raises:** `ValueError` for the classic version 5, which scipy does not read.
+    """
+    with open(path, "rb") as file:
+        magic = file.read(4)
+    if magic == b"CDF\5":
+        raise ValueError(
+            f"{os.fspath(path)}: it is of the classic NetCDF version 5, whose truncated files look "
+            "whole; expected version 1, 2 or 4 (to convert it: nccopy -k nc4 OLD.nc NEW.nc)"
+        )
+    return "scipy" if magic in (b"CDF\1", b"CDF\2") else "netcdf4"
 
 
 def _coordinate_sizes(path: str | os.PathLike[str]) -> dict[str, int]:

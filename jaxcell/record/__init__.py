@@ -65,8 +65,7 @@ if TYPE_CHECKING:
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
     from .patrol_map import log_patrol_map as log_patrol_map
-    from .robot import RobotRecording as RobotRecording
-    from .robot_track import RecordedRobot as RecordedRobot
+    from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
     from .sweep import log_sweep as log_sweep
 
 

@@ -221,6 +221,8 @@ def test_bad_options(filter_file):
         simulated(filter_file, live="here").run()
     with pytest.raises(ValueError, match="--heading 30: expected a multiple of the 45 degrees"):
         simulated(filter_file, heading=30.0).run()
+    with pytest.raises(ValueError, match="--heading inf: expected a multiple of the 45 degrees"):
+        simulated(filter_file, heading=math.inf).run()
     with pytest.raises(ValueError, match=r"--start '0\.5,9,0'"):
         simulated(filter_file, start="0.5,9,0").run()
     with pytest.raises(ValueError, match="distance: expected a finite number from 0"):

@@ -1,9 +1,8 @@
 """Filters in files, damaged and forged."""
 
-import hashlib
+import io
 import json
-import struct
-import zlib
+import zipfile
 
 import numpy as np
 import pytest
@@ -21,27 +20,22 @@ ARRAYS = {
     "members": [0, 1, 0, 1],
 }
 HEADER = {
-    "arrays": {name: len(values) for name, values in ARRAYS.items()},
-    "header": {
-        "kind": "filter",
-        "open_world": True,
-        "metadata": {"map": "m.json", "cell_m": 1.0, "directions": 8, "bounce_deg": 45.0},
-    },
+    "kind": "filter",
+    "open_world": True,
+    "metadata": {"map": "m.json", "cell_m": 1.0, "directions": 8, "bounce_deg": 45.0},
 }
 
 
-def forged(header, arrays, payload=None):
-    """A file whose checksum is right, whatever is in it."""
+def forged(header, arrays):
+    """A file whose checksums are right, whatever is in it."""
     text = header if isinstance(header, bytes) else json.dumps(header).encode()
-    if payload is None:
-        planes = []
-        for _, values in sorted(arrays.items()):
-            differences = np.diff(np.array(values, "<i4"), prepend=np.zeros(1, "<i4"))
-            planes.append(differences.view(np.uint8).reshape(-1, 4).T.tobytes())
-        payload = zlib.compress(b"".join(planes), 1)
-    content = struct.pack("<8sII", b"jaxcell\0", 1, len(text)) + text
-    content += struct.pack("<Q", len(payload)) + payload
-    return content + hashlib.sha256(content).digest()
+    stored = {
+        name: np.diff(np.array(values, "<i4"), prepend=np.zeros(1, "<i4"))
+        for name, values in arrays.items()
+    }
+    file = io.BytesIO()
+    np.savez_compressed(file, header=np.frombuffer(text, np.uint8), **stored)
+    return file.getvalue()
 
 
 def use(path):
@@ -67,8 +61,8 @@ def test_damaged_filters(tmp_path, file):
 
 @cases()
 @given(changed_json({"f.jxf": HEADER}))
-@example(("f.jxf", b'{"arrays": {"members": 1e999}, "header": {"kind": "filter"}}'))
-@example(("f.jxf", b'{"arrays": {}, "header": [[0, 0]]}'))
+@example(("f.jxf", b'{"kind": 1e999}'))
+@example(("f.jxf", b"[[0, 0]]"))
 @example(
     ("f.jxf", json.dumps(HEADER).encode().replace(b'"metadata": {', b'"metadata": [], "x": {'))
 )
@@ -94,11 +88,7 @@ numbers = st.sampled_from([-(2**31), -2, -1, 0, 0, 1, 1, 2, 2, 3, 3, 4, 5, 2**31
     st.booleans(),
 )
 def test_forged_tables(tmp_path, arrays, open_world):
-    header = {
-        "arrays": {name: len(values) for name, values in arrays.items()},
-        "header": {**HEADER["header"], "open_world": open_world},
-    }
-    path = place(tmp_path, forged(header, arrays))
+    path = place(tmp_path, forged({**HEADER, "open_world": open_world}, arrays))
     if reads_or_refuses(Filter.load, path):
         filter = Filter.load(path)
         assert len(filter.color) == len(filter.transition)
@@ -111,19 +101,25 @@ def test_forged_tables(tmp_path, arrays, open_world):
             write(least)
 
 
-@cases()
-@given(damaged({"payload": zlib.compress(b"\1\0\0\0" * 40)}))
-def test_forged_payloads(tmp_path, file):
-    reads_or_refuses(Filter.load, place(tmp_path, forged(HEADER, ARRAYS, file[1])))
-
-
 def test_the_undamaged_one_is_read(tmp_path):
     assert reads_or_refuses(use, place(tmp_path, forged(HEADER, ARRAYS)))
 
 
-@pytest.mark.parametrize("length", [10**6, 10**9, 10**18, 10**400])
+@pytest.mark.parametrize("length", [10**6, 10**9, 10**18, 10**40])
 def test_lengths_that_are_not_there(tmp_path, length):
-    header = {**HEADER, "arrays": {**HEADER["arrays"], "members": length}}
-    path = place(tmp_path, forged(header, ARRAYS))
-    with pytest.raises(ValueError, match=r"f\.jxf: arrays of \d+ bytes cannot come from"):
+    path = place(tmp_path, b"")
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        file, {"descr": "<i4", "fortran_order": False, "shape": (length,)}
+    )
+    with zipfile.ZipFile(path, "w") as zipped:
+        zipped.writestr("header.npy", _npy(json.dumps(HEADER).encode()))
+        zipped.writestr("members.npy", file.getvalue() + b"\1\0\0\0")
+    with pytest.raises(ValueError, match=r"f\.jxf: not a jaxcell file, truncated or altered"):
         read_arrays(path)
+
+
+def _npy(text):
+    file = io.BytesIO()
+    np.lib.format.write_array(file, np.frombuffer(text, np.uint8))
+    return file.getvalue()

@@ -5,7 +5,7 @@ import xarray as xr
 from hypothesis import given
 
 from jaxcell.record import log_sweep
-from jaxcell.record.sweep_axes import QUANTILES, axes, means, pairs, statistics
+from jaxcell.record.sweep.axes import QUANTILES, axes, means, pairs, statistics
 
 
 pytestmark = pytest.mark.slow
@@ -27,11 +27,15 @@ def axis_of(values, most=1000):
 
 def test_times_follow_from_values():
     whole = axis_of([30, -10, 20])
-    assert (whole.timeline, whole.times.tolist(), whole.told) == ("x", [-10, 20, 30], "the value")
+    assert (whole.timeline, whole.times.tolist(), whole.meaning) == (
+        "x",
+        [-10, 20, 30],
+        "the value",
+    )
     assert whole.step.tolist() == [2, 0, 1]
     tenths = axis_of([0.1, 0.2, 1.5])
     assert (tenths.timeline, tenths.times.tolist()) == ("x x 10", [1, 2, 15])
-    assert tenths.told == "the value times 10"
+    assert tenths.meaning == "the value times 10"
     texts = axis_of(["b", "a"])
     assert (texts.timeline, texts.times.tolist()) == ("x number", [0, 1])
     assert (texts.labels, texts.step.tolist()) == (("b", "a"), [0, 1])
@@ -45,7 +49,7 @@ def test_many_values_share_steps():
     axis = axis_of(np.arange(25)[::-1], most=10)
     assert axis.times.tolist() == list(range(0, 25, 3))
     assert axis.step.tolist() == [value // 3 for value in range(24, -1, -1)]
-    assert axis.told == "the value; 3 neighbouring values share a step, at the first of them"
+    assert axis.meaning == "the value; 3 neighbouring values share a step, at the first of them"
 
 
 def test_pairs_of_a_grid_with_samples():
@@ -72,12 +76,12 @@ def test_statistics_are_those_of_numpy(seed, rows, columns, most):
     found = axes(result({"x": rows, "y": columns}, coords), most)
     masked = np.where(known, values, np.nan)
     for place, axis in enumerate(found):
-        steps, told, alone = statistics(values, known, place, axis)
+        steps, quantiles, alone = statistics(values, known, place, axis)
         members = [np.compress(axis.step == k, masked, axis=place) for k in range(axis.steps)]
         members = [one[~np.isnan(one)] for one in members]
         assert steps.tolist() == [k for k, one in enumerate(members) if one.size]
         assert alone == all(one.size < 2 for one in members)
-        for column, k in zip(told.T, steps, strict=True):
+        for column, k in zip(quantiles.T, steps, strict=True):
             np.testing.assert_allclose(column, np.quantile(members[k], [*QUANTILES.values()]))
     across, up = found
     heat = means(values, known, (0, 1), (across, up))
@@ -159,7 +163,7 @@ def test_the_text_says_what_there_is(recorded):
 
 def test_recordings_of_large_sweeps_stay_small(tmp_path, read, monkeypatch):
     """Pictures and series are bounded, however many members there are."""
-    monkeypatch.setattr("jaxcell.record.sweep._PICTURE_BYTES", 40_000)
+    monkeypatch.setattr("jaxcell.record.sweep.overview._PICTURE_BYTES", 40_000)
     rng = np.random.default_rng(0)
     n = 3000
     coords = {name: ("sample", rng.random(n)) for name in "abc"}

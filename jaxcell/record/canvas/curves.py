@@ -1,11 +1,16 @@
 """Numbers that change over a timeline, as curves over the whole of it."""
 
+from typing import Literal, TypeAlias
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int, Num
 
 from .palette import BELIEF, Color
+
+
+Shape: TypeAlias = Literal["Linear", "StepAfter", "StepBefore"]
 
 
 def log_curve(
@@ -16,33 +21,42 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     color: Color = BELIEF,
     name: str | None = None,
+    shape: Shape = "StepAfter",
 ) -> None:
-    """Log a number at each time as a curve of steps."""
+    """Log a number at each time as a curve, by default of steps that begin at their times."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
-    line = rr.SeriesLines(
-        colors=color,
-        widths=2,
-        interpolation_mode="StepAfter",
-        names=None if name is None else [name],
-    )
+    log_curve_style(stream, path, color, name, shape)
+
+
+def log_curve_style(
+    stream: rr.RecordingStream,
+    path: str,
+    color: Color = BELIEF,
+    name: str | None = None,
+    shape: Shape = "StepAfter",
+) -> None:
+    """Log how a curve looks whose numbers are logged later."""
+    names = None if name is None else [name]
+    line = rr.SeriesLines(colors=color, widths=2, interpolation_mode=shape, names=names)
     stream.log(path, line, static=True)
 
 
 def curve_view(
-    path: str, title: str, last: int, most: float | int | None = None, legend: bool = False
+    path: str, title: str, last: int | None, most: float | int | None = None, legend: bool = False
 ) -> rrb.TimeSeriesView:
     """A view of the curves at a path, from the start to the end and not near one time.
 
     **Arguments:**
 
-    - `last`: the last time.
+    - `last`: the last time; `None` while the recording grows.
     - `most`: the largest number, if the axis is to begin at 0 and end there.
     - `legend`: whether to name the curves.
     """
-    boundary = rrb.TimeRangeBoundary.absolute
-    whole = rrb.TimeRange(start=boundary(seq=0), end=boundary(seq=max(last, 1)))
+    boundary = rrb.TimeRangeBoundary
+    end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, 1))
+    whole = rrb.TimeRange(start=boundary.absolute(seq=0), end=end)
     return rrb.TimeSeriesView(
         origin=path,
         name=title,

@@ -82,9 +82,12 @@ def text_view(path: str) -> rrb.TextDocumentView:
 
 
 def log_legend(
-    stream: rr.RecordingStream, path: str, legend: Sequence[tuple[str, Color]], timeline: str
+    stream: rr.RecordingStream,
+    path: str,
+    legend: Sequence[tuple[str, Color]],
+    timeline: str | None = None,
 ) -> None:
-    """Log what colours mean, at all times."""
+    """Log what colours mean, at all times of one timeline or of all."""
     rows = [LegendEntry(row, *entry) for row, entry in enumerate(legend)]
     log_legends(stream, path, timeline, _ONCE, [rows])
 
@@ -92,15 +95,15 @@ def log_legend(
 def log_legends(
     stream: rr.RecordingStream,
     path: str,
-    timeline: str,
+    timeline: str | None,
     times: Int[np.ndarray, "legends"],
     legends: Sequence[Sequence[LegendEntry]],
 ) -> None:
-    """Log a column of swatches with their meanings for each time."""
+    """Log a column of swatches with their meanings for each time, or once without a timeline."""
     stream.log(f"{path}/swatch", rr.LineStrips2D.from_fields(radii=0.32), static=True)
     style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True)
     stream.log(f"{path}/text", style, static=True)
-    index = [rr.TimeColumn(timeline, sequence=times)]
+    index = [] if timeline is None else [rr.TimeColumn(timeline, sequence=times)]
     lengths = [len(legend) for legend in legends]
     entries = [entry for legend in legends for entry in legend]
     row = np.array([entry.row for entry in entries], float)

@@ -4,12 +4,13 @@ The viewer's own charts show one kind of mark, or only what is on the timeline t
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from .map import log_pictures
 from .marks import log_labels, log_lines
@@ -19,7 +20,10 @@ from .palette import CLEAR, MARGIN, OBSTACLE, TEXT, Color, PictureClass
 _WIDTH, _HEIGHT = 160.0, 90.0
 # Of the picture of bars.
 _ROWS = 512
-_LEFT, _RIGHT, _BELOW, _ABOVE = 22.0, 8.0, 20.0, 12.0
+_LEFT, _RIGHT, _BELOW, _ABOVE = 22.0, 8.0, 20.0, 14.0
+
+
+Ticks: TypeAlias = Sequence[float | int] | Mapping[float, str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,33 +35,44 @@ class Plot:
     most_x: float
     most_y: float
 
-    def axes(
-        self, x: Sequence[float | int], y: Sequence[float | int], about_x: str, about_y: str
-    ) -> None:
-        """Logs the axes with ticks at some numbers."""
-        across, up = self._at(np.array(x, float), 0.0), self._at(0.0, np.array(y, float))
+    def axes(self, x: Ticks, y: Ticks, about_x: str, about_y: str) -> None:
+        """Log the axes with ticks at some numbers, which have other names where these are given."""
+        across, up = self.at(np.array([*x], float), 0.0), self.at(0.0, np.array([*y], float))
         lines = [np.array([[0, -_HEIGHT], [0, 0], [_WIDTH, 0]])]
         lines += [np.array([[at, 0], [at, 1.5]]) for at, _ in across]
         grid = [np.array([[0, at], [_WIDTH, at]]) for _, at in up if at]
         self._lines("axes", lines, TEXT, 1.0, 31.0)
         if grid:
             self._lines("grid", grid, MARGIN, 0.5, 1.0)
-        labels = [(f"{one:g}", at, 6.0) for one, (at, _) in zip(x, across, strict=True)]
-        labels += [(f"{one:g}", -8.0, at - 2.5) for one, (_, at) in zip(y, up, strict=True)]
-        labels += [(about_x, _WIDTH / 2, 13.0), (about_y, 0.25 * _WIDTH, -_HEIGHT - 9.0)]
+        labels = [(one, at, 6.0) for one, (at, _) in zip(_names(x), across, strict=True)]
+        labels += [(one, -8.0, at - 2.5) for one, (_, at) in zip(_names(y), up, strict=True)]
+        labels += [(about_x, _WIDTH / 2, 13.0), (about_y, 0.25 * _WIDTH, -_HEIGHT - _ABOVE)]
         log_labels(self.stream, f"{self.path}/labels", labels, order=40.0)
 
     def bars(
         self, name: str, heights: Float[np.ndarray, "bars"], last: float, color: Color
     ) -> None:
-        """Logs bars of one width, side by side from 0 to a number."""
-        path = f"{self.path}/{name}"
-        # A picture, for the viewer does not fill boxes in a plane. Its first row is the highest.
-        level = (np.arange(_ROWS, 0, -1) - 0.5) / _ROWS * self.most_y
+        """Log bars of one width, side by side from 0 to a number."""
+        # A picture, for the viewer does not fill boxes in a plane.
+        level = (np.arange(_ROWS) + 0.5) / _ROWS * self.most_y
         picture = (heights > level[:, None]).astype(np.uint8)
         classes = [PictureClass("", CLEAR), PictureClass(name, color)]
-        log_pictures(self.stream, path, classes, picture)
-        scale = [_WIDTH * last / self.most_x / heights.size, _HEIGHT / _ROWS, 1]
+        self.picture(name, classes, picture, last)
+
+    def picture(
+        self,
+        name: str,
+        classes: Sequence[PictureClass],
+        picture: UInt8[np.ndarray, "rows columns"],
+        last: float,
+        order: float = -10.0,
+    ) -> None:
+        """Log a picture of classes as high as the chart, from 0 to a number; its first row is the
+        lowest.
+        """
+        path, (rows, columns) = f"{self.path}/{name}", picture.shape
+        log_pictures(self.stream, path, classes, picture[::-1], order=order)
+        scale = [_WIDTH * last / self.most_x / columns, _HEIGHT / rows, 1]
         stretch = rr.Transform3D(translation=[0, -_HEIGHT, 0], scale=scale)
         self.stream.log(path, stretch, static=True)
 
@@ -69,30 +84,32 @@ class Plot:
         color: Color,
         width: float,
     ) -> None:
-        """Logs a curve, over wider ones; what is not finite or above the chart is cut off."""
+        """Log a curve, over wider ones; what is not finite or above the chart is cut off."""
         shown = np.isfinite(y) & (x <= self.most_x)
-        points = self._at(x[shown], np.minimum(y[shown], self.most_y))
+        points = self.at(x[shown], np.minimum(y[shown], self.most_y))
         self._lines(name, [points], color, width, 30 - width)
 
     def marks(self, name: str, x: Sequence[float | int], color: Color) -> None:
-        """Logs upright lines."""
-        strips = [self._at(np.full(2, float(one)), np.array([0.0, self.most_y])) for one in x]
+        """Log upright lines."""
+        strips = [self.at(np.full(2, float(one)), np.array([0.0, self.most_y])) for one in x]
         self._lines(name, strips, color, 1.0, 5.0)
 
-    def view(self, name: str) -> rrb.Spatial2DView:
-        """A view of the chart."""
+    def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
+        """A view of the chart, and of other entities in its plane."""
         return rrb.Spatial2DView(
-            origin=self.path,
+            origin="/",
             name=name,
+            contents=[f"+ {one}" for one in (f"/{self.path}/**", *also)],
             background=OBSTACLE,
             visual_bounds=rrb.VisualBounds2D(
                 x_range=[-_LEFT, _WIDTH + _RIGHT], y_range=[-_HEIGHT - _ABOVE, _BELOW]
             ),
         )
 
-    def _at(
+    def at(
         self, x: Float[np.ndarray, "points"] | float, y: Float[np.ndarray, "points"] | float
     ) -> Float[np.ndarray, "points 2"]:
+        """Where numbers lie in the plane of the chart."""
         across = np.atleast_1d(x) * (_WIDTH / self.most_x)
         up = np.atleast_1d(y) * (-_HEIGHT / self.most_y)
         return np.stack(np.broadcast_arrays(across, up), axis=1)
@@ -101,6 +118,10 @@ class Plot:
         self, name: str, strips: Sequence[np.ndarray], color: Color, width: float, order: float
     ) -> None:
         log_lines(self.stream, f"{self.path}/{name}", strips, color, width, order)
+
+
+def _names(ticks: Ticks) -> list[str]:
+    return [*ticks.values()] if isinstance(ticks, Mapping) else [f"{one:g}" for one in ticks]
 
 
 def ticks(most: float | int, about: int = 5) -> list[float]:

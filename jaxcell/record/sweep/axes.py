@@ -3,14 +3,15 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
 
 QUANTILES = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three quarters": 0.75, "most": 1.0}
 _NUMBERS = ("member", "sample")
-_EXACT_DIGITS, _MOST_DIGITS = 6, 12
-_MOST_LETTERS = 16
+_EXACT_DIGITS, _MAX_DIGITS = 6, 12
+_MAX_LETTERS = 16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,8 +27,8 @@ class Axis:
     "The value of each step, the first of it if it has several."
     step: Int[np.ndarray, "places"]
     "The step of each place along the dimension."
-    told: str
-    "What a time of the timeline is, in words."
+    meaning: str
+    "What a time of the timeline is."
 
     @property
     def steps(self) -> int:
@@ -38,20 +39,26 @@ class Axis:
         """Whether it only counts the members of a list or the samples."""
         return self.name in _NUMBERS
 
+    def along(self, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
+        """The step of each member, where the dimension of the axis is at a place of the shape."""
+        one = self.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
+        return np.broadcast_to(one, shape)
+
 
 def axes(dataset: xr.Dataset, most: int) -> list[Axis]:
-    """The axes of a sweep: parameters of a grid, those along a list or samples, then its number.
+    """List the axes of a sweep: parameters of a grid, those along a list or samples, its number.
 
     **Arguments:**
 
     - `dataset`: the result of a sweep.
     - `most`: how many steps an axis may have. Of more values, neighbours share a step.
     """
-    found = []
-    for dimension in map(str, dataset["status"].dims):
-        names = [str(name) for name, one in dataset.coords.items() if one.dims == (dimension,)]
-        for name in names:
-            found.append(_axis(name, dimension, dataset[name].values, most))
+    found = [
+        _axis(str(name), str(dimension), one.values, most)
+        for dimension in dataset["status"].dims
+        for name, one in dataset.coords.items()
+        if one.dims == (dimension,)
+    ]
     return sorted(found, key=lambda axis: axis.number)
 
 
@@ -61,12 +68,10 @@ def pairs(some: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
         (a, b)
         for i, a in enumerate(some)
         for b in some[i + 1 :]
-        # The number of a sample says nothing of its own parameters.
-        if a.dimension != b.dimension or not (a.number or b.number)
+        # The number of a sample says nothing of its own parameters, and one value compares nothing.
+        if (a.dimension != b.dimension or not b.number) and min(a.steps, b.steps) > 1
     ]
-    # A dimension of one value has nothing to compare.
-    found = [(a, b) for a, b in found if a.steps > 1 and b.steps > 1]
-    found.sort(key=lambda pair: pair[0].number or pair[1].number)
+    found.sort(key=lambda pair: pair[1].number)
     return [(a, b) if a.steps >= b.steps else (b, a) for a, b in found[:most]]
 
 
@@ -87,21 +92,10 @@ def statistics(
 
     **Returns:** the steps that have members, their `QUANTILES`, and whether each has one only.
     """
-    step = _along(axis, place, values.shape)[known]
-    number = values[known]
-    order = np.lexsort((number, step))
-    number = number[order]
-    count = np.bincount(step, minlength=axis.steps)
-    shown = np.flatnonzero(count)
-    first = (np.cumsum(count) - count)[shown]
-    last = count[shown] - 1
-    rows = []
-    for quantile in QUANTILES.values():
-        low = np.floor(quantile * last).astype(int)
-        share = quantile * last - low
-        high = np.minimum(low + 1, last)
-        rows.append(number[first + low] * (1 - share) + number[first + high] * share)
-    return shown, np.array(rows), bool((last == 0).all())
+    members = pd.Series(values[known]).groupby(axis.along(place, values.shape)[known])
+    rows = members.quantile([*QUANTILES.values()]).unstack()
+    table = rows.to_numpy().reshape(len(rows), len(QUANTILES))
+    return rows.index.to_numpy(int), table.T, bool((members.size() < 2).all())
 
 
 def means(
@@ -110,21 +104,12 @@ def means(
     places: tuple[int, int],
     pair: tuple[Axis, Axis],
 ) -> Float[np.ndarray, "up across"]:
-    """The mean of the members of each step of two axes, across and up; NaN where are none."""
+    """The mean of the members of each step of two axes, across and up; NaN where there are none."""
     across, up = pair
-    square = _along(up, places[1], values.shape) * across.steps
-    square = (square + _along(across, places[0], values.shape))[known]
-    size = across.steps * up.steps
-    count = np.bincount(square, minlength=size)
-    total = np.bincount(square, weights=values[known], minlength=size)
-    mean = np.divide(total, count, out=np.full(size, np.nan), where=count > 0)
-    return mean.reshape(up.steps, across.steps)
-
-
-def _along(axis: Axis, place: int, shape: tuple[int, ...]) -> Int[np.ndarray, "*sizes"]:
-    """The step of each member."""
-    one = axis.step.reshape([-1 if i == place else 1 for i in range(len(shape))])
-    return np.broadcast_to(one, shape)
+    square = up.along(places[1], values.shape) * across.steps
+    square = (square + across.along(places[0], values.shape))[known]
+    mean = pd.Series(values[known]).groupby(square).mean()
+    return mean.reindex(range(up.steps * across.steps)).to_numpy().reshape(up.steps, across.steps)
 
 
 def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
@@ -134,27 +119,22 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
         labels = [f"{value:.6g}" for value in known.tolist()]
     else:
         # In the order of the specification.
-        texts = [str(value) for value in values.tolist()]
-        labels = list(dict.fromkeys(texts))
-        order = {text: i for i, text in enumerate(labels)}
-        at = np.array([order[text] for text in texts])
-        known = np.arange(len(labels))
+        at, texts = pd.factorize(values.astype(str))
+        known, labels = np.arange(len(texts)), texts.tolist()
     share = -(-known.size // most)
     first = known[::share]
-    times, digits = _scaled(first) if numeric else (first, 0)
-    if not numeric or digits is None:
-        timeline, told = f"{name} number", "the number of the value, from 0"
+    times, digits = _scaled(first) if numeric else (first, None)
+    if digits is None:
+        timeline, meaning = f"{name} number", "the number of the value, from 0"
         times = np.arange(first.size)
     elif digits:
-        timeline, told = f"{name} x {10**digits}", f"the value times {10**digits}"
+        timeline, meaning = f"{name} x {10**digits}", f"the value times {10**digits}"
     else:
-        timeline, told = name, "the value"
+        timeline, meaning = name, "the value"
     if share > 1:
-        told += f"; {share} neighbouring values share a step, at the first of them"
-    shortened = tuple(_short(text) for text in labels[::share])
-    return Axis(
-        name, dimension, timeline, times.astype(np.int64), shortened, at.reshape(-1) // share, told
-    )
+        meaning += f"; {share} neighbouring values share a step, at the first of them"
+    short = tuple(map(_short, labels[::share]))
+    return Axis(name, dimension, timeline, times.astype(int), short, at.ravel() // share, meaning)
 
 
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
@@ -164,20 +144,18 @@ def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     apart, at least four.
     """
     largest = float(np.abs(values).max())
-    for exact, most in (True, _EXACT_DIGITS), (False, _MOST_DIGITS):
+    for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):
         for digits in range(most + 1):
             scaled = values * 10.0**digits
             whole = np.rint(scaled)
             if largest * 10.0**digits >= 2**53:
                 break
-            if exact:
-                fits = np.allclose(scaled, whole, rtol=0, atol=1e-6)
-            else:
-                fits = largest * 10.0**digits >= 1e4
+            near = np.allclose(scaled, whole, rtol=0, atol=1e-6)
+            fits = near if exact else largest * 10.0**digits >= 1e4
             if fits and np.unique(whole).size == values.size:
                 return whole, digits
     return values, None
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= _MOST_LETTERS else "..." + text[3 - _MOST_LETTERS :]
+    return text if len(text) <= _MAX_LETTERS else "..." + text[3 - _MAX_LETTERS :]

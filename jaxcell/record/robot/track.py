@@ -9,29 +9,22 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int32
 
-from .canvas.palette import Color
+from ..canvas.palette import Color
 
 
 # Seconds between two poses that are kept.
-_KEPT = 0.1
+_INTERVAL = 0.1
 # A robot that is so many metres from where it made an observation is on its next step.
 _OFF = 0.01
 # A trail has so many corners at most; a run of n steps would else take n^2 points.
-_MOST_CORNERS = 100
+_MAX_CORNERS = 100
 NOWHERE = np.empty(0, np.int32)
 _NO_TRAIL = np.empty((0, 2))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRobot:
-    """A robot in the recording of a run.
-
-    A robot whose odometry begins in the origin, heading East:
-
-        >>> from jaxcell import record
-        >>> record.RecordedRobot(name="left", start=(0.0, 0.0, 0.0)).name
-        'left'
-    """
+    """A robot in the recording of a run."""
 
     name: str = "robot"
     start: tuple[float, float, float] | None = None
@@ -48,7 +41,7 @@ class Track:
     about: RecordedRobot
     color: Color
     observed: int = 0
-    looked: int = 0
+    read: int = 0
     "How many entries of its trace were read."
     last: tuple[float, float, float, float] | None = None
     "The last of them."
@@ -64,8 +57,8 @@ class Track:
 
     def follow(self) -> tuple[Float[np.ndarray, "poses 4"], Int32[np.ndarray, "poses"]]:
         """The poses to log since the last time, and the observation that each belongs to."""
-        new = list(self.about.trace[self.looked :]) if self.about.trace is not None else []
-        self.looked += len(new)
+        new = list(self.about.trace[self.read :]) if self.about.trace is not None else []
+        self.read += len(new)
         if not new:
             return np.empty((0, 4)), NOWHERE
         self.last = new[-1]
@@ -74,7 +67,7 @@ class Track:
         poses = np.array(new, float)
         kept = []
         for index, time in enumerate(poses[:, 0].tolist()):
-            if time >= self.logged + _KEPT or index == len(poses) - 1:
+            if time >= self.logged + _INTERVAL or index == len(poses) - 1:
                 self.logged = time
                 kept.append(index)
         poses = poses[kept]
@@ -89,13 +82,19 @@ class Track:
         return poses, observation
 
     def observe(self) -> None:
-        """Counts an observation, made where the robot was last seen."""
+        """Count an observation, made where the robot was last seen."""
         self.observed += 1
         self.place = None if self.last is None else np.array(self.last[1:3])
 
     def seconds(self, fields: Mapping[str, Any]) -> float:
         """The time of an event: the robot's own, where it has one."""
         return float(fields.get("seconds", 0.0)) if self.last is None else self.last[0]
+
+    def estimated(self, estimate: Sequence[float]) -> Float[np.ndarray, "2"]:
+        """Where its odometry has it, in metres, from how far ahead and left of its start it is."""
+        x, y, theta = self.about.start or (0.0, 0.0, 0.0)
+        place = complex(x, y) + complex(*estimate[:2]) * complex(math.cos(theta), math.sin(theta))
+        return np.array([place.real, place.imag])
 
 
 def longer_trail(
@@ -106,5 +105,4 @@ def longer_trail(
     if len(trail) < 2:
         return trail
     line = shapely.simplify(shapely.LineString(trail), _OFF / 2, preserve_topology=False)
-    corners = shapely.get_coordinates(line)
-    return corners[-_MOST_CORNERS:]
+    return shapely.get_coordinates(line)[-_MAX_CORNERS:]

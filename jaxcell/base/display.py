@@ -1,5 +1,3 @@
-"""Whether a window can be shown."""
-
 import os
 import sys
 

@@ -1,0 +1,52 @@
+"""Cells where a robot may be, as arrows, or as shaded squares while there are too many."""
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float, Integer, UInt8
+
+from ...space import CellSpace
+from .map import log_classes
+from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
+
+
+MAX_ARROWS = 400
+"""More cells than this are shown as shaded squares."""
+_SHADES = 8
+
+
+def arrows(
+    cells: CellSpace, where: Integer[np.ndarray, "arrows"], length: float
+) -> tuple[Float[np.ndarray, "arrows 2"], Float[np.ndarray, "arrows 2"]]:
+    """Arrows at cells, along their directions: where they begin, and their vectors."""
+    x, y, theta = cells.centre(where)
+    heading = np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    return np.stack([x, y], axis=1), length * heading
+
+
+def belief_length(cells: CellSpace) -> float:
+    """The length of the arrows of a belief, in metres."""
+    return max(0.42 * cells.cell, 0.02 * max(cells.free.shape) * cells.cell)
+
+
+def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
+    """Log what the arrows of all beliefs have in common, at `map/belief`."""
+    style = rr.Arrows2D.from_fields(colors=BELIEF, radii=belief_length(cells) / 10, draw_order=20)
+    stream.log("map/belief", style, static=True)
+
+
+def log_shades(stream: rr.RecordingStream) -> None:
+    """Log what the shades of squares mean, at `map/grid/belief`."""
+    shares = np.linspace(0.2, 1, _SHADES)
+    classes = [PictureClass("the robot cannot be here", CLEAR)]
+    classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]
+    log_classes(stream, "map/grid/belief", classes)
+
+
+def shades(
+    cells: CellSpace, where: Integer[np.ndarray, "belief"]
+) -> UInt8[np.ndarray, "positions"]:
+    """The share of directions that are possible at each position; none if arrows show it."""
+    if where.size <= MAX_ARROWS:
+        return np.zeros(cells.positions, np.uint8)
+    count = np.bincount(where % cells.positions, minlength=cells.positions)
+    return np.ceil(count * (_SHADES / cells.directions)).astype(np.uint8)

@@ -1,0 +1,342 @@
+"""Recordings of robots that are driven, written while they drive."""
+
+import os
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...automata import Filter
+from ...space import CellSpace
+from ..canvas.belief import (
+    MAX_ARROWS,
+    arrows,
+    belief_length,
+    log_belief_style,
+    log_shades,
+    shades,
+)
+from ..canvas.curves import curve_view, log_curve_style
+from ..canvas.map import CellMap, on_squares
+from ..canvas.marks import points
+from ..canvas.page import log_text, text_view
+from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
+from ..canvas.prose import counted, describe, made_with
+from ..canvas.stream import fixed, new_stream, recording_name
+from ..viewer import viewer_sink
+from .track import NOWHERE, RecordedRobot, Track, longer_trail
+
+
+# Seconds between two looks at the robots.
+_LOOK = 0.2
+# Seconds of the robot in a second, where a recording is played.
+_SPEED = 8.0
+_ESTIMATE: Color = CATEGORIES["pink"]
+_DONE = ("localized", "arrived", "patrolled")
+
+
+class RobotRecording:
+    """A Rerun recording of robots, written while they drive.
+
+    A context manager. Whatever ends the run, even the loss of power, the file has all but the last
+    moments of it. Over the timelines `seconds` and `observation` it has the true pose and the trail
+    of each robot, where its odometry has it, what it observed, and for a robot that is localized
+    the cells where it may be, by its filter.
+
+    In the block, `event` takes the events of the run, as `jaxcell.robot.RunLog.on_event` gives
+    them.
+
+    A robot that met a wall:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import record
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     with record.RobotRecording(path, [record.RecordedRobot()]) as recording:
+        ...         recording.event("observation", {"seconds": 1.0, "observation": 1})
+        ...     path.exists()
+        True
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        robots: Sequence[RecordedRobot],
+        *,
+        cells: CellSpace | None = None,
+        filter: Filter | None = None,
+        filter_of_cells: bool = True,
+        viewer: str | None = None,
+        spec: Mapping[str, Any] | None = None,
+    ) -> None:
+        """**Arguments:**
+
+        - `path`: the file to write or replace; its name ends in `.rrd`.
+        - `robots`: who drives.
+        - `cells`: the map that they drive in, if it is known.
+        - `filter`: the localization filter that the robot runs, if it does.
+        - `filter_of_cells`: whether it is of that map, so that its cells can be shown on it.
+        - `viewer`: where to show the run as it goes; see `jaxcell.record.viewer.viewer_sink`.
+        - `spec`: what was asked for, shown in the text.
+
+        **Raises:** `ValueError` if there are no robots, if the name or the viewer is not one, or if
+        the filter is not of these cells; `OSError` if there is no such folder, or no viewer.
+        """
+        path = Path(path)
+        if path.suffix != ".rrd":
+            raise ValueError(f"{path}: expected the name of a recording, which ends in .rrd")
+        if not path.parent.is_dir():
+            raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
+        if not robots:
+            raise ValueError("robots: expected one or more, got none")
+        self._has_belief = False
+        if filter is not None and cells is not None and filter_of_cells:
+            self._has_belief = True
+            if filter.uncertainty[0] != cells.size:
+                raise ValueError(
+                    f"filter: it is of {filter.uncertainty[0]} cells, and the map has {cells.size}"
+                )
+        self._path, self._cells, self._filter = path, cells, filter
+        self._map: CellMap | None = None
+        self._spec = dict(spec or {})
+        self._robots = [Track(about, robot_color(index)[1]) for index, about in enumerate(robots)]
+        self._viewer = None if viewer is None else viewer_sink(viewer)
+        self._stream = new_stream("robot")
+        # The clock of the robot is the one that counts.
+        self._stream.set_log_time_enabled(False)
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, name="recording", daemon=True)
+
+    def __enter__(self) -> "RobotRecording":
+        file = rr.FileSink(self._path)
+        self._stream.set_sinks(*([file] if self._viewer is None else [file, self._viewer]))
+        self._stream.send_recording_name(recording_name(self._path))
+        if self._cells is not None:
+            self._map = CellMap(self._stream, self._cells)
+        time = rrb.TimePanel(
+            timeline="seconds",
+            playback_speed=_SPEED,
+            play_state="playing" if self._viewer is None else "following",
+            state="collapsed",
+        )
+        self._stream.send_blueprint(fixed(self._layout(), time))
+        self._log_styles()
+        log_text(self._stream, "text", self._text())
+        self._set_time(0.0, 0)
+        if self._filter is not None:
+            self._log_filter(self._robots[0], 0, self._filter.uncertainty[0], self._filter.color[0])
+        for robot in self._robots:
+            self._log_estimate(robot, (0.0, 0.0, 0.0))
+        self._watcher.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._closing.set()
+        self._watcher.join()
+        self._follow_all()
+        self._stream.disconnect()
+
+    def event(self, name: str, fields: Mapping[str, Any]) -> None:
+        """Take an event of the run.
+
+        **Arguments:**
+
+        - `name`: `"observation"`, `"end"`, or another, which only the text log shows.
+        - `fields`: `seconds`, the time by the clock; `robot`, the index of the robot, 0 unless
+            given. An observation has `observation`, 0 for a step and 1 for a bump; it may have
+            `estimate`, how far ahead and left of its start the odometry has the robot, in metres,
+            and by how much turned, in radians; and `state`, `color` and `uncertainty` of a filter.
+            An end has `result` and `reason`.
+        """
+        with self._lock:
+            robot = self._robots[fields.get("robot", 0)]
+            self._follow(robot)
+            if name == "observation":
+                robot.observe()
+            self._set_time(robot.seconds(fields), robot.observed)
+            if name == "observation":
+                self._log_observation(robot, fields)
+                return
+            if name == "end":
+                # So that what came last can be seen, up to the end.
+                for path, value in robot.scalars.items():
+                    self._log_scalar(robot, path, value)
+            values = [str(fields[key]) for key in fields if key not in ("seconds", "robot")]
+            level = "INFO" if fields.get("result") in _DONE else "WARN"
+            self._log_line(robot, ": ".join([name, *values]), level)
+            if fields.get("result") == "localized" and self._map is not None and self._has_belief:
+                xy = self._map.xy(robot.cells[:MAX_ARROWS])
+                half = np.full(xy.shape, max(0.5 * self._map.cells.cell, 0.014 * self._map.extent))
+                self._stream.log("map/candidates", rr.Boxes2D(centers=xy, half_sizes=half))
+
+    def _watch(self) -> None:
+        while not self._closing.wait(_LOOK):
+            self._follow_all()
+
+    def _follow_all(self) -> None:
+        with self._lock:
+            for robot in self._robots:
+                self._follow(robot)
+
+    def _follow(self, robot: Track) -> None:
+        """Log where a robot has been since the last time."""
+        poses, observation = robot.follow()
+        if not len(poses):
+            return
+        name = robot.about.name
+        index = [
+            rr.TimeColumn("seconds", duration=poses[:, 0]),
+            rr.TimeColumn("observation", sequence=observation),
+        ]
+        heading = np.stack([np.cos(poses[:, 3]), np.sin(poses[:, 3])], axis=1)
+        columns = rr.Arrows2D.columns(origins=poses[:, 1:3], vectors=self._length * heading)
+        self._stream.send_columns(f"map/robots/{name}", index, columns)
+        robot.trail = longer_trail(robot.trail, poses[:, 1:3])
+        self._set_time(float(poses[-1, 0]), int(observation[-1]))
+        self._stream.log(f"map/trails/{name}", rr.LineStrips2D([robot.trail]))
+
+    def _log_observation(self, robot: Track, fields: Mapping[str, Any]) -> None:
+        bumped = int(fields["observation"])
+        text = f"observation {robot.observed}: {'bump' if bumped else 'step'}"
+        self._log_scalar(robot, f"robot/{robot.about.name}/bumped", bumped)
+        if "estimate" in fields:
+            self._log_estimate(robot, fields["estimate"])
+        if "uncertainty" in fields:
+            size = fields["uncertainty"]
+            text += f"; it may be in {counted(size, 'cell')}"
+            self._log_filter(robot, fields["state"], size, fields["color"])
+        self._log_line(robot, text, "INFO")
+
+    def _log_filter(
+        self,
+        robot: Track,
+        state: int | None,
+        uncertainty: int | np.integer,
+        color: int | np.integer,
+    ) -> None:
+        """Log a state of the filter, `None` if it is refuted, and its cells."""
+        self._log_scalar(robot, "filter/uncertainty", int(uncertainty))
+        self._log_scalar(robot, "filter/color", int(color))
+        if self._filter is None:
+            return
+        robot.cells = NOWHERE if state is None else self._filter.cells(state)
+        if self._map is None or not self._has_belief:
+            return
+        few = robot.cells if robot.cells.size <= MAX_ARROWS else NOWHERE
+        cells = self._map.cells
+        origins, vectors = arrows(cells, few, belief_length(cells))
+        self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
+        picture = on_squares(cells, shades(cells, robot.cells))
+        self._stream.log("map/grid/belief", rr.SegmentationImage(picture))
+
+    def _log_estimate(self, robot: Track, estimate: Sequence[float]) -> None:
+        place = robot.estimated(estimate)[None]
+        robot.believed = longer_trail(robot.believed, place)
+        path = f"{self._frame(robot)}/estimates/{robot.about.name}"
+        self._stream.log(path, rr.Points2D(place))
+        self._stream.log(f"{path}/trail", rr.LineStrips2D([robot.believed]))
+
+    def _log_styles(self) -> None:
+        """Log what does not change: how marks and curves look."""
+        styles: dict[str, rr.AsComponents] = {"odometry": rr.Transform3D(scale=[1, -1, 1])}
+        if self._map is not None and self._has_belief:
+            log_belief_style(self._stream, self._map.cells)
+            log_shades(self._stream)
+            frame = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
+            styles["map/candidates"] = frame
+        for robot in self._robots:
+            name, estimate = robot.about.name, f"{self._frame(robot)}/estimates/{robot.about.name}"
+            trail = TRAIL if len(self._robots) == 1 else robot.color
+            styles |= {
+                f"map/robots/{name}": rr.Arrows2D.from_fields(
+                    colors=robot.color, radii=self._length / 7, draw_order=18
+                ),
+                estimate: rr.Points2D.from_fields(
+                    colors=_ESTIMATE, radii=points(5.0), draw_order=28
+                ),
+                f"map/trails/{name}": _line(trail, 15.0),
+                f"{estimate}/trail": _line(_ESTIMATE, 14.0),
+            }
+            log_curve_style(self._stream, f"robot/{name}/bumped", robot.color)
+        for path, style in styles.items():
+            self._stream.log(path, style, static=True)
+        log_curve_style(self._stream, "filter/uncertainty", BELIEF)
+        log_curve_style(self._stream, "filter/color", KNOWN)
+
+    def _log_scalar(self, robot: Track, path: str, value: int) -> None:
+        robot.scalars[path] = value
+        self._stream.log(path, rr.Scalars(float(value)))
+
+    def _log_line(self, robot: Track, text: str, level: str) -> None:
+        who = f"{robot.about.name}: " if len(self._robots) > 1 else ""
+        self._stream.log("log", rr.TextLog(who + text, level=level))
+
+    def _set_time(self, seconds: float, observation: int) -> None:
+        """Set the times of what this thread logs next."""
+        self._stream.set_time("seconds", duration=float(seconds))
+        self._stream.set_time("observation", sequence=int(observation))
+
+    @property
+    def _length(self) -> float:
+        """Length of the arrow of a robot, in metres."""
+        map = self._map
+        return 0.3 if map is None else max(0.7 * map.cells.cell, 0.035 * map.extent)
+
+    def _frame(self, robot: Track) -> str:
+        """The frame of its odometry."""
+        known = self._cells is not None and robot.about.start is not None
+        return "map" if known else "odometry"
+
+    def _layout(self) -> rrb.Container:
+        views: list[rrb.View] = []
+        if self._map is not None:
+            shown = ["grid/belief", "belief", "trails/**", "robots/**", "estimates/**"]
+            views.append(self._map.view("Where it is", [*shown, "candidates"]))
+        if any(self._frame(robot) == "odometry" for robot in self._robots):
+            title = "Where its wheels say it is"
+            views.append(rrb.Spatial2DView(origin="odometry", name=title, background=OBSTACLE))
+        curves = [curve_view("robot", "Bumps (1) and steps (0)", None)]
+        if self._filter is not None:
+            curves = [
+                curve_view("filter/uncertainty", "Cells where it may be", None),
+                curve_view("filter/color", "Colour of the filter", None),
+                *curves,
+            ]
+        observed = rrb.TextLogView(origin="log", name="What it observed")
+        return rrb.Horizontal(
+            rrb.Vertical(rrb.Horizontal(*views), rrb.Horizontal(*curves), row_shares=[7, 3]),
+            rrb.Vertical(text_view("text"), observed),
+            column_shares=[3, 2],
+            name="A run of a robot",
+        )
+
+    def _text(self) -> str:
+        marks = [
+            "- **Pink**: where the encoders of its wheels say that it is, after each observation."
+        ]
+        if any(robot.about.trace is not None for robot in self._robots):
+            marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
+        if self._has_belief:
+            marks += [
+                "- **Blue**: the cells where it may be, by its filter; squares while they are more "
+                f"than {MAX_ARROWS}.",
+                "- **Green**: those that are left when it is localized.",
+            ]
+        parts = ["# A run of a robot", "" if self._cells is None else describe(self._cells)]
+        parts += ["\n".join(marks), "The timeline `observation` counts what it observed."]
+        return "\n\n".join(filter(None, [*parts, made_with(self._spec)]))
+
+
+def _line(color: Color, order: float) -> rr.AsComponents:
+    return rr.LineStrips2D.from_fields(colors=color, radii=points(1.5), draw_order=order)

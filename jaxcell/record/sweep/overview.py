@@ -1,0 +1,263 @@
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+import xarray as xr
+
+from ..canvas.page import legend_view, log_legend, log_tab
+from ..canvas.palette import BELIEF, PLAIN, TEXT, Color, mix
+from ..canvas.plot import Plot
+from ..canvas.prose import made_with, table
+from ..canvas.scale import Scale
+from ..canvas.stream import recording, send_blueprint
+from .axes import QUANTILES, Axis, axes, means, pairs, statistics
+
+
+_MAX_STEPS = 1000
+_MAX_PAIRS = 6
+_MAX_VARIABLES = 16
+# A pixel of a heat map takes a byte; this keeps recordings far below 50 MB.
+_PICTURE_BYTES = 16_000_000
+# A whole axis plays in so many seconds.
+_SECONDS = 30
+_MAX_BESIDE = 3
+# Few large numbers would leave all others in one colour.
+_RATIO = 50
+_TICKS_ACROSS, _TICKS_UP = 7, 6
+_MAX_FAILURES = 20
+_MAX_LETTERS = 80
+_UNKNOWN = "no member that is done"
+_COLORS: dict[str, Color] = {
+    "value": BELIEF,
+    "median": mix(BELIEF, TEXT, 0.25),
+    "quarter": mix(BELIEF, TEXT, 0.55),
+    "three quarters": mix(BELIEF, TEXT, 0.55),
+    "least": PLAIN,
+    "most": PLAIN,
+}
+
+
+def log_sweep(
+    path: str | os.PathLike[str], dataset: xr.Dataset, *, failures: Sequence[str] = ()
+) -> None:
+    """Write a Rerun recording of the result of a sweep, in which every parameter is a timeline.
+
+    For each variable that is a number: along each parameter its least, median, and greatest value
+    and quartiles among the members that share the value of the parameter, and heat maps of its mean
+    over pairs of parameters; and a text that says what one sees. Values of a parameter past a
+    thousand, or fewer where there are many heat maps, share steps with their neighbours.
+
+    **Arguments:**
+
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `dataset`: the result, as `jaxcell.sweep.open_sweep` gives it. Variables with dimensions
+        beside those of the sweep, and those past the sixteenth, are left out and named.
+    - `failures`: what failed, a line each, shown in the text.
+
+    **Raises:** `ValueError` if the dataset is none of a sweep, or has no variable to show.
+
+    A sweep of three members:
+
+        >>> import pathlib, tempfile
+        >>> import xarray as xr
+        >>> from jaxcell import record
+        >>> values = {"status": ("angle", [1, 1, 1]), "groups": ("angle", [4, 2, 3])}
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.rrd")
+        ...     record.log_sweep(path, xr.Dataset(values, {"angle": [0, 45, 90]}))
+        ...     path.exists()
+        True
+    """
+    if "status" not in dataset:
+        raise ValueError("dataset: expected the result of a sweep, which has a variable status")
+    status = dataset["status"]
+    fit = [
+        str(name)
+        for name, one in dataset.data_vars.items()
+        if name != "status" and one.dims == status.dims and one.dtype.kind in "biuf"
+    ]
+    shown = fit[:_MAX_VARIABLES]
+    if not shown:
+        raise ValueError("dataset: expected a variable with a number for each member")
+    found = axes(dataset, _MAX_STEPS)
+    pictures = max(len(pairs(found, _MAX_PAIRS)) * len(shown), 1)
+    side = min(_MAX_STEPS, math.isqrt(_PICTURE_BYTES // pictures))
+    spanned = pairs(axes(dataset, side), _MAX_PAIRS)
+    longest = max(found, key=lambda axis: (not axis.number, axis.steps))
+    with recording(path, "sweep") as stream:
+        for i, pair in enumerate(spanned):
+            _log_pair(stream, f"pairs/{i}", *pair)
+        tabs = [
+            _log_variable(stream, dataset[name].astype(float).where(status == 1), found, spanned)
+            for name in shown
+        ]
+        text = _text(dataset, found, shown, failures)
+        variables = rrb.Tabs(*tabs, name="Variables")
+        layout = log_tab(stream, "", "Sweep", variables, text, [])
+        speed = max(2.0, float(np.ptp(longest.times)) / _SECONDS)
+        send_blueprint(stream, layout, longest.timeline, speed)
+
+
+def _log_variable(
+    stream: rr.RecordingStream,
+    variable: xr.DataArray,
+    found: Sequence[Axis],
+    spanned: Sequence[tuple[Axis, Axis]],
+) -> rrb.Container:
+    """Log the series of a variable along each parameter, and below its heat maps on one scale."""
+    name, values = str(variable.name), variable.values
+    known = np.isfinite(values)
+    place = {str(dimension): i for i, dimension in enumerate(variable.dims)}
+    for axis in found:
+        steps, rows, alone = statistics(values, known, place[axis.dimension], axis)
+        index = [rr.TimeColumn(axis.timeline, sequence=axis.times[steps])]
+        labels = ["value"] if alone else QUANTILES
+        for label, row in zip(labels, rows, strict=False):
+            path = f"series/{name}/{label.replace(' ', '_')}"
+            width = 2.5 if label in ("median", "value") else 1.2
+            style = rr.SeriesLines(colors=_COLORS[label], widths=width, names=label)
+            stream.log(path, style, static=True)
+            stream.send_columns(path, index, rr.Scalars.columns(scalars=row))
+    legend = rrb.PlotLegend(visible=True, corner=rrb.Corner2D.RightTop)
+    title = _meaning(variable) or name
+    series = rrb.TimeSeriesView(origin=f"series/{name}", name=title, plot_legend=legend)
+    if not spanned:
+        return rrb.Vertical(series, name=name)
+    heats = [
+        means(values, known, (place[across.dimension], place[up.dimension]), (across, up))
+        for across, up in spanned
+    ]
+    scale = _scale(np.concatenate([heat.ravel() for heat in heats]), variable)
+    views = []
+    for i, ((across, up), heat) in enumerate(zip(spanned, heats, strict=True)):
+        plot = Plot(stream, f"heat/{name}/{i}", float(across.steps), float(up.steps))
+        levels = scale.levels(np.nan_to_num(heat), {_UNKNOWN: np.isnan(heat)})
+        plot.picture("picture", scale.classes, levels, plot.most_x, order=5.0)
+        views.append(plot.view(f"mean by {across.name} and {up.name}", [f"/pairs/{i}/**"]))
+    entries = scale.legend()
+    log_legend(stream, f"heat/{name}/legend", entries)
+    maps = rrb.Horizontal(*views) if len(views) <= _MAX_BESIDE else rrb.Tabs(*views)
+    key = legend_view(f"heat/{name}/legend", len(entries))
+    below = rrb.Horizontal(maps, key, column_shares=[5, 1])
+    return rrb.Vertical(series, below, row_shares=[4, 5], name=name)
+
+
+def _scale(means: np.ndarray, variable: xr.DataArray) -> Scale:
+    known = means[np.isfinite(means)]
+    wide = known.size and known.min() > 0 and known.max() > _RATIO * known.min()
+    label = f"{{}} {_unit(variable)}".rstrip().format
+    spaced = np.geomspace if wide else np.linspace
+    return Scale.over(means, label, levels=64, spaced=spaced, special={_UNKNOWN: PLAIN})
+
+
+def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> None:
+    """Log what the heat maps of two axes share: ticks, names, and where the sliders are."""
+    plot = Plot(stream, path, float(across.steps), float(up.steps))
+    ticks = [
+        {i + 0.5: axis.labels[i] for i in _ticks(axis.steps, most)}
+        for axis, most in ((across, _TICKS_ACROSS), (up, _TICKS_UP))
+    ]
+    plot.axes(ticks[0], ticks[1], across.name, up.name)
+    x, y = np.arange(across.steps) + 0.5, np.arange(up.steps) + 0.5
+    upright = np.stack([plot.at(x, 0.0), plot.at(x, plot.most_y)], axis=1)
+    level = np.stack([plot.at(0.0, y), plot.at(plot.most_x, y)], axis=1)
+    style = rr.LineStrips2D.from_fields(colors=TEXT, radii=rr.Radius.ui_points(0.8), draw_order=20)
+    for axis, strips in (across, upright), (up, level):
+        slider = f"{path}/slider_{axis.name}"
+        stream.log(slider, style, static=True)
+        index = [rr.TimeColumn(axis.timeline, sequence=axis.times)]
+        columns = rr.LineStrips2D.columns(strips=list(strips)).partition([1] * axis.steps)
+        stream.send_columns(slider, index, columns)
+
+
+def _ticks(steps: int, most: int) -> range:
+    """Steps at regular places, at most so many."""
+    rounded = (scale * one for scale in (1, 10, 100, 1000) for one in (1, 2, 5))
+    return range(0, steps, next(one for one in rounded if one * most >= steps))
+
+
+def _unit(variable: xr.DataArray) -> str:
+    unit = str(variable.attrs.get("units", "1"))
+    return "" if unit == "1" else unit
+
+
+def _meaning(variable: xr.DataArray) -> str:
+    meaning, unit = str(variable.attrs.get("long_name", "")), _unit(variable)
+    return ", ".join(filter(None, [meaning, unit and f"in {unit}"]))
+
+
+def _text(
+    dataset: xr.Dataset, found: Sequence[Axis], shown: Sequence[str], failures: Sequence[str]
+) -> str:
+    """What the recording of a sweep shows."""
+    status = dataset["status"]
+    sizes = " x ".join(f"{status.sizes[name]:,} {name}" for name in status.dims)
+    done, failed, undone = (int((status == state).sum()) for state in (1, 2, 0))
+    states = [f"{done:,} are done"] if failed or undone else ["All are done"]
+    states += [f"**{failed:,} failed**"] * (failed > 0)
+    states += [f"**{undone:,} are not computed yet**"] * (undone > 0)
+    timelines = [(f"`{a.timeline}`", a.meaning, a.labels[0], a.labels[-1]) for a in found]
+    parts = [
+        f"# {dataset.attrs.get('title', 'Sweep')}",
+        f"A task was run for **{status.size:,} members** ({sizes}). {', '.join(states)}.",
+        f"""## How to look
+
+A tab is a variable. Each parameter is a timeline: choose one at the bottom left, and press play or
+drag the slider.
+
+{table(("timeline", "a time is", "from", "to"), timelines)}
+
+- **Above**: the variable along the parameter whose timeline is chosen: its median, quartiles, least
+  and greatest value among the members that share the value of the parameter, over all values of the
+  others. Where members are alone there is one line.
+- **Below**: its mean over pairs of parameters, from dark blue (small) to yellow, in equal ratios
+  where these are large, and in the same colours on all maps of the variable. Grey squares have no
+  member that is done; the white line is where the slider is. Hover over a square to read it.
+
+One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE ...`""",
+        "## Variables\n\n"
+        + table(("variable", "least", "most", "meaning"), _ranges(dataset, shown)),
+    ]
+    left_out = [f"`{name}`" for name in dataset.data_vars if name not in (*shown, "status")]
+    if left_out:
+        reason = "Not shown, for they are more than a number for each member, or too many: "
+        parts.append(f"{reason}{', '.join(left_out)}.")
+    if failures:
+        lines = [f"- {one}" for one in failures[:_MAX_FAILURES]]
+        lines += [f"- and {len(failures) - _MAX_FAILURES:,} others"] * (
+            len(failures) > _MAX_FAILURES
+        )
+        parts.append("## Failures\n\n" + "\n".join(lines))
+    return "\n\n".join([*parts, made_with(_made(dataset.attrs))])
+
+
+def _ranges(dataset: xr.Dataset, shown: Sequence[str]) -> list[Sequence[str]]:
+    """The least and the greatest value of each variable, and what it means."""
+    rows: list[Sequence[str]] = []
+    for name in shown:
+        values = dataset[name].values[dataset["status"].values == 1].astype(float)
+        known = values[np.isfinite(values)]
+        least, most = (known.min(), known.max()) if known.size else (np.nan, np.nan)
+        meaning, infinite = _meaning(dataset[name]), values.size - known.size
+        if infinite:
+            meaning += f" (not finite, and not shown, for {infinite:,} members)"
+        rows.append((f"`{name}`", f"{least:.6g}", f"{most:.6g}", meaning))
+    return rows
+
+
+def _made(attributes: Mapping[str, Any]) -> dict[str, str]:
+    """The specification field by field, and what it was run with."""
+    made: dict[str, str] = {}
+    for field, value in json.loads(attributes.get("spec", "{}")).items():
+        inside = value if isinstance(value, dict) else {"": value}
+        for name, one in inside.items():
+            text = json.dumps(one)
+            text = text if len(text) <= _MAX_LETTERS else f"{text[: _MAX_LETTERS - 4]} ..."
+            made[f"{field}.{name}".rstrip(".")] = text
+    versions = ("jaxcell_version", "jax_version", "jax_enable_x64", "git_revision")
+    return made | {name: str(attributes[name]) for name in versions if name in attributes}
