@@ -158,12 +158,28 @@ def quantities(result: type) -> dict[str, Quantity]:
     return dict(sorted(found.items(), key=lambda item: item[1].kind != "coordinate"))
 
 
-def values(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """The quantities that a result has, with their values; those that are missing are left out."""
+def values(
+    result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
+) -> dict[str, tuple[Quantity, Any]]:
+    """The quantities that a result has, with their values; those that are missing are left out.
+
+    **Arguments:**
+
+    - `result`: the result.
+    - `wanted`: which ones; the values of others are not computed.
+    """
     described = (
-        (name, one, getattr(result, name)) for name, one in quantities(type(result)).items()
+        (name, one, getattr(result, name))
+        for name, one in quantities(type(result)).items()
+        if wanted(one)
     )
     return {name: (one, value) for name, one, value in described if value is not None}
+
+
+def summarized(result: Result) -> dict[str, tuple[Quantity, Any]]:
+    """The quantities that a summary shows: numbers, what is listed, and the columns of tables."""
+    shown = [(), *((dim,) for dim in result.tables)]
+    return values(result, lambda about: about.listed or about.dims in shown)
 
 
 def parts(result: Any) -> dict[str, Any]:

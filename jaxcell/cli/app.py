@@ -12,9 +12,7 @@ import tyro
 from .demo import Demo
 from .drift import Drift
 from .export import Export
-from .groups import Groups
 from .info import Info
-from .localize import Localize
 from .navigate import Navigate
 from .options import check_out
 from .patrol_graph import PatrolGraph
@@ -24,7 +22,7 @@ from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover
+from .studies import Cover, Groups, Localize
 from .sweep import Sweep, SweepState
 from .sweep_view import SweepView
 from .team import Team

@@ -5,10 +5,9 @@ from typing import Any
 
 from ..bundled import bundled
 from .drift import Drift
-from .localize import Localize
 from .navigate import Navigate
 from .patrol_map import PatrolMap
-from .studies import Cover
+from .studies import Cover, Localize
 from .team import Team
 from .terminal import note, note_results
 

@@ -5,3 +5,5 @@ from .study import command
 
 
 Cover = command(study.Cover)
+Groups = command(study.Groups)
+Localize = command(study.Localize)

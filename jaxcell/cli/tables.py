@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, parts, values
+from ..base.quantities import Quantity, Result, parts, summarized
 from .terminal import table
 
 
@@ -22,7 +22,7 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `heading`: the line above.
     - `seconds`: how long it took.
     """
-    described = values(result)
+    described = summarized(result)
     single = [
         (about.meaning, written(value, about))
         for about, value in described.values()
@@ -40,6 +40,11 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
         }
         if columns:
             rows = list(zip(*columns.values(), strict=True))
+            more = max(
+                np.size(value) for about, value in described.values() if about.dims == (dim,)
+            )
+            if more > len(rows):
+                rows.append((f"{more - len(rows):,} more", *[""] * (len(columns) - 1)))
             table(name.replace("_", " ").capitalize(), tuple(columns), rows)
     for name, part in parts(result).items():
         show(part, name.replace("_", " ").capitalize())

@@ -16,9 +16,9 @@ writes these as NetCDF-4. What they guarantee:
 
 | of | dataset | recording |
 | --- | --- | --- |
-| periodic groups | `groups_dataset` | `log_groups` |
-| filters | `filter_dataset` | |
-| runs of filters | `localization_dataset` | `log_localization` |
+| periodic groups, `BounceGroups` | `dataset` | `save_recording` |
+| filters, `LocalizationFilter` | `dataset` | |
+| runs of filters, `Localized` | `dataset` | `save_recording` |
 | plans | `navigation_dataset` | `log_navigation` |
 | coverage by a mixture | `coverage_dataset` | `log_coverage` |
 | teams | `team_dataset` | `log_team` |
@@ -45,11 +45,6 @@ The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .bounce_datasets import (
-    filter_dataset as filter_dataset,
-    groups_dataset as groups_dataset,
-    localization_dataset as localization_dataset,
-)
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
 from .deployment_files import (
@@ -68,8 +63,6 @@ from .team_dataset import team_dataset as team_dataset
 
 if TYPE_CHECKING:
     from .drift import log_drift as log_drift
-    from .groups import log_groups as log_groups
-    from .localization import log_localization as log_localization
     from .navigation import log_navigation as log_navigation
     from .patrol_graph import log_patrol_graph as log_patrol_graph
     from .patrol_map import log_patrol_map as log_patrol_map
@@ -81,8 +74,6 @@ if TYPE_CHECKING:
 
 _LOGGED = (
     "drift",
-    "groups",
-    "localization",
     "navigation",
     "patrol_graph",
     "patrol_map",

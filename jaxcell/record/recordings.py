@@ -10,7 +10,9 @@ from ..base.quantities import Result
 
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
+    "BounceGroups": "bounce.groups:log_groups",
     "CoveragePolicy": "bounce.coverage:log_coverage",
+    "Localized": "bounce.localization:log_localization",
 }
 
 

@@ -15,18 +15,19 @@ from jaxtyping import Int32
 
 from ..automata import Filter
 from ..space import CellSpace
-from .belief import (
-    MOST_ARROWS,
+from .blueprint import extent, fixed, log_map, log_text, map_view, new_stream, recording_name
+from .canvas.belief import (
+    MAX_ARROWS,
     arrows,
     belief_length,
     log_belief_style,
     log_shades,
     shades,
 )
-from .blueprint import extent, fixed, log_map, log_text, map_view, new_stream, recording_name
+from .canvas.map import on_squares
 from .canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
+from .canvas.prose import describe, made_with
 from .robot_track import NOWHERE, RecordedRobot, Track, longer_trail
-from .texts import describe, made_with
 from .viewer import viewer_sink
 
 
@@ -239,16 +240,17 @@ class RobotRecording:
     def _log_belief(self, where: Int32[np.ndarray, "belief"]) -> None:
         if self._cells is None or not self._filter_on_map:
             return
-        few = where if where.size <= MOST_ARROWS else NOWHERE
+        few = where if where.size <= MAX_ARROWS else NOWHERE
         origins, vectors = arrows(self._cells, few, belief_length(self._cells))
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
-        self._stream.log("map/grid/belief", rr.SegmentationImage(shades(self._cells, where)))
+        picture = on_squares(self._cells, shades(self._cells, where))
+        self._stream.log("map/grid/belief", rr.SegmentationImage(picture))
 
     def _log_known(self, where: Int32[np.ndarray, "belief"]) -> None:
         """Marks the cells that are left in the end."""
         if self._cells is None or not self._filter_on_map:
             return
-        x, y, _ = self._cells.centre(where[:MOST_ARROWS])
+        x, y, _ = self._cells.centre(where[:MAX_ARROWS])
         half = max(0.5 * self._cells.cell, 0.014 * extent(self._cells))
         boxes = rr.Boxes2D(centers=np.stack([x, y], axis=1), half_sizes=np.full((x.size, 2), half))
         self._stream.log("map/candidates", boxes)
@@ -374,7 +376,7 @@ class RobotRecording:
         if self._filter_on_map:
             lines += [
                 "- **Blue**: the cells where it may be, by its filter; squares while they are more "
-                f"than {MOST_ARROWS}.",
+                f"than {MAX_ARROWS}.",
                 "- **Green**: those that are left when it is localized.",
             ]
         lines += ["", "The timeline `observation` counts what it observed.", ""]

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -91,6 +92,30 @@ class MapStudy(Study):
             f"{spec['directions']} directions = {spec['cells']:,} cells"
             + (f", {pieces} separate pieces" if pieces > 1 else "")
         )
+
+
+def cell_at(cells: "CellSpace", text: str, parameter: str) -> int:
+    """The cell that a parameter names: `x,y,heading` in metres and degrees, or a cell number.
+
+    **Raises:** `ValueError` that names the parameter, if there is no such cell or pose.
+    """
+    pose: list[float] | int
+    try:
+        pose = [float(part) for part in text.split(",")] if "," in text else int(text)
+        if isinstance(pose, list) and len(pose) != 3:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f'{parameter} {text!r}: expected "x,y,heading" in metres and degrees, or a cell number'
+        ) from None
+    try:
+        if isinstance(pose, list):
+            x, y, heading = pose
+            return int(cells.index(x, y, math.radians(heading)))
+        cells.centre(pose)
+        return pose
+    except ValueError as error:
+        raise ValueError(f"{parameter} {text!r}: {error}") from None
 
 
 @functools.lru_cache(maxsize=8)

@@ -1,5 +1,7 @@
 """Numbers that change over a timeline, as curves over the whole of it."""
 
+from typing import Literal
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -16,15 +18,16 @@ def log_curve(
     times: Int[np.ndarray, "times"] | None = None,
     color: Color = BELIEF,
     name: str | None = None,
+    shape: Literal["Linear", "StepAfter", "StepBefore"] = "StepAfter",
 ) -> None:
-    """Log a number at each time as a curve of steps."""
+    """Log a number at each time as a curve, by default of steps that begin at their times."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
     line = rr.SeriesLines(
         colors=color,
         widths=2,
-        interpolation_mode="StepAfter",
+        interpolation_mode=shape,
         names=None if name is None else [name],
     )
     stream.log(path, line, static=True)

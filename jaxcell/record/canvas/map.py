@@ -112,12 +112,30 @@ def log_pictures(
     order: float = -10.0,
 ) -> None:
     """Log a picture of classes, or one for each time; higher orders lie on top."""
+    log_classes(stream, path, classes, order)
+    if timeline is None or times is None:
+        stream.log(path, rr.SegmentationImage(pictures), static=True)
+    else:
+        send_pictures(stream, path, pictures, timeline, times)
+
+
+def log_classes(
+    stream: rr.RecordingStream, path: str, classes: Sequence[PictureClass], order: float = -10.0
+) -> None:
+    """Log what the classes of pictures mean; higher orders lie on top."""
     named = [(i, one.label, one.color) for i, one in enumerate(classes)]
     stream.log(path, rr.AnnotationContext(named), static=True)
     stream.log(path, rr.SegmentationImage.from_fields(opacity=1, draw_order=order), static=True)
-    if timeline is None or times is None:
-        stream.log(path, rr.SegmentationImage(pictures), static=True)
-        return
+
+
+def send_pictures(
+    stream: rr.RecordingStream,
+    path: str,
+    pictures: UInt8[np.ndarray, "pictures rows columns"],
+    timeline: str,
+    times: Int[np.ndarray, "pictures"],
+) -> None:
+    """Log a picture for each time of a timeline; their classes are logged once."""
     count, rows, columns = pictures.shape
     layout = rr.components.ImageFormat(width=columns, height=rows, channel_datatype="U8")
     stream.send_columns(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import Checks, Quantity, Result, parts, values
+from ...base.quantities import Checks, Quantity, Result, parts, summarized, values
 from ..checks import PROBABILITY, with_checks
 from ..provenance import cell_coordinates, provenance
 
@@ -55,11 +55,11 @@ def summary(result: Result) -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     rows: dict[str, list[dict[str, Any]]] = {}
-    for name, (described, value) in values(result).items():
+    for name, (described, value) in summarized(result).items():
         plain = _plain(value)
         if not described.dims or described.listed:
             found[name] = plain
-        elif len(described.dims) == 1 and described.dims[0] in set(result.tables) - {name}:
+        elif name not in result.tables:
             table = rows.setdefault(result.tables[described.dims[0]], [{} for _ in plain])
             for row, cell in zip(table, plain, strict=True):
                 row[name] = cell

@@ -4,13 +4,12 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float, Integer, UInt8
 
-from ..space import CellSpace
-from .blueprint import extent, log_classes
-from .canvas.palette import BELIEF, CLEAR, FREE, PictureClass, mix
-from .pictures import on_squares
+from ...space import CellSpace
+from .map import log_classes
+from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
 
 
-MOST_ARROWS = 400
+MAX_ARROWS = 400
 """More cells than this are shown as shaded squares."""
 _SHADES = 8
 
@@ -25,18 +24,18 @@ def arrows(
 
 
 def belief_length(cells: CellSpace) -> float:
-    """Of the arrows of a belief, in metres."""
-    return max(0.42 * cells.cell, 0.02 * extent(cells))
+    """The length of the arrows of a belief, in metres."""
+    return max(0.42 * cells.cell, 0.02 * max(cells.free.shape) * cells.cell)
 
 
 def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
-    """Logs what the arrows of all beliefs have in common, at `map/belief`."""
+    """Log what the arrows of all beliefs have in common, at `map/belief`."""
     style = rr.Arrows2D.from_fields(colors=BELIEF, radii=belief_length(cells) / 10, draw_order=20)
     stream.log("map/belief", style, static=True)
 
 
 def log_shades(stream: rr.RecordingStream) -> None:
-    """Logs what the shades of squares mean, at `map/grid/belief`."""
+    """Log what the shades of squares mean, at `map/grid/belief`."""
     shares = np.linspace(0.2, 1, _SHADES)
     classes = [PictureClass("the robot cannot be here", CLEAR)]
     classes += [PictureClass("the robot may be here", mix(FREE, BELIEF, s)) for s in shares]
@@ -45,10 +44,9 @@ def log_shades(stream: rr.RecordingStream) -> None:
 
 def shades(
     cells: CellSpace, where: Integer[np.ndarray, "belief"]
-) -> UInt8[np.ndarray, "rows columns"]:
-    """The share of directions that are possible at each square; none if arrows say it."""
-    shade = np.zeros(cells.positions, np.uint8)
-    if where.size > MOST_ARROWS:
-        count = np.bincount(where % cells.positions, minlength=cells.positions)
-        shade[:] = np.ceil(count * (_SHADES / cells.directions))
-    return on_squares(cells, shade)
+) -> UInt8[np.ndarray, "positions"]:
+    """The share of directions that are possible at each position; none if arrows show it."""
+    if where.size <= MAX_ARROWS:
+        return np.zeros(cells.positions, np.uint8)
+    count = np.bincount(where % cells.positions, minlength=cells.positions)
+    return np.ceil(count * (_SHADES / cells.directions)).astype(np.uint8)
