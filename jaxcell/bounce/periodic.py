@@ -254,7 +254,7 @@ class RoomGroups(BounceGroups):
         shift, which = np.unique(bounce_shift(bounce, directions), return_inverse=True)
         known = walls(free[None], directions, collision=collision)
         numbers = _of_each(wall_groups(known, shift), which)
-        states = heading_filter_sizes(known, shift)[0][which]
+        numbers.append(heading_filter_sizes(known, shift)[0][which])
         cells = CellSpace.of_grid(free, directions)
         motion = {"step": None, "collision": collision}
-        return cls(cells, motion, bounce, *numbers, filter_states=states)
+        return cls(cells, motion, bounce, *numbers)

@@ -170,7 +170,7 @@ def test_parameters_are_refused_by_name(name):
     called = study_of(name).__name__ if study_of(name) else f"'{name}'"
     with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):
         task(name)({swept: np.array([1])}, {**needed, "colour": 1}, 0)
-    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad}"):
+    with pytest.raises(ValueError, match=f"{swept}: expected .*, got {bad:g}"):
         task(name)({swept: np.array([bad])}, needed, 0)
     for missing in needed:
         rest = {key: value for key, value in needed.items() if key != missing}
