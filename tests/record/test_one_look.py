@@ -11,7 +11,8 @@ from rerun.chunk import RrdReader
 from wheels import bounce_filter, map_cells
 
 from jaxcell.cli import main
-from jaxcell.record import RecordedRobot, RobotRecording, log_sweep, palette
+from jaxcell.record import RecordedRobot, RobotRecording, log_sweep
+from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import robot_color
 
 
