@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 DIRECTIONS = 360
-QUANTITIES = ("groups", "longest_transient", "filter_states")
+QUANTITIES = ("count", "longest_transient", "filter_states")
 SPEC = """\
 task = "rooms"
 seed = {seed}
@@ -177,7 +177,7 @@ def main() -> None:
     summary = report(found)
     (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
     draw(found, options.out / "angle_study.png")
-    print(f"{found.groups.size:,} pairs in {seconds:.0f} s of this run; in {options.out}")
+    print(f"{found['count'].size:,} pairs in {seconds:.0f} s of this run; in {options.out}")
 
 
 if __name__ == "__main__":

@@ -166,17 +166,30 @@ def quantities(result: type) -> dict[str, Quantity]:
     return dict(sorted(found.items(), key=lambda item: item[1].kind != "coordinate"))
 
 
-def values(result: Any) -> dict[str, tuple[Quantity, Any]]:
+def values(
+    result: Any, wanted: Callable[[Quantity], bool] = lambda _: True
+) -> dict[str, tuple[Quantity, Any]]:
     """The quantities that a result has, with their values; those that are missing are left out.
 
     A member of an enumeration stands as its name in lower case.
+
+    **Arguments:**
+
+    - `result`: the result.
+    - `wanted`: which ones; the values of others are not computed.
     """
     found = {}
     for name, one in quantities(type(result)).items():
-        value = getattr(result, name)
+        value = getattr(result, name) if wanted(one) else None
         if value is not None:
             found[name] = one, value.name.lower() if isinstance(value, enum.Enum) else value
     return found
+
+
+def summarized(result: Result) -> dict[str, tuple[Quantity, Any]]:
+    """The quantities that a summary shows: numbers, what is listed, and the columns of tables."""
+    shown = [(), *((dim,) for dim in result.tables)]
+    return values(result, lambda about: about.listed or about.dims in shown)
 
 
 def parts(result: Any) -> dict[str, Any]:
@@ -197,7 +210,7 @@ def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
     another unit too.
     """
     found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
-    for name, (about, value) in values(result).items():
+    for name, (about, value) in summarized(result).items():
         dim = about.dims[0] if about.dims else ""
         label = name == dim and not all(isinstance(one, str) for one in value)
         if dim in found and (len(about.dims) == 1) != about.listed and not label:

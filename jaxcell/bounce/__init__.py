@@ -16,11 +16,13 @@ on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `s
 bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; for many
 grids and angles `grid_groups`, or in two parts `walls` and `wall_groups`, the first of which is
-`cell_walls` for a map of any shape.
+`cell_walls` for a map of any shape. `BounceGroups` holds what is known of them for some angles,
+`RoomGroups` for those in a room.
 
 **Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
 fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;
-`heading_filter_sizes` counts the states where the heading is known.
+their results `LocalizationFilter`, `Localized`; `heading_filter_sizes` counts the states where the
+heading is known.
 
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
@@ -69,6 +71,8 @@ from .localize import (
     localization_filter as localization_filter,
     localize as localize,
 )
+from .localized import LocalizationFilter as LocalizationFilter, Localized as Localized
+from .periodic import BounceGroups as BounceGroups, RoomGroups as RoomGroups
 from .plans.all_pairs import (
     AllPlans as AllPlans,
     CostSummary as CostSummary,

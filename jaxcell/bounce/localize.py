@@ -1,11 +1,12 @@
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Int
 
 from ..automata import Filter, subset_construction
+from ..base.quantities import Result, derived, quantity
 from ..mapping import SimpleMap
 
 
@@ -46,26 +47,51 @@ def localization_filter(
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Localization:
+class Localization(Result):
     """A run of a robot from an unknown cell until its filter is in a knowledge cycle."""
 
-    observations: Int[np.ndarray, "steps"]
-    "What the robot sensed at each step: 0 for a move, 1 for a bump."
-    path: Int[np.ndarray, "steps+1"]
-    "The cells it was in, from its start."
-    states: Int[np.ndarray, "steps+1"]
-    "The state of the filter before and after each step."
-    candidates: Int[np.ndarray, "candidates"]
-    "The cells where the robot may be at the end, in ascending order."
+    observations: Annotated[
+        Int[np.ndarray, "steps"],
+        quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+    ]
+    path: Annotated[
+        Int[np.ndarray, "steps+1"], quantity("time", "cell that the robot is in", kind="index")
+    ]
+    states: Annotated[
+        Int[np.ndarray, "steps+1"], quantity("time", "state of the filter", kind="index")
+    ]
+    candidates: Annotated[
+        Int[np.ndarray, "candidates"],
+        quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
+    ]
 
-    @property
-    def contains_truth(self) -> bool:
-        """Whether the cell that the robot is in at the end is a candidate."""
+    @derived("", "cell at the start", kind="index")
+    def start(self) -> int:
+        return int(self.path[0])
+
+    @derived("", "what it observed, 1 for a bump")
+    def word(self) -> str:
+        return "".join(map(str, self.observations.tolist()))
+
+    @derived("", "steps", kind="count")
+    def steps(self) -> int:
+        return int((self.observations == 0).sum())
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return int((self.observations == 1).sum())
+
+    @derived("", "cell at the end", kind="index")
+    def end(self) -> int:
+        return int(self.path[-1])
+
+    @derived("", "whether the truth is among the candidates", kind="flag")
+    def truth_is_a_candidate(self) -> bool:
         return bool(np.isin(self.path[-1], self.candidates))
 
 
 def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
-    """Drives a simulated robot from a cell until the filter enters a knowledge cycle.
+    """Drive a simulated robot from a cell until the filter enters a knowledge cycle.
 
     **Arguments:**
 

@@ -12,9 +12,7 @@ import tyro
 from .demo import Demo
 from .drift import Drift
 from .export import Export
-from .groups import Groups
 from .info import Info
-from .localize import Localize
 from .options import check_out
 from .patrol_map import PatrolMap
 from .robot import RobotRun
@@ -22,7 +20,7 @@ from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover, Navigate, PatrolGraph, Team
+from .studies import Cover, Groups, Localize, Navigate, PatrolGraph, Team
 from .sweep import Sweep, SweepState
 from .sweep_verify import SweepVerify
 from .sweep_view import SweepView

@@ -5,9 +5,8 @@ from typing import Any
 
 from ..bundled import bundled
 from .drift import Drift
-from .localize import Localize
 from .patrol_map import PatrolMap
-from .studies import Cover, Navigate, Team
+from .studies import Cover, Localize, Navigate, Team
 from .terminal import note, note_results
 
 

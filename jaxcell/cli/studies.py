@@ -5,6 +5,8 @@ from .study import command
 
 
 Cover = command(study.Cover)
+Groups = command(study.Groups)
+Localize = command(study.Localize)
 Navigate = command(study.Navigate)
 PatrolGraph = command(study.PatrolGraph)
 Team = command(study.Team)

@@ -1,7 +1,6 @@
 """One member of a sweep in detail: what the command of its task writes for its parameters."""
 
 import dataclasses
-import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping
@@ -11,28 +10,25 @@ from typing import Any
 import tyro
 
 from ..study import Study
+from ..sweep.tasks import TASKS
 from ..sweep.work import study_of
 from .drift import Drift
-from .groups import Groups
-from .localize import Localize
 from .options import OutputOptions, command_name
-from .terminal import status, table, telling
+from .terminal import status, telling
 
 
 # The command of a task, whose options are the parameters of the task, and its recording.
 _COMMANDS: dict[str, tuple[type[OutputOptions], str]] = {
-    "groups": (Groups, "groups.rrd"),
-    "localize": (Localize, "localization.rrd"),
     "drift": (Drift, "drift.rrd"),
 }
 
 
 def check_detail(task: str) -> None:
     """Raises `ValueError` if members of a task have no detail to show."""
-    if task != "rooms" and task not in _COMMANDS and study_of(task) is None:
+    if task not in _COMMANDS and study_of(task) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; those that have are "
-            f"{', '.join(sorted([*_COMMANDS, 'cover', 'patrol', 'plans', 'rooms']))}"
+            f"{', '.join(sorted(TASKS))}"
         )
 
 
@@ -53,8 +49,6 @@ def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path
     check_detail(task)
     if (study := study_of(task)) is not None:
         return _study(study, parameters, seed, out)
-    if task == "rooms":
-        return _room(parameters, seed, out)
     command, recording = _COMMANDS[task]
     if task == "drift":
         parameters = _one_layer(parameters)
@@ -118,40 +112,3 @@ def _one_layer(parameters: Mapping[str, Any]) -> dict[str, Any]:
         currents = open_currents(options["file"], time=parameters.get("time"))
         options["duration"] = crossing_time(Water.of(currents, 0), Flow.of(currents, 0).mean())
     return options
-
-
-def _room(parameters: Mapping[str, Any], seed: int, out: Path) -> dict[str, Any]:
-    """The periodic groups in a random room."""
-    import numpy as np
-
-    from .. import record
-    from ..bounce import bounce_groups, group_summary
-    from ..runtime import configure_jax
-    from ..space import CellSpace
-    from ..sweep.tasks.rooms import room_of
-
-    configure_jax()
-    free, member = room_of(parameters, seed)
-    cells = CellSpace.of_grid(free, member["directions"])
-    angle, collision = math.radians(member["bounce"]), member["collision"]
-    spec = {"task": "rooms", "seed": seed, **parameters}
-    with status(f"mapping {cells.size:,} cells"):
-        found = group_summary(cells, np.array([angle]), collision=collision)
-        groups = bounce_groups(cells, angle, collision=collision)
-    with status(f"writing {out}"):
-        record.log_groups(out, cells, groups, bounce=angle, spec=spec)
-    count = int(found.count[0])
-    period, basin, transient = (
-        np.asarray(one)[0, :count] for one in (found.period, found.basin, found.transient)
-    )
-    summary = {
-        "positions": cells.positions,
-        "groups": count,
-        "longest_transient": int(transient.max()),
-        "longest_period": int(period.max()),
-        "periodic_cells": int(period.sum()),
-        "largest_basin": int(basin.max()),
-    }
-    rows = [(name.replace("_", " "), value) for name, value in summary.items()]
-    table("Computed again", ("variable", "value"), rows)
-    return summary

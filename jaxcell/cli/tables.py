@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, columns, is_single, parts, values
+from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
 from .terminal import configuration, table
 
 
@@ -26,7 +26,7 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `heading`: the line above.
     - `seconds`: how long it took.
     """
-    described, cells = values(result), getattr(result, "cells", None)
+    described, cells = summarized(result), getattr(result, "cells", None)
     # Those along the dimension of a table are columns of it.
     single = [
         (about.meaning, written(value, about, cells))

@@ -16,9 +16,9 @@ writes these as NetCDF-4. What they guarantee:
 
 | of | dataset | recording |
 | --- | --- | --- |
-| periodic groups | `groups_dataset` | `log_groups` |
-| filters | `filter_dataset` | |
-| runs of filters | `localization_dataset` | `log_localization` |
+| periodic groups, `BounceGroups` | `dataset` | `save_recording` |
+| filters, `LocalizationFilter` | `dataset` | |
+| runs of filters, `Localized` | `dataset` | `save_recording` |
 | coverage by a mixture | `coverage_dataset` | `log_coverage` |
 | patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
 | drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
@@ -42,11 +42,6 @@ The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .bounce_datasets import (
-    filter_dataset as filter_dataset,
-    groups_dataset as groups_dataset,
-    localization_dataset as localization_dataset,
-)
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
 from .deployment_files import (
@@ -62,8 +57,6 @@ from .sea_drift import SeaDrift as SeaDrift
 
 if TYPE_CHECKING:
     from .drift import log_drift as log_drift
-    from .groups import log_groups as log_groups
-    from .localization import log_localization as log_localization
     from .patrol_map import log_patrol_map as log_patrol_map
     from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
     from .sweep import log_sweep as log_sweep
@@ -71,8 +64,6 @@ if TYPE_CHECKING:
 
 _LOGGED = (
     "drift",
-    "groups",
-    "localization",
     "patrol_map",
     "sweep",
 )

@@ -10,9 +10,11 @@ from ..base.quantities import Result
 
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
+    "BounceGroups": "bounce.groups:log_groups",
     "CostSummary": "bounce.navigation:log_costliest",
     "CoveragePolicy": "bounce.coverage:log_coverage",
     "GraphPatrol": "patrol.graph:log_graph_patrol",
+    "Localized": "bounce.localization:log_localization",
     "Plan": "bounce.navigation:log_plan",
     "TeamTrajectory": "bounce.team:log_team",
 }

@@ -20,9 +20,12 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 """
 
 from .cover import Cover as Cover
+from .groups import Groups as Groups
+from .localize import Localize as Localize
 from .map_study import MapStudy as MapStudy
 from .navigate import Navigate as Navigate, Plans as Plans
 from .patrol_graph import PatrolGraph as PatrolGraph
+from .rooms import Rooms as Rooms
 from .study import (
     Degrees as Degrees,
     Metres as Metres,

@@ -1,19 +1,20 @@
 import numpy as np
-from jaxtyping import Bool, Int
+import scipy.sparse
+import shapely
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csgraph
 
-from ..automata import Filter
-from ..mapping import GroupSummary, PeriodicGroups, SimpleMap
+from .. import bounce as bouncing
+from ..bounce import BounceGroups, LocalizationFilter
+from ..mapping import SimpleMap
 from ..space import CellSpace
 from .comparison import Comparison
-from .motion import Walker
 
 
 _IMAGES = 200
-_WALKS = 200
-# Of all walks together, and of the candidates of all strings.
-_MOST_STEPS = 1_000_000
-_STRINGS = 20
-_LONGEST_STRING = 60
+_STATES = 1000
+# In cells. A step that comes no nearer to a wall than this, or crosses it by more, is a clear case.
+_NEAR = 1e-7
 
 
 def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
@@ -32,7 +33,7 @@ def compare_images(
     collision: str = "swept",
     only: Int[np.ndarray, "some"] | None = None,
 ) -> Comparison:
-    """The images of some cells against one step at a time of exact geometry.
+    """Compare the images of some cells with steps that shapely makes in the free space.
 
     **Arguments:**
 
@@ -42,137 +43,165 @@ def compare_images(
     - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
     - `only`: the cells to compare; by default 200 of all.
     """
-    image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
-    walker = Walker(cells, step, collision)
+    z = sample(cells.size, _IMAGES) if only is None else only
+    direction, position = np.divmod(z, cells.positions)
+    target, clear = _targets(cells, direction, position, step or cells.cell, collision)
+    bumps = target == position
     shift = round(bounce * cells.directions / (2 * np.pi))
-    wrong, count = [], 0
-    for z in (sample(cells.size, _IMAGES) if only is None else only).tolist():
-        target = walker.target(z)
-        if target is None:
-            continue
-        count += 1
-        direction, position = divmod(z, cells.positions)
-        bumps = target == position
-        turned = (direction + shift * bumps) % cells.directions
-        expected = turned * cells.positions + target
-        if (int(image[z]), bool(bumped[z])) != (expected, bumps):
-            wrong.append(f"cell {z}: its image is {image[z]}, and {expected} by geometry")
-    return Comparison.exact("images of cells, by shapely one step at a time", wrong, count)
+    expected = (direction + shift * bumps) % cells.directions * cells.positions + target
+    image, bumped = np.asarray(simple_map.image)[z], np.asarray(simple_map.bumped)[z]
+    wrong = [
+        f"cell {z[i]}: its image is {image[i]}, and {expected[i]} by geometry"
+        for i in np.flatnonzero(clear & ((image != expected) | (bumped != bumps))).tolist()
+    ]
+    what = "images of cells, by shapely one step at a time"
+    return Comparison.exact(what, wrong, int(clear.sum()))
 
 
-def compare_groups(
+def _targets(
+    cells: CellSpace,
+    direction: Int[np.ndarray, "cells"],
+    position: Int[np.ndarray, "cells"],
+    step: float,
+    collision: str,
+) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
+    """The position after a step from each cell, its own where the robot bumps; and whether that
+    does not depend on what a step is that touches walls on both sides, or ends in a corner.
+    """
+    assert cells.workspace is not None
+    near, space = _NEAR * cells.cell, cells.workspace.free_space
+    shrunk, grown = (space.buffer(by, join_style="mitre") for by in (-near, near))
+    shapely.prepare(shrunk)
+    shapely.prepare(grown)
+    row, column = np.divmod(cells.square[position], cells.free.shape[1])
+    start = np.stack([column, row], axis=1) + 0.5
+    angle = 2 * np.pi * direction / cells.directions
+    ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    end = start + step / cells.cell * ahead
+    square = np.floor(np.round(end, 9)).astype(int)
+    limits = np.array(cells.free.shape[::-1])
+    inside = ((square >= 0) & (square < limits)).all(axis=1)
+    column, row = np.clip(square, 0, limits - 1).T
+    inside &= cells.free[row, column]
+
+    def lines(aside: Float[np.ndarray, "cells 2"] | float = 0.0) -> np.ndarray:
+        corners = np.stack([start + aside, end + aside], axis=1)
+        return shapely.linestrings(corners * cells.cell + np.array(cells.origin))
+
+    if collision == "endpoint":
+        # The space is closed: what is on a wall is in it.
+        free = shapely.covers(grown, shapely.points(end * cells.cell + np.array(cells.origin)))
+        clear = np.ones(len(free), bool)
+    else:
+        # A step that touches a wall on one side only is free a little to the other side.
+        side = 10 * _NEAR * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        beside = shapely.covers(grown, lines(side)) | shapely.covers(grown, lines(-side))
+        touches = shapely.covers(grown, lines())
+        free = shapely.covers(shrunk, lines()) | (touches & beside)
+        clear = ~inside | free | ~touches
+    moves = inside & free
+    return np.where(moves, cells.position_of_square[row, column], position), clear
+
+
+def compare_groups(found: BounceGroups) -> list[Comparison]:
+    """Compare periodic groups with the components of the graph of images, by scipy."""
+    compared = []
+    for i, bounce in enumerate(found.bounce.tolist()):
+        mapped = bouncing.bounce_map(found.cells, bounce, **found.motion)
+        compared.append(compare_images(found.cells, mapped, bounce, **found.motion))
+        names, components = ("group", "step", "period"), _components(np.asarray(mapped.image))
+        wrong = []
+        for name, again in zip(names, components, strict=True):
+            told = getattr(found, name)[i].ravel()
+            wrong += [
+                f"cell {z}: its {name} is {told[z]}, and {again[z]} by components"
+                for z in np.flatnonzero(told != again).tolist()
+            ]
+        what = "groups of cells, by components of the graph of images"
+        compared.append(Comparison.exact(what, wrong, 3 * found.cells.size))
+        by_group, away, around = components
+        basin = np.bincount(by_group)
+        periods = around[np.unique(by_group, return_index=True)[1]]
+        again = np.array(
+            [basin.size, away.max(), periods.min(), periods.max(), periods.sum(), basin.max()]
+        )
+        numbers = (
+            found.count,
+            found.longest_transient,
+            found.shortest_period,
+            found.longest_period,
+            found.periodic_cells,
+            found.largest_basin,
+        )
+        told = np.array([one[i] for one in numbers])
+        what = "numbers of the groups, by components"
+        compared.append(Comparison.close(what, told, again, 0.0))
+    return compared
+
+
+def _components(
     image: Int[np.ndarray, "cells"],
-    groups: PeriodicGroups,
-    summary: GroupSummary | None = None,
-) -> list[Comparison]:
-    """The periodic groups of a map against walks from some cells until they come around.
+) -> tuple[Int[np.ndarray, "cells"], Float[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
+    """The group of each cell, the steps to it, and its period."""
+    size = image.size
+    graph = scipy.sparse.csr_array((np.ones(size), image, np.arange(size + 1)), shape=(size, size))
+    _, basin = csgraph.connected_components(graph, directed=False)
+    _, ring = csgraph.connected_components(graph, connection="strong")
+    length = np.bincount(ring)[ring]
+    periodic = np.flatnonzero((length > 1) | (image == np.arange(size)))
+    # Groups are numbered by their smallest cells.
+    basins, first = np.unique(basin[periodic], return_index=True)
+    number, period = np.empty((2, len(basins)), np.int64)
+    number[basins[np.argsort(first)]] = np.arange(len(basins))
+    period[basins] = length[periodic[first]]
+    step = csgraph.dijkstra(graph.T.tocsr(), indices=periodic, min_only=True, unweighted=True)
+    return number[basin], step, period[basin]
+
+
+def compare_filter(found: LocalizationFilter, simple_map: SimpleMap) -> list[Comparison]:
+    """Compare states of a filter with products of sparse matrices, and its knowledge cycles with
+    the strong components of its transitions that nothing leaves.
 
     **Arguments:**
 
-    - `image`: the image of every cell.
-    - `groups`: the groups to compare.
-    - `summary`: what was told of them without an array over the cells, to compare with them.
-    """
-    group, step, period = (np.asarray(a) for a in (groups.group, groups.step, groups.period))
-    follow = np.ascontiguousarray(image).data
-    wrong, count, left = [], 0, _MOST_STEPS
-    # Not in ascending order, lest the first directions take all the steps there are.
-    for z in np.random.default_rng(0).permutation(sample(image.size, _WALKS)).tolist():
-        if left < 0:
-            break
-        seen: dict[int, int] = {}
-        at = z
-        while at not in seen:
-            seen[at] = len(seen)
-            at = follow[at]
-        left -= len(seen)
-        count += 1
-        steps, around = seen[at], len(seen) - seen[at]
-        first = min(cell for cell, time in seen.items() if time >= steps)
-        told = (int(step[z]), int(period[z]), int(group[z]), 0)
-        walked = (steps, around, int(group[first]), int(step[first]))
-        if told != walked:
-            wrong.append(
-                f"cell {z}: step {told[0]}, period {told[1]}, group {told[2]}; by walking there "
-                f"{walked[0]}, {walked[1]}, {walked[2]}"
-            )
-    found = [Comparison.exact("groups of cells, by walking until they repeat", wrong, count)]
-    if summary is not None:
-        found.append(_compare_summary(group, step, period, summary))
-    return found
-
-
-def _compare_summary(
-    group: Int[np.ndarray, "cells"],
-    step: Int[np.ndarray, "cells"],
-    period: Int[np.ndarray, "cells"],
-    summary: GroupSummary,
-) -> Comparison:
-    count = int(summary.count)
-    wrong = [] if count == group.max() + 1 else [f"{count} groups, and {group.max() + 1} of cells"]
-    order = np.argsort(group, kind="stable")
-    starts = np.searchsorted(group[order], np.arange(group.max() + 1))
-    tables = {
-        "basin": np.diff(np.append(starts, group.size)),
-        "transient": np.maximum.reduceat(step[order], starts),
-        "period": np.add.reduceat(step[order] == 0, starts, dtype=np.int64),
-    }
-    if not np.array_equal(tables["period"][group], period):
-        wrong.append("the period of a group is not the number of its periodic cells")
-    for name, counted in tables.items():
-        told = np.asarray(getattr(summary, name))[:count]
-        same = told.shape == counted.shape and np.array_equal(told, counted)
-        if not same:
-            wrong.append(f"{name} of the groups: {told[:5]}..., by counting cells {counted[:5]}...")
-    return Comparison.exact("numbers of the groups, by counting cells", wrong, 3 * count + 1)
-
-
-def compare_filter(simple_map: SimpleMap, filter: Filter) -> Comparison:
-    """A filter against the set of cells where a robot may be, kept along random strings.
-
-    After each observation both the state that follows it and the one that would have followed the
-    other are compared.
-
-    **Arguments:**
-
+    - `found`: the filter.
     - `simple_map`: image and observation of every cell.
-    - `filter`: the filter of this map.
     """
-    image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
-    random = np.random.default_rng(0)
-    wrong, count, left = [], 0, _MOST_STEPS
-    for _ in range(_STRINGS):
-        cells, state, word = np.arange(image.size), 0, ""
-        while len(word) < _LONGEST_STRING and left > 0:
-            left -= cells.size
-            after = [_after(image, bumped, cells, observation) for observation in (0, 1)]
-            for observation in (0, 1):
-                count += 1
-                told = _told(filter, state, observation)
-                if not np.array_equal(told, after[observation]):
-                    wrong.append(
-                        f"after {word}{observation}: {told.size} cells, and "
-                        f"{after[observation].size} by keeping the set"
-                    )
-            if wrong:
-                break
-            possible = [observation for observation in (0, 1) if after[observation].size]
-            seen = int(random.choice(possible))
-            cells, state = after[seen], int(filter.transition[state, seen])
-            word += str(seen)
-    return Comparison.exact("states of the filter, by sets along random strings", wrong, count)
+    filter, image = found.filter, np.asarray(simple_map.image)
+    states, size = len(filter.transition), image.size
+    shape, ones = (states, size), np.ones(filter.members.size, np.int32)
+    member = scipy.sparse.csr_array((ones, filter.members, filter.offsets), shape=shape)
+    some = sample(states, _STATES)
+    wrong = []
+    for observation in (0, 1):
+        senses = np.flatnonzero(np.asarray(simple_map.bumped) == observation)
+        entries = np.ones(senses.size, np.int32), (senses, image[senses])
+        follows = scipy.sparse.csr_array(entries, shape=(size, size))
+        after = filter.transition[some, observation]
+        told = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
+        again = member[some] @ follows != 0
+        wrong += [
+            f"state {some[i]} and observation {observation}: the next state has other cells than "
+            "the images have"
+            for i in np.flatnonzero((told != again).sum(axis=1)).tolist()
+        ]
+    what = "states of the filter, by products of sparse matrices"
+    compared = [Comparison.exact(what, wrong, 2 * some.size)]
 
-
-def _after(
-    image: Int[np.ndarray, "all"],
-    bumped: Bool[np.ndarray, "all"],
-    cells: Int[np.ndarray, "some"],
-    observation: int,
-) -> Int[np.ndarray, "later"]:
-    return np.unique(image[cells[bumped[cells] == observation]])
-
-
-def _told(filter: Filter, state: int, observation: int) -> Int[np.ndarray, "cells"]:
-    """The cells of the state after an observation; none if there is no such state."""
-    state = int(filter.transition[state, observation])
-    return np.empty(0, np.int32) if state < 0 else filter.cells(state)
+    # Into the trap lead what observations cannot occur on the map.
+    known = states - filter.open_world
+    source, target = np.repeat(np.arange(known), 2), filter.transition[:known].ravel()
+    within = (target >= 0) & (target < known)
+    source, target = source[within], target[within]
+    graph = scipy.sparse.csr_array((np.ones(source.size), (source, target)), shape=(known, known))
+    count, component = csgraph.connected_components(graph, connection="strong")
+    ends = np.ones(count, bool)
+    ends[component[source[component[source] != component[target]]]] = False
+    wrong = [
+        f"state {state} has colour {filter.color[state]}"
+        for state in np.flatnonzero((filter.color[:known] > 1) != ends[component]).tolist()
+    ]
+    if len(filter.cycles) != ends.sum():
+        wrong.append(f"{len(filter.cycles)} cycles, and {ends.sum()} components")
+    what = "knowledge cycles, by strong components that nothing leaves"
+    return [*compared, Comparison.exact(what, wrong, known + 1)]

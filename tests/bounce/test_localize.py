@@ -23,7 +23,7 @@ def test_a_robot_is_localized_where_it_is(free, shift, data):
     filter = localization_filter(simple_map)
     start = data.draw(st.integers(0, cells.size - 1))
     run = localize(simple_map, filter, start)
-    assert run.contains_truth
+    assert run.truth_is_a_candidate
     image, bumped = np.asarray(simple_map.image), np.asarray(simple_map.bumped)
     np.testing.assert_array_equal(run.path[1:], image[run.path[:-1]])
     np.testing.assert_array_equal(run.observations, bumped[run.path[:-1]])
@@ -44,7 +44,7 @@ def test_another_map_is_refuted_in_the_open_world():
     run = localize(there, filter, int(corridor.index(0.5, 0.5)))
     assert run.states[-1] == filter.trap
     assert run.candidates.size == 0
-    assert not run.contains_truth
+    assert not run.truth_is_a_candidate
     assert "".join(map(str, run.observations)) == "000"
 
 

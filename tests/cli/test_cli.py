@@ -41,7 +41,7 @@ def test_tables_2_1_and_2_2(capsys, name, bounce, states, groups, uncertainties)
     assert status == 0
     assert (found["nfa_states"], found["dfa_states"]) == (153, states)
     assert found["periodic_groups"] == groups
-    assert sorted(c["uncertainty"] for c in found["knowledge_cycles"]) == uncertainties
+    assert sorted(c["cycle_uncertainty"] for c in found["cycles"]) == uncertainties
     assert found["minimal_states"] <= states
     assert found["run"]["truth_is_a_candidate"]
     assert len(found["run"]["candidates"]) in uncertainties
@@ -53,7 +53,7 @@ def test_the_robot_starts_where_told(capsys):
     _, by_cell, _ = run(capsys, "localize", *args, "--start", "19")
     assert by_pose["run"] == by_cell["run"]
     assert by_cell["run"]["start"] == 19
-    assert by_cell["run"]["observations"].count("1") == by_cell["run"]["bumps"]
+    assert by_cell["run"]["word"].count("1") == by_cell["run"]["bumps"]
 
 
 def test_a_random_start_is_reproducible(capsys):
@@ -141,11 +141,14 @@ def test_filters_are_exported(capsys, tmp_path, suffix):
         (("nowhere.json", "--bounce", 45), "nowhere.json"),
         ((MAPS / "lab_a.json", "--bounce", 50), "bounce: 50 deg is not a whole number"),
         ((MAPS / "lab_a.json", "--bounce", "nan"), "bounce: nan deg"),
-        ((MAPS / "lab_a.json", "--bounce", 45, "--cell", 0), "cell: the side must be"),
+        ((MAPS / "lab_a.json", "--bounce", 45, "--cell", 0), "--cell: expected more than 0 m"),
         ((MAPS / "lab_a.json", "--bounce", 45, "--cell", 50), "has its centre in the free space"),
-        ((MAPS / "lab_a.json", "--bounce", 45, "--directions", 0), "directions: at least 1"),
+        (
+            (MAPS / "lab_a.json", "--bounce", 45, "--directions", 0),
+            "--directions: expected at least 1",
+        ),
         ((MAPS / "lab_a.json", "--bounce", 45, "--step", 0.2), "step: expected at least one cell"),
-        ((MAPS / "lab_a.json", "--bounce", 45, "--robot-radius", 9), "robot_radius"),
+        ((MAPS / "lab_a.json", "--bounce", 45, "--robot-radius", 9), "--robot-radius"),
         ((MAPS / "lab_a.json", "--bounce", 45, "--start", "2,2,0"), "lies in an obstacle"),
         ((MAPS / "lab_a.json", "--bounce", 45, "--start", "99,2,0"), "is off the map"),
         ((MAPS / "lab_a.json", "--bounce", 45, "--start", "152"), "cell 152 does not exist"),

@@ -2,11 +2,10 @@ import dataclasses
 import math
 from types import SimpleNamespace
 
-import jax
 import numpy as np
 import pytest
 
-from jaxcell.bounce import bounce_groups, bounce_map, localization_filter, localize
+from jaxcell.bounce import BounceGroups, Localized, bounce_map, localization_filter, localize
 from jaxcell.space import CellSpace, Workspace
 
 
@@ -23,7 +22,7 @@ class Case:
         map = bounce_map(self.cells, self.bounce, **options)
         values = {
             "map": map,
-            "groups": bounce_groups(self.cells, self.bounce, **options),
+            "groups": BounceGroups.of(self.cells, self.bounce, **options),
             "filter": localization_filter(map, metadata={"map": "a test"}),
         }
         for name, value in values.items():
@@ -32,12 +31,15 @@ class Case:
     def localize(self, start, filter=None):
         return localize(self.map, filter or self.filter, start)
 
+    def localized(self, start, filter=None):
+        """The filter, and the run from a cell, as a result."""
+        filter, motion = filter or self.filter, {"collision": self.collision}
+        return Localized(filter, self.cells, motion, self.bounce, self.localize(start, filter))
+
     def host(self):
-        """The groups and the images as NumPy arrays."""
-        groups = self.groups
-        group, step, period = jax.device_get((groups.group, groups.step, groups.period))
-        image = np.asarray(self.map.image)
-        return SimpleNamespace(group=group, step=step, period=period, image=image)
+        """The groups and the images of all cells in a row."""
+        arrays = {name: getattr(self.groups, name).ravel() for name in ("group", "step", "period")}
+        return SimpleNamespace(**arrays, image=np.asarray(self.map.image))
 
 
 LAB = np.array(["........", ".##.###.", ".##.###.", "....###."])
@@ -53,9 +55,8 @@ def lab():
 
 @pytest.fixture(scope="session")
 def angles(lab):
-    """Three bouncing angles in the lab map, and their groups."""
-    bounce = np.deg2rad([45, 90, 135])
-    return bounce, bounce_groups(lab.cells, bounce, collision=lab.collision)
+    """The groups of three bouncing angles in the lab map."""
+    return BounceGroups.of(lab.cells, np.deg2rad([45, 90, 135]), collision=lab.collision)
 
 
 @pytest.fixture(scope="session")

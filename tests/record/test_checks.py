@@ -1,10 +1,12 @@
 """Datasets check themselves, and each check sees what it is for."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import xarray as xr
 
-from jaxcell.record import checks
+from jaxcell.record import dataset as described
 from jaxcell.record.chain_checks import drift_checks, patrol_map_checks
 
 
@@ -23,35 +25,6 @@ def altered(data, name, value):
     return data.assign({name: data[name].copy(data=np.array(value, data[name].dtype))})
 
 
-# Cells 0 and 1 change places, 2 comes to 1, and 3 stays.
-IMAGE = np.array([1, 0, 1, 3])
-GROUPS = dataset(
-    {
-        "bounce": ("", 0.5),
-        "group": ("direction position", [[0, 0], [0, 1]]),
-        "step": ("direction position", [[0, 0], [1, 0]]),
-        "group_period": ("group_index", [2, 1]),
-        "group_basin": ("group_index", [3, 1]),
-        "group_transient": ("group_index", [1, 0]),
-        "groups": ("", 2),
-    }
-)
-# Seven cells; the robot in cell 4 moves, and bumps.
-FILTER = {
-    "transition": ("state observation", [[1, 2], [-1, 2], [2, -1]]),
-    "uncertainty": ("state", [3, 2, 1]),
-    "offset": ("state_bound", [0, 3, 5, 6]),
-    "member": ("entry", [1, 4, 6, 2, 5, 3]),
-}
-LOCALIZATION = dataset(
-    {
-        **FILTER,
-        "visited": ("time", [0, 1, 2]),
-        "sensed": ("move", [0, 1]),
-        "cell": ("time", [4, 5, 3]),
-        "candidate": ("candidates", [3]),
-    }
-)
 PATROL = dataset(
     {
         "attack_time": ("attack_time", [2, 1]),
@@ -80,8 +53,6 @@ DRIFT = dataset(
     step_seconds=3600.0,
 )
 CHECKS = {
-    "groups": (GROUPS, lambda data: checks.groups_checks(data, IMAGE)),
-    "localization": (LOCALIZATION, checks.localization_checks),
     "patrol map": (PATROL, patrol_map_checks),
     "drift": (DRIFT, drift_checks),
 }
@@ -97,14 +68,6 @@ def test_what_is_right_passes(family):
 @pytest.mark.parametrize(
     ("family", "variable", "value", "names"),
     [
-        ("groups", "group_basin", [4, 1], {"basins_minus_cells"}),
-        ("groups", "group_period", [1, 1], {"periodic_cells_minus_period"}),
-        ("groups", "group_transient", [2, 0], {"steps_that_no_cell_takes"}),
-        ("groups", "group", [[0, 1], [0, 0]], {"image_violations"}),
-        ("localization", "uncertainty", [3, 1, 1], {"uncertainty_minus_members"}),
-        ("localization", "transition", [[1, 1], [-1, 2], [2, -1]], {"states_that_gain_cells"}),
-        ("localization", "visited", [0, 2, 2], {"run_off_the_transitions"}),
-        ("localization", "candidate", [4], {"candidates_not_of_the_last_state"}),
         ("patrol map", "capture", [[0.4, 1.0], [0.5, 1.0]], {"capture_falls_with_time"}),
         ("patrol map", "capture", [[0.9, 1.1], [0.5, 1.1]], {"capture_beyond_0_to_1"}),
         ("patrol map", "exact", [0.9, 0.6], {"exact_is_of_law"}),
@@ -132,8 +95,6 @@ def test_what_is_only_told_refuses_nothing():
     assert checks.with_checks(wrong, drift_checks(wrong)).attrs[
         "check_absorption_time_residual"
     ] == pytest.approx(3.5 / 9)
-    lost = altered(LOCALIZATION, "cell", [0, 5, 3])
-    assert checks.localization_checks(lost)["states_without_the_robot"][0] == 1
 
 
 def test_that_none_leaves_may_be_all_that_is_known_of_ends():
@@ -146,3 +107,60 @@ def test_that_none_leaves_may_be_all_that_is_known_of_ends():
     # Where all leave, no group has a part of them.
     gone = unknown.assign(leaving=(("layer", "y", "x"), [[[0.0, 1.0, np.nan]]]))
     assert drift_checks(gone)["ends_sum_to_1"][0] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "value", "check"),
+    [
+        ("group_basin", (0, 0), 1, "basins_minus_cells"),
+        ("group_period", (0, 0), 1, "periodic_cells_minus_period"),
+        ("group_transient", (0, 0), 99, "steps_that_no_cell_takes"),
+        ("group", (0, 0, 0), 1, "image_violations"),
+        ("longest_period", 0, 1, "numbers_not_those_of_cells"),
+    ],
+)
+def test_groups_that_contradict_themselves(angles, name, index, value, check):
+    found = dataclasses.replace(angles, bounce=angles.bounce.copy())
+    assert not failing(found.checks())
+    wrong = np.array(getattr(found, name))
+    assert wrong[index] != value
+    wrong[index] = value
+    # Numbers of cells are kept by the result once they are computed.
+    found.__dict__[name] = wrong
+    assert check in failing(found.checks())
+    with pytest.raises(RuntimeError, match="the result contradicts itself"):
+        described(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "value", "check"),
+    [
+        ("uncertainty", 0, 151, "uncertainty_minus_members"),
+        ("transition", (1, 0), 0, "states_that_gain_cells"),
+    ],
+)
+def test_filters_that_contradict_themselves(lab, name, index, value, check):
+    found = lab.localized(100)
+    assert not failing(found.checks())
+    wrong = np.array(getattr(found, name))
+    wrong[index] = value
+    found.__dict__[name] = wrong
+    assert check in failing(found.checks())
+
+
+def test_runs_that_contradict_their_filter(lab):
+    found = lab.localized(100)
+    states, candidates = found.run.states.copy(), found.run.candidates + 1
+    states[1] = states[0]
+    for name, value, check in (
+        ("states", states, "run_off_the_transitions"),
+        ("candidates", candidates, "candidates_not_of_the_last_state"),
+    ):
+        run = dataclasses.replace(found.run, **{name: value})
+        assert check in failing(dataclasses.replace(found, run=run).checks())
+    path = found.run.path.copy()
+    path[-1] = 0
+    lost = dataclasses.replace(found, run=dataclasses.replace(found.run, path=path))
+    # That is possible, if the filter is of another map.
+    assert not failing(lost.checks())
+    assert lost.checks()["states_without_the_robot"][0] == 1

@@ -9,13 +9,15 @@ import xarray as xr
 
 import jaxcell
 from jaxcell.automata import Filter
-from jaxcell.bounce import bounce_map, localization_filter, localize
-from jaxcell.record import (
-    filter_dataset,
-    groups_dataset,
-    localization_dataset,
-    save_dataset,
+from jaxcell.bounce import (
+    BounceGroups,
+    LocalizationFilter,
+    Localized,
+    bounce_map,
+    localization_filter,
+    localize,
 )
+from jaxcell.record import dataset as dataset_of, save_dataset
 from jaxcell.space import CellSpace
 
 
@@ -30,7 +32,7 @@ def dtypes(dataset):
 
 
 def test_groups_by_direction_and_position(lab):
-    dataset = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce)
+    dataset = dataset_of(lab.groups).squeeze("bounce")
     host = lab.host()
     for z in range(lab.cells.size):
         direction, position = divmod(z, lab.cells.positions)
@@ -47,25 +49,26 @@ def test_groups_by_direction_and_position(lab):
             orbit.add(at)
             at = int(host.image[at])
         assert cell.periodic == (at == z)
-    assert dataset.bounce == lab.bounce
-    assert dataset.bounce_deg == pytest.approx(45)
+    assert dataset.bounce.item() == lab.bounce
+    assert dataset.bounce_deg.item() == pytest.approx(45)
 
 
 def test_a_direction_is_a_picture(lab):
-    dataset = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce)
-    picture = dataset.step.sel(direction=0).set_index(position=("y", "x")).unstack()
+    dataset = dataset_of(lab.groups)
+    picture = (
+        dataset.step.squeeze("bounce").sel(direction=0).set_index(position=("y", "x")).unstack()
+    )
     assert dict(picture.sizes) == {"y": 4, "x": 8}
     assert (picture.y.diff("y") > 0).all()
     np.testing.assert_array_equal(picture.notnull(), lab.cells.free)
 
 
-def test_tables_of_a_batch(lab, angles):
-    bounce, groups = angles
-    dataset = groups_dataset(lab.cells, groups, bounce=bounce)
-    counts = dataset.groups.values
+def test_tables_of_a_batch(angles):
+    groups, dataset = angles, dataset_of(angles)
+    counts = dataset["count"].values
     assert len(set(counts)) > 1, "this batch needs padding"
     for i, count in enumerate(counts):
-        group, step, period = (np.asarray(a)[i] for a in (groups.group, groups.step, groups.period))
+        group, step, period = (a[i].ravel() for a in (groups.group, groups.step, groups.period))
         assert set(group) == set(range(count))
         for one in range(count):
             inside = group == one
@@ -79,20 +82,20 @@ def test_tables_of_a_batch(lab, angles):
 
 @pytest.mark.parametrize("batch", [False, True])
 def test_groups_round_trip(lab, angles, tmp_path, batch):
-    bounce, groups = angles if batch else (lab.bounce, lab.groups)
-    dataset = groups_dataset(lab.cells, groups, bounce=bounce, spec={"map": "lab", "n": [1, 2]})
+    groups = angles if batch else lab.groups
+    dataset = dataset_of(groups, spec={"map": "lab", "n": [1, 2]})
     opened = reload(dataset, tmp_path / "groups.nc")
     xr.testing.assert_identical(opened, dataset)
     assert dtypes(opened) == dtypes(dataset)
     assert {dataset[name].dtype for name in ("group", "step", "period")} == {np.dtype(np.int32)}
     assert dataset.periodic.dtype == bool
-    assert dataset.group.dims == ("bounce",) * batch + ("direction", "position")
+    assert dataset.group.dims == ("bounce", "direction", "position")
     assert all("units" in dataset[n].attrs for n in ("x", "y", "theta", "step", "bounce"))
 
 
 def test_provenance(lab):
     spec = {"map": "lab", "bounce_deg": 45.0, "nothing": None}
-    attributes = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce, spec=spec).attrs
+    attributes = dataset_of(lab.groups, spec=spec).attrs
     assert json.loads(attributes["spec"]) == spec
     assert attributes["jaxcell_version"] == jaxcell.__version__
     created = datetime.datetime.fromisoformat(attributes["created"])
@@ -105,7 +108,8 @@ def test_provenance(lab):
 
 def test_filter_round_trip(lab, tmp_path):
     for filter in (lab.filter, lab.filter.with_trap()):
-        dataset = reload(filter_dataset(filter), tmp_path / "filter.nc")
+        made = dataset_of(LocalizationFilter(filter), spec=filter.metadata)
+        dataset = reload(made, tmp_path / "filter.nc")
         again = Filter(
             transition=dataset.transition.values,
             uncertainty=dataset.uncertainty.values,
@@ -127,18 +131,20 @@ def test_filter_round_trip(lab, tmp_path):
 
 
 def test_localization_round_trip(lab, tmp_path):
-    run = lab.localize(100)
-    made = localization_dataset(lab.cells, lab.filter, run)
+    found = lab.localized(100)
+    made, run = dataset_of(found), found.run
     dataset = reload(made, tmp_path / "localization.nc")
     xr.testing.assert_identical(dataset, made)
-    np.testing.assert_array_equal(dataset.cell, run.path)
-    np.testing.assert_array_equal(dataset.sensed, run.observations)
-    np.testing.assert_array_equal(dataset.candidate, run.candidates)
-    sizes = [len(lab.filter.cells(int(state))) for state in dataset.visited]
+    np.testing.assert_array_equal(dataset.run_path, run.path)
+    np.testing.assert_array_equal(dataset.run_observations, run.observations)
+    np.testing.assert_array_equal(dataset.run_candidates, run.candidates)
+    sizes = [len(lab.filter.cells(int(state))) for state in dataset.run_states]
     np.testing.assert_array_equal(dataset.belief_size, sizes)
     np.testing.assert_array_equal(dataset.belief_color, lab.filter.color[run.states])
     x, y, theta = lab.cells.centre(run.path)
-    np.testing.assert_array_equal([dataset.x, dataset.y, dataset.theta], [x, y, theta])
+    np.testing.assert_array_equal(
+        [dataset.robot_x, dataset.robot_y, dataset.robot_theta], [x, y, theta]
+    )
 
 
 def test_a_run_without_an_observation(tmp_path):
@@ -147,31 +153,27 @@ def test_a_run_without_an_observation(tmp_path):
     filter = localization_filter(map, open_world=True)
     still = localize(map, filter, 0)
     assert still.observations.size == 0, "the start is a knowledge cycle"
-    dataset = reload(localization_dataset(box, filter, still), tmp_path / "still.nc")
+    dataset = reload(
+        dataset_of(Localized(filter, box, {}, math.pi / 2, still)), tmp_path / "still.nc"
+    )
     assert dataset.sizes["move"] == 0
-    np.testing.assert_array_equal(dataset.candidate, np.arange(4))
+    np.testing.assert_array_equal(dataset.run_candidates, np.arange(4))
 
 
 def test_refuses_what_does_not_fit(lab):
     other = CellSpace.of_grid(np.ones((2, 2), bool), 8)
-    with pytest.raises(ValueError, match=r"expected those of 32 cells.*got"):
-        groups_dataset(other, lab.groups, bounce=lab.bounce)
-    with pytest.raises(ValueError, match="one for each angle"):
-        groups_dataset(lab.cells, lab.groups, bounce=np.array([1.0, 2.0]))
-    with pytest.raises(ValueError, match="finite angles"):
-        groups_dataset(lab.cells, lab.groups, bounce=math.nan)
-    with pytest.raises(ValueError, match="an angle or a list"):
-        groups_dataset(lab.cells, lab.groups, bounce=np.ones((1, 1)))
+    with pytest.raises(ValueError, match="nan deg is not a whole number"):
+        BounceGroups.of(lab.cells, math.nan)
     for bad in ({"a": {1, 2}}, {"a": math.inf}):
         with pytest.raises(ValueError, match="spec: expected a JSON object"):
-            groups_dataset(lab.cells, lab.groups, bounce=lab.bounce, spec=bad)
+            dataset_of(lab.groups, spec=bad)
     with pytest.raises(ValueError, match="starts in doubt over 152 cells, but there are 32"):
-        localization_dataset(other, lab.filter, lab.localize(3))
+        Localized(lab.filter, other, {}, lab.bounce, lab.localize(3))
 
 
 def test_an_error_while_writing_leaves_the_old_file(lab, tmp_path, monkeypatch):
     path = tmp_path / "groups.nc"
-    dataset = groups_dataset(lab.cells, lab.groups, bounce=lab.bounce)
+    dataset = dataset_of(lab.groups)
     save_dataset(dataset, path)
     old = path.read_bytes()
 
@@ -187,6 +189,6 @@ def test_an_error_while_writing_leaves_the_old_file(lab, tmp_path, monkeypatch):
 
 
 def test_a_missing_folder_is_named(lab, tmp_path):
-    dataset = filter_dataset(lab.filter)
+    dataset = dataset_of(LocalizationFilter(lab.filter))
     with pytest.raises(FileNotFoundError, match=r"no folder .*nowhere"):
         save_dataset(dataset, tmp_path / "nowhere" / "a.nc")

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from jaxcell.automata import Filter, subset_construction
-from jaxcell.record.graph import _loop, draw_filter
+from jaxcell.record.bounce.filter_drawing import _loop, draw_filter
 
 
 def distances(points):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import rerun as rr
 
-import jaxcell.record.groups
-from jaxcell.record import log_groups
+import jaxcell.record.bounce.groups
+from jaxcell.record import save_recording
 
 
 @pytest.fixture(scope="module")
 def recorded(lab, read, tmp_path_factory):
     path = tmp_path_factory.mktemp("groups") / "lab.rrd"
-    log_groups(path, lab.cells, lab.groups, bounce=lab.bounce, spec={"who|what": "a test"})
+    save_recording(lab.groups, path, spec={"who|what": "a test"})
     return read(path)
 
 
@@ -81,7 +81,7 @@ def test_walls_are_the_edges_of_free_squares(lab, recorded):
 
 @pytest.mark.slow
 def test_walls_of_a_map(hall, read, tmp_path):
-    log_groups(tmp_path / "hall.rrd", hall.cells, hall.groups, bounce=hall.bounce)
+    save_recording(hall.groups, tmp_path / "hall.rrd")
     recorded = read(tmp_path / "hall.rrd")
     strips = recorded.static("/map/walls", "LineStrips2D:strips")
     corners = {tuple(np.round(corner, 4)) for strip in strips for corner in strip}
@@ -96,7 +96,7 @@ def test_walls_of_a_map(hall, read, tmp_path):
 
 def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_path):
     """By 90 of 360 degrees, only headings 90 degrees apart share groups."""
-    log_groups(tmp_path / "hall.rrd", hall.cells, hall.groups, bounce=hall.bounce)
+    save_recording(hall.groups, tmp_path / "hall.rrd")
     recorded = read(tmp_path / "hall.rrd")
     pictures = recorded.pictures("direction", "/map/grid/bounce_90/groups")
     labels = recorded.over("direction", "/bounce_90/legend/text", "Points2D:labels")
@@ -128,14 +128,13 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_tab_for_each_angle(lab, angles, read, tmp_path):
-    bounce, groups = angles
-    log_groups(tmp_path / "lab.rrd", lab.cells, groups, bounce=bounce)
+def test_a_tab_for_each_angle(angles, read, tmp_path):
+    save_recording(angles, tmp_path / "lab.rrd")
     recorded = read(tmp_path / "lab.rrd")
     for i, name in enumerate(("bounce_45", "bounce_90", "bounce_135")):
         pictures = recorded.pictures("direction", f"/map/grid/{name}/steps")
         white = sum(int(np.sum(picture == 1)) for picture in pictures.values())
-        assert white == np.sum(np.asarray(groups.step)[i] == 0)
+        assert white == np.sum(angles.step[i] == 0)
         (text,) = recorded.static(f"/{name}/text", "TextDocument:text")
         assert f"**{name.removeprefix('bounce_')}°**" in text
     names = blueprint_values(recorded, "ContainerBlueprint:display_name")
@@ -182,9 +181,9 @@ def test_an_error_on_the_way_leaves_no_file(lab, tmp_path, monkeypatch):
     def fail(*arguments, **options):
         raise RuntimeError("on the way")
 
-    monkeypatch.setattr(jaxcell.record.groups, "send_blueprint", fail)
+    monkeypatch.setattr(jaxcell.record.bounce.groups, "send_blueprint", fail)
     with pytest.raises(RuntimeError, match="on the way"):
-        log_groups(path, lab.cells, lab.groups, bounce=lab.bounce)
+        save_recording(lab.groups, path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
     assert rr.strict_mode() == strict
@@ -199,7 +198,7 @@ def test_a_full_disk_leaves_no_file(lab, tmp_path, limit):
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
         with pytest.raises(OSError, match="too large"):
-            log_groups(path, lab.cells, lab.groups, bounce=lab.bounce)
+            save_recording(lab.groups, path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_bytes() == b"old"
@@ -233,14 +232,14 @@ except Exception as error:
 
 def test_refuses_a_bad_path(lab, tmp_path):
     with pytest.raises(ValueError, match=r"a\.nc: expected .* ends in \.rrd"):
-        log_groups(tmp_path / "a.nc", lab.cells, lab.groups, bounce=lab.bounce)
+        save_recording(lab.groups, tmp_path / "a.nc")
     with pytest.raises(FileNotFoundError, match="no folder"):
-        log_groups(tmp_path / "b" / "a.rrd", lab.cells, lab.groups, bounce=lab.bounce)
+        save_recording(lab.groups, tmp_path / "b" / "a.rrd")
 
 
 def test_rerun_is_imported_on_first_use():
-    code = "import sys, jaxcell.record as r; assert 'rerun' not in sys.modules; r.log_groups"
-    code += "; r.log_localization; assert 'rerun' in sys.modules"
+    code = "import sys, jaxcell.record as r; assert 'rerun' not in sys.modules; r.RobotRecording"
+    code += "; assert 'rerun' in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         jaxcell.record.nothing  # noqa: B018

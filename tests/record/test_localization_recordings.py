@@ -1,10 +1,11 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from jaxcell.bounce import bounce_groups, bounce_map, localization_filter, localize
-from jaxcell.record import log_localization
+from jaxcell.bounce import Localized, bounce_map, localization_filter, localize
+from jaxcell.record import save_recording
 from jaxcell.record.canvas.palette import CURRENT, ROBOT
 from jaxcell.space import CellSpace
 
@@ -12,25 +13,20 @@ from jaxcell.space import CellSpace
 MOST_ARROWS = 400
 
 
-def record(case, run, path, filter=None):
-    filter = filter or case.filter
-    log_localization(path, case.cells, case.groups, filter, run, bounce=case.bounce)
-
-
 @pytest.fixture(scope="module")
 def lab_run(lab, read, tmp_path_factory):
-    run = lab.localize(100)
+    found = lab.localized(100)
     path = tmp_path_factory.mktemp("localization") / "lab.rrd"
-    record(lab, run, path)
-    return run, read(path)
+    save_recording(found, path)
+    return found.run, read(path)
 
 
 @pytest.fixture(scope="module")
 def hall_run(hall, read, tmp_path_factory):
-    run = hall.localize(7)
+    found = hall.localized(7)
     path = tmp_path_factory.mktemp("localization") / "hall.rrd"
-    record(hall, run, path)
-    return run, read(path)
+    save_recording(found, path)
+    return found.run, read(path)
 
 
 def poses(cells, where):
@@ -188,9 +184,9 @@ def test_a_robot_that_is_elsewhere(lab, read, tmp_path):
     map = bounce_map(there, lab.bounce, collision=lab.collision)
     runs = [localize(map, filter, start) for start in range(there.size)]
     run = next(run for run in runs if run.states[-1] == filter.trap)
-    groups = bounce_groups(there, lab.bounce, collision=lab.collision)
     path = tmp_path / "elsewhere.rrd"
-    log_localization(path, there, groups, filter, run, bounce=lab.bounce)
+    motion = {"collision": lab.collision}
+    save_recording(Localized(filter, there, motion, lab.bounce, run), path)
     recorded = read(path)
     (text,) = recorded.static("/text", "TextDocument:text")
     assert "**somewhere else**" in text
@@ -207,19 +203,15 @@ def test_a_robot_that_cannot_move(read, tmp_path):
     filter = localization_filter(map)
     run = localize(map, filter, 2)
     path = tmp_path / "still.rrd"
-    log_localization(path, cells, bounce_groups(cells, bounce), filter, run, bounce=bounce)
+    save_recording(Localized(filter, cells, {}, bounce, run), path)
     recorded = read(path)
     assert recorded.over("step", "/filter/uncertainty", "Scalars:scalars") == {0: [4]}
     assert len(recorded.over("step", "/map/candidates", "Boxes2D:centers")[0]) == 4
 
 
-def test_refuses_what_does_not_fit(lab, hall, tmp_path):
-    run = lab.localize(100)
-    path = tmp_path / "a.rrd"
+def test_refuses_what_does_not_fit(lab, hall):
+    found = lab.localized(100)
     with pytest.raises(ValueError, match="starts in doubt over"):
-        record(lab, run, path, hall.filter)
+        dataclasses.replace(found, filter=hall.filter)
     with pytest.raises(ValueError, match=r"path\[.*\] is cell"):
-        record(lab, hall.localize(hall.cells.size - 1), path)
-    with pytest.raises(ValueError, match="groups: expected those of"):
-        log_localization(path, lab.cells, hall.groups, lab.filter, run, bounce=lab.bounce)
-    assert not list(tmp_path.iterdir())
+        dataclasses.replace(found, run=hall.localize(hall.cells.size - 1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.record import palette
+from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import (
     CATEGORIES,
     GROUP_CLASSES,

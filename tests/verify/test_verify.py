@@ -11,10 +11,10 @@ import pytest
 
 from jaxcell import drift, patrol, verify
 from jaxcell.bounce import (
-    bounce_groups,
+    BounceGroups,
+    LocalizationFilter,
     bounce_map,
     coverage_policy,
-    group_summary,
     localization_filter,
     plan,
     team_trajectory,
@@ -53,7 +53,7 @@ def lab():
     workspace = Workspace.load(DATA / "maps" / "lab_a.json")
     cells = CellSpace.of(workspace, workspace.cell, 8)
     mapped = bounce_map(cells, BOUNCE)
-    return SimpleNamespace(cells=cells, map=mapped, groups=bounce_groups(cells, BOUNCE))
+    return SimpleNamespace(cells=cells, map=mapped)
 
 
 @pytest.mark.parametrize(("collision", "length"), [("swept", 1.0), ("endpoint", 1.3)])
@@ -89,28 +89,30 @@ def test_a_wrong_image_is_found(lab):
 
 
 def test_groups(lab):
-    image = np.asarray(lab.map.image)
-    summary = group_summary(lab.cells, BOUNCE)
-    right = verify.compare_groups(image, lab.groups, summary)
-    assert [one.agrees for one in right] == [True, True]
-    assert [one.count for one in right] == [152, 4]
-    step = jnp.asarray(changed(lab.groups.step, 3, 99))
-    wrong = dataclasses.replace(lab.groups, step=step)
-    assert len(disagreeing(verify.compare_groups(image, wrong, summary))) == 2
-    wrong = dataclasses.replace(summary, basin=jnp.asarray(changed(summary.basin, 0, 151)))
-    assert disagreeing(verify.compare_groups(image, lab.groups, wrong)) == ["numbers of the groups"]
+    found = BounceGroups.of(lab.cells, BOUNCE)
+    right = verify.compare_groups(found)
+    assert [one.agrees for one in right] == [True, True, True]
+    assert [one.count for one in right] == [152, 456, 6]
+    other = dataclasses.replace(found)
+    other.__dict__["step"] = changed(found.step, (0, 0, 3), 99)
+    assert disagreeing(verify.compare_groups(other)) == ["groups of cells"]
+    other = dataclasses.replace(found, largest_basin=np.array([151]))
+    assert disagreeing(verify.compare_groups(other)) == ["numbers of the groups"]
 
 
 def test_filters(lab):
     filter = localization_filter(lab.map)
-    assert verify.compare_filter(lab.map, filter).agrees
-    assert verify.compare_filter(lab.map, filter.with_trap()).agrees
+    for one in (filter, filter.with_trap()):
+        assert not disagreeing(verify.compare_filter(LocalizationFilter(one), lab.map))
     # As if the robot did not sense one of the walls.
     wall = int(np.flatnonzero(lab.map.bumped)[0])
     deaf = SimpleMap(lab.map.image, jnp.asarray(changed(lab.map.bumped, wall, False)))
-    found = verify.compare_filter(lab.map, localization_filter(deaf))
-    assert not found.agrees
-    assert found.where.startswith("after ")
+    found = LocalizationFilter(localization_filter(deaf))
+    assert disagreeing(verify.compare_filter(found, lab.map)) == ["states of the filter"]
+    altered = dataclasses.replace(filter)
+    altered.__dict__["color"] = changed(filter.color, 0, 2)
+    found = verify.compare_filter(LocalizationFilter(altered), lab.map)
+    assert disagreeing(found) == ["knowledge cycles"]
 
 
 def test_plans(lab):

@@ -116,6 +116,7 @@ def log_robot(
     trail_color: Color | None = None,
     corners: int | None = _CORNERS,
     width: float = 1.5,
+    middle: float = 0.5,
     order: float = 30.0,
 ) -> None:
     """Log a robot as an arrow over time, and the trail behind it.
@@ -124,20 +125,23 @@ def log_robot(
 
     - `path`: the entity of the robot.
     - `poses`: x, y and heading of each state, in metres and radians.
-    - `length`: of the arrow, whose middle is at the robot, so that it lies in its square in any
-        heading.
+    - `length`: of the arrow.
     - `times`: the states that are shown; by default all.
     - `trail`: the entity of the trail, if it is to have one.
     - `corners`: how many corners of the trail are kept; `None` for all.
     - `width`: of the trail, in points on the screen.
     - `order`: of the robot; the trail lies below it.
+    - `middle`: the share of the arrow that is behind the centre of the robot; at the half it lies
+        in its square in any heading.
     """
     x, y, theta = poses
     times = np.arange(x.size) if times is None else times
     place = np.stack([x, y], axis=1)
     heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     index = [rr.TimeColumn(timeline, sequence=times)]
-    arrows = rr.Arrows2D.columns(origins=place[times] - heading[times] / 2, vectors=heading[times])
+    arrows = rr.Arrows2D.columns(
+        origins=place[times] - middle * heading[times], vectors=heading[times]
+    )
     stream.send_columns(path, index, arrows)
     style = rr.Arrows2D.from_fields(colors=color, radii=length / 8, draw_order=order)
     stream.log(path, style, static=True)

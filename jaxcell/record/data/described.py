@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import Checks, Quantity, Result, columns, is_single, parts, values
+from ...base.quantities import (
+    Checks,
+    Quantity,
+    Result,
+    columns,
+    is_single,
+    parts,
+    summarized,
+    values,
+)
 from ...space import CellSpace
 from ..checks import PROBABILITY, with_checks
 from ..provenance import cell_coordinates, provenance
@@ -55,7 +64,9 @@ def summary(result: Result) -> dict[str, Any]:
     has an object of its own. What is not finite is `None`.
     """
     found = {
-        name: _plain(value) for name, (about, value) in values(result).items() if is_single(about)
+        name: _plain(value)
+        for name, (about, value) in summarized(result).items()
+        if is_single(about)
     }
     for dim, table in columns(result).items():
         plain = {name: _plain(value) for name, (_, value) in table.items()}

@@ -5,9 +5,9 @@ batch or from the fixed values alike. Importing this imports no task, and no JAX
 """
 
 TASKS: dict[str, str] = {
-    "groups": "jaxcell.sweep.tasks.groups:groups",
-    "rooms": "jaxcell.sweep.tasks.rooms:rooms",
-    "localize": "jaxcell.sweep.tasks.localize:localize",
+    "groups": "jaxcell.study:Groups",
+    "rooms": "jaxcell.study:Rooms",
+    "localize": "jaxcell.study:Localize",
     "cover": "jaxcell.study:Cover",
     "plans": "jaxcell.study:Plans",
     "patrol": "jaxcell.study:PatrolGraph",

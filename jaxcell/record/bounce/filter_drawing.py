@@ -4,18 +4,18 @@ import math
 import numpy as np
 from jaxtyping import Float, Int, Integer
 
-from ..automata import Filter
+from ...automata import Filter
 
 
 # A graph with more states than this is not drawn as a whole.
-_MOST_STATES = 300
+_MAX_STATES = 300
 # What is drawn of a larger one: the last states of a run, and cycles, until there are so many.
 _LAST_VISITED = 120
-_MOST_ON_CYCLES = 300
+_MAX_ON_CYCLES = 300
 _SPACING = 30.0
 _GAP = 1.5
 # Cycles with more states than this are folded.
-_LARGEST_RING = 40
+_MAX_RING = 40
 _PATH_COLUMNS = 24
 
 
@@ -30,13 +30,13 @@ class Drawing:
     edge: Int[np.ndarray, "edges 2"]
     "The transitions between them, as pairs of states, each pair once."
     whole: bool
-    "Whether all states are drawn, but for a trap that was not entered."
+    "Whether all states are drawn, except a trap that was not entered."
     cycles_left_out: int
     "The number of knowledge cycles that are not drawn."
 
 
 def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawing:
-    """Gives the states of a filter fixed places.
+    """Give the states of a filter fixed places.
 
     The states outside the knowledge cycles stand in columns by their distance from the start; the
     cycles are loops beside them. Of a filter with more than 300 states, only the last states of a
@@ -51,7 +51,7 @@ def draw_filter(filter: Filter, visited: Integer[np.ndarray, "visits"]) -> Drawi
     on_cycle = np.zeros(len(filter.transition), bool)
     for cycle in filter.cycles:
         on_cycle[cycle.states] = True
-    whole = len(filter.transition) <= _MOST_STATES
+    whole = len(filter.transition) <= _MAX_STATES
     if whole:
         entered = filter.trap is None or filter.trap in visited
         free = np.flatnonzero(~on_cycle)
@@ -81,7 +81,7 @@ def _columns(
     transition: Integer[np.ndarray, "states 2"], states: Integer[np.ndarray, "drawn"]
 ) -> Float[np.ndarray, "drawn 2"]:
     """Columns by distance from the start, in an order that keeps edges short."""
-    # States are numbered in breadth-first order: the first edge into a state is a shortest way.
+    # States are numbered in breadth-first order: the first edge into a state is on a shortest path.
     depth = np.full(len(transition), -1)
     depth[0] = 0
     for state, targets in enumerate(transition):
@@ -121,7 +121,7 @@ def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[
     drawn, total = reached, sum(map(len, reached))
     for states in others:
         total += len(states)
-        if total > _MOST_ON_CYCLES:
+        if total > _MAX_ON_CYCLES:
             break
         drawn.append(states)
     return drawn
@@ -129,7 +129,7 @@ def _some_cycles(filter: Filter, visited: Integer[np.ndarray, "_"]) -> list[Int[
 
 def _loop(count: int) -> Float[np.ndarray, "count 2"]:
     """A closed path through so many points: a ring, or where it would be large, a comb."""
-    if count <= _LARGEST_RING:
+    if count <= _MAX_RING:
         radius = max(count / (2 * np.pi), 0.4)
         angle = 2 * np.pi * np.arange(count) / count
         return radius * np.stack([1 + np.sin(angle), 1 - np.cos(angle)], axis=1)
@@ -147,7 +147,7 @@ def _loop(count: int) -> Float[np.ndarray, "count 2"]:
 
 
 def _pack(shapes: list[Float[np.ndarray, "_ 2"]], wide: float) -> list[Float[np.ndarray, "_ 2"]]:
-    """Puts shapes side by side in rows that are so wide, or as wide as a shape."""
+    """Put shapes side by side in rows that are so wide, or as wide as a shape."""
     placed = []
     left = top = height = 0.0
     for shape in shapes:

@@ -1,15 +1,10 @@
-"""Rooms with obstacles at random places, told by a seed and the number of the room."""
+"""Rooms with obstacles at random places, which a seed and the number of the room determine."""
 
-import functools
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Bool
-
-from .parameters import Parameter, angle, members, one_of, whole
-from .results import but, dataset, together
 
 
 DIRECTIONS = 360
@@ -22,7 +17,7 @@ _RECTANGLE = np.ones((18, 40), bool)
 _RECTILINEAR = np.ones((30, 36), bool)
 _RECTILINEAR[12:, 12:] = False
 _SIDES = (10, 50)
-_MOST_ATTEMPTS = 1000
+_MAX_ATTEMPTS = 1000
 
 
 def _scaled_square(rng: np.random.Generator) -> Bool[np.ndarray, "side side"]:
@@ -51,7 +46,7 @@ class Placement(NamedTuple):
 
 
 def place(seed: int, environment: str, run: int) -> Placement:
-    """Puts obstacles into the room of Figure 2.7, uniformly over all ways in which they do not
+    """Put obstacles into the room of Figure 2.7, uniformly over all ways in which they do not
     overlap.
 
     Section 2.5.1 changes the obstacles of "the environment E of Figure 2.6", which has a static
@@ -110,7 +105,7 @@ def random_room(
     import scipy.ndimage
 
     rng = np.random.default_rng([seed, number, columns, rows, obstacles])
-    for _ in range(_MOST_ATTEMPTS):
+    for _ in range(_MAX_ATTEMPTS):
         free = np.ones((rows, columns), bool)
         for _ in range(obstacles):
             width, height = (_side(rng, size) for size in (columns, rows))
@@ -126,75 +121,3 @@ def random_room(
 
 def _side(rng: np.random.Generator, size: int) -> int:
     return int(rng.integers(max(1, size // 20), max(1, size // 5), endpoint=True))
-
-
-PARAMETERS = {
-    "room": Parameter(whole(0)),
-    "bounce": Parameter(angle),
-    "environment": Parameter(one_of("random", *ENVIRONMENTS), "random"),
-    "columns": Parameter(whole(1, 10_000), 50),
-    "rows": Parameter(whole(1, 10_000), 45),
-    "obstacles": Parameter(whole(0, 1000), 6),
-    "directions": Parameter(whole(1, 3600), DIRECTIONS),
-    "collision": Parameter(one_of("swept", "endpoint"), "swept"),
-}
-
-
-def room_of(
-    parameters: Mapping[str, Any], seed: int
-) -> tuple[Bool[np.ndarray, "rows columns"], dict[str, Any]]:
-    """The free cells of the room of one member, and all its parameters, those by default too."""
-    batch = {name: np.array([value]) for name, value in parameters.items()}
-    (member,) = members("rooms", PARAMETERS, batch, {})
-    return _free(seed, member), member
-
-
-def _free(seed: int, member: Mapping[str, Any]) -> Bool[np.ndarray, "rows columns"]:
-    number, environment = member["room"], member["environment"]
-    if environment == "random":
-        sizes = (member[name] for name in ("columns", "rows", "obstacles"))
-        return random_room(seed, number, *sizes)
-    return place(seed, environment, number).free
-
-
-def rooms(batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int) -> xr.Dataset:
-    """Periodic groups, and the filter of a robot that knows its heading, in random rooms.
-
-    Parameters: `room`, a number from 0; `bounce`, in degrees; `environment`, `random` or one of E1
-    to E4 of Figure 2.7; `columns`, `rows` and `obstacles` of a random room; `directions`;
-    `collision`. Chunks with many angles of one room are the fastest.
-    """
-    found = members("rooms", PARAMETERS, batch, fixed)
-    return dataset(_RESULTS, together(found, but("bounce"), functools.partial(_rows, seed)))
-
-
-def _rows(seed: int, some: list[dict[str, Any]]) -> list[list[int]]:
-    from ...bounce import bounce_shift, heading_filter_sizes, wall_groups, walls
-
-    member, bounces = some[0], np.radians([one["bounce"] for one in some])
-    free = _free(seed, member)
-    shift, which = np.unique(bounce_shift(bounces, member["directions"]), return_inverse=True)
-    known = walls(free[None], member["directions"], collision=member["collision"])
-    groups = wall_groups(known, shift)
-    columns = [
-        np.full((1, shift.size), free.sum()),
-        groups.count,
-        groups.longest_transient,
-        groups.longest_period,
-        groups.periodic_cells,
-        groups.largest_basin,
-        heading_filter_sizes(known, shift),
-    ]
-    rows: list[list[int]] = np.concatenate(columns).T[which].tolist()
-    return rows
-
-
-_RESULTS = {
-    "positions": ("free cells of the room", "1"),
-    "groups": ("number of periodic groups", "1"),
-    "longest_transient": ("longest transient", "mappings"),
-    "longest_period": ("longest period", "mappings"),
-    "periodic_cells": ("cells of periodic groups", "1"),
-    "largest_basin": ("cells that reach the same group, at most", "1"),
-    "filter_states": ("states of the filter of a robot that starts in direction 0", "1"),
-}

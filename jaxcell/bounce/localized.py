@@ -1,0 +1,217 @@
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..automata import Filter, minimize
+from ..base.quantities import Checks, Result, derived
+from ..space import CellSpace
+from .localize import Localization
+from .periodic import BounceGroups
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LocalizationFilter(Result):
+    """A localization filter, with its numbers.
+
+    The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
+    knowledge cycle `c`, in their order, are `cycle_state[cycle_offset[c]:cycle_offset[c + 1]]`.
+    """
+
+    title: ClassVar[str] = "Localization filter of a bouncing robot"
+    tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles"}
+
+    filter: Filter
+
+    @derived("", "states, nondeterministic", "1", kind="count")
+    def nfa_states(self) -> int:
+        return int(self.filter.uncertainty[0]) + 1
+
+    @derived("", "states, deterministic", "1", kind="count")
+    def dfa_states(self) -> int:
+        return len(self.filter.transition) - self.filter.open_world
+
+    @derived("", "states, minimal", "1", kind="count")
+    def minimal_states(self) -> int:
+        return len(minimize(self.filter).transition) - self.filter.open_world
+
+    @derived("", "knowledge cycles", "1", kind="count")
+    def knowledge_cycles(self) -> int:
+        return len(self.filter.cycles)
+
+    @derived("", "cells left possible in the end, at best", "1", kind="count")
+    def least_uncertainty(self) -> int:
+        return int(self.cycle_uncertainty.min())
+
+    @derived("", "cells left possible in the end, at worst", "1", kind="count")
+    def largest_uncertainty(self) -> int:
+        return int(self.cycle_uncertainty.max())
+
+    @derived("cycle", "colour of the cycle", kind="count")
+    def cycle_color(self) -> Int[np.ndarray, "cycles"]:
+        return np.array([cycle.color for cycle in self.filter.cycles], np.int32)
+
+    @derived("cycle", "cells where the robot may be", "1", kind="count")
+    def cycle_uncertainty(self) -> Int[np.ndarray, "cycles"]:
+        return np.array([cycle.uncertainty for cycle in self.filter.cycles], np.int32)
+
+    @derived("cycle", "states of the cycle", kind="count")
+    def cycle_length(self) -> Int[np.ndarray, "cycles"]:
+        return np.array([len(cycle.states) for cycle in self.filter.cycles], np.int32)
+
+    @derived("cycle_bound", "where a knowledge cycle begins in cycle_state", kind="count")
+    def cycle_offset(self) -> Int[np.ndarray, "bounds"]:
+        return np.cumsum([0, *self.cycle_length], dtype=np.int64)
+
+    @derived("cycle_entry", "states of the knowledge cycles in turn", kind="index")
+    def cycle_state(self) -> Int[np.ndarray, "entries"]:
+        return np.concatenate([cycle.states for cycle in self.filter.cycles])
+
+    @derived("observation", "what the robot senses", kind="coordinate", values="1: it bumped")
+    def observation(self) -> Int[np.ndarray, "2"]:
+        return np.arange(2, dtype=np.int32)
+
+    @derived("state observation", "state after an observation that may occur", kind="index")
+    def transition(self) -> Int[np.ndarray, "states 2"]:
+        return self.filter.transition
+
+    @derived("state", "colour: 1 outside the knowledge cycles", kind="count")
+    def color(self) -> Int[np.ndarray, "states"]:
+        return self.filter.color
+
+    @derived("state", "cells where the robot may be", "cells", kind="count")
+    def uncertainty(self) -> Int[np.ndarray, "states"]:
+        return self.filter.uncertainty
+
+    @derived("state_bound", "where a state begins in member", kind="count")
+    def offset(self) -> Int[np.ndarray, "bounds"]:
+        return self.filter.offsets
+
+    @derived("entry", "cells of the states in turn", kind="index")
+    def member(self) -> Int[np.ndarray, "entries"]:
+        return self.filter.members
+
+    def checks(self) -> Checks:
+        # What is left after either observation was there before, so both are no more together.
+        known = np.where(self.transition >= 0, self.uncertainty[self.transition], 0)
+        gain = known.sum(axis=1) > self.uncertainty
+        members = np.abs(self.uncertainty - np.diff(self.offset)).max()
+        return {
+            "uncertainty_minus_members": (int(members), 0),
+            "states_that_gain_cells": (int(np.count_nonzero(gain)), 0),
+        }
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Localized(LocalizationFilter):
+    """A localization filter of a map, and a robot that it localizes.
+
+    The constructor checks that filter and run are of these cells.
+    """
+
+    title: ClassVar[str] = "Localization of a bouncing robot by its bumps"
+    tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles", "candidate": "candidates"}
+
+    cells: CellSpace
+    motion: Mapping[str, Any]
+    "How the robot moves: `step` and `collision`, as for [`jaxcell.bounce.moves`][]."
+    bounce: float
+    "The bouncing angle, in radians."
+    run: Localization
+
+    def __post_init__(self) -> None:
+        first, size = int(self.filter.uncertainty[0]), self.cells.size
+        if first != size:
+            raise ValueError(
+                f"filter: it starts in doubt over {first} cells, but there are {size}; it is not "
+                "of these cells"
+            )
+        for name, what, count in (
+            ("path", "cell", size),
+            ("states", "state", len(self.filter.transition)),
+        ):
+            values = getattr(self.run, name)
+            for i in np.flatnonzero((values < 0) | (values >= count)).tolist()[:1]:
+                raise ValueError(
+                    f"run: {name}[{i}] is {what} {values[i]}; {what}s are 0 to {count - 1}"
+                )
+
+    @functools.cached_property
+    def groups(self) -> BounceGroups:
+        """The periodic groups, in which the robot ends."""
+        return BounceGroups.of(self.cells, self.bounce, **self.motion)
+
+    @derived("", "periodic groups", "1", kind="count")
+    def periodic_groups(self) -> int:
+        return int(self.groups.count[0])
+
+    @derived("", "longest transient", "mappings", kind="count")
+    def longest_transient(self) -> int:
+        return int(self.groups.longest_transient[0])
+
+    @derived("", "where the robot starts")
+    def start_pose(self) -> str:
+        return self._pose(self.run.start)
+
+    @derived("", "where it is in the end")
+    def end_pose(self) -> str:
+        return self._pose(self.run.end)
+
+    def _pose(self, cell: int) -> str:
+        x, y, theta = map(float, self.cells.centre(cell))
+        return f"{x:g} m, {y:g} m, {math.degrees(theta):g}°"
+
+    @derived("time", "mappings", "mappings", kind="coordinate")
+    def time(self) -> Int[np.ndarray, "times"]:
+        return np.arange(len(self.run.states), dtype=np.int32)
+
+    @derived("time", "x of the robot", "m")
+    def robot_x(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.run.path)[0]
+
+    @derived("time", "y of the robot", "m")
+    def robot_y(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.run.path)[1]
+
+    @derived("time", "heading of the robot", "rad", sense="counter-clockwise")
+    def robot_theta(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.run.path)[2]
+
+    @derived("time", "cells where the robot may be", "cells", kind="count")
+    def belief_size(self) -> Int[np.ndarray, "times"]:
+        return self.uncertainty[self.run.states]
+
+    @derived("time", "colour of the filter", kind="count")
+    def belief_color(self) -> Int[np.ndarray, "times"]:
+        return self.color[self.run.states]
+
+    @derived("candidate", "x", "m")
+    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.run.candidates)[0]
+
+    @derived("candidate", "y", "m")
+    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.run.candidates)[1]
+
+    @derived("candidate", "heading", "degree")
+    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
+        return np.rad2deg(self.cells.centre(self.run.candidates)[2])
+
+    def checks(self) -> Checks:
+        # The run follows the transitions, and ends with the cells of its last state. In some of the
+        # states the robot is in none of the cells if the filter is of another map.
+        run = self.run
+        follows = self.transition[run.states[:-1], run.observations] == run.states[1:]
+        beliefs = [self.member[self.offset[s] : self.offset[s + 1]] for s in run.states]
+        lost = sum(not np.isin(z, cells) for z, cells in zip(run.path, beliefs, strict=True))
+        ends = np.setxor1d(run.candidates, beliefs[-1])
+        return {
+            **super().checks(),
+            "run_off_the_transitions": (int(np.count_nonzero(~follows)), 0),
+            "candidates_not_of_the_last_state": (ends.size, 0),
+            "states_without_the_robot": (lost, math.inf),
+        }

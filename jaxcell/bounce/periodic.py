@@ -1,0 +1,260 @@
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..base.quantities import Checks, Result, derived, quantity
+from ..space import CellSpace
+from .dynamics import Collision, bounce_map, bounce_shift, moves
+from .filter_size import heading_filter_sizes
+from .grid_groups import GridGroups, wall_groups
+from .groups import bounce_groups, group_summary
+from .walls import cell_walls, walls
+
+
+# Tables of walls grow with the square of the number of ways.
+_MAX_WAYS = 100
+_PADDING = "-1: no such group"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BounceGroups(Result):
+    """The periodic groups of a bouncing robot, for each of some bouncing angles.
+
+    The numbers of cells and of single groups are computed when they are first asked for.
+    """
+
+    title: ClassVar[str] = "Periodic groups of a bouncing robot"
+    tables: ClassVar[Mapping[str, str]] = {"bounce": "groups"}
+
+    cells: CellSpace
+    motion: Mapping[str, Any]
+    "How the robot moves: `step` and `collision`, as for [`jaxcell.bounce.moves`][]."
+    bounce: Annotated[
+        Float[np.ndarray, "angles"],
+        quantity("bounce", "bouncing angle", "rad", kind="coordinate", sense="counter-clockwise"),
+    ]
+    count: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity("bounce", "periodic groups", "1", kind="count"),
+    ]
+    longest_transient: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity("bounce", "longest transient", "mappings", kind="count"),
+    ]
+    shortest_period: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity("bounce", "shortest period", "mappings", kind="count"),
+    ]
+    longest_period: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity("bounce", "longest period", "mappings", kind="count"),
+    ]
+    periodic_cells: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity("bounce", "periodic cells", "1", kind="count"),
+    ]
+    largest_basin: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity("bounce", "largest basin", "1", kind="count"),
+    ]
+
+    @classmethod
+    def of(
+        cls,
+        cells: CellSpace,
+        bounce: Float[np.ndarray, "*angles"] | float,
+        *,
+        step: float | None = None,
+        collision: Collision = "swept",
+    ) -> "BounceGroups":
+        """The periodic groups of the bounce map of each angle.
+
+        **Arguments:**
+
+        - `cells`: the cell space.
+        - `bounce`: one or several bouncing angles, in radians.
+        - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
+
+        **Raises:** `ValueError` for an angle that is not a whole number of directions.
+
+        A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
+
+            >>> import math
+            >>> import numpy as np
+            >>> from jaxcell import bounce, space
+            >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+            >>> groups = bounce.BounceGroups.of(cells, math.pi)
+            >>> groups.longest_period.tolist(), groups.step.tolist()
+            ([6], [[[0, 0, 0], [0, 0, 0]]])
+        """
+        angles = np.atleast_1d(np.asarray(bounce, float))
+        shift = bounce_shift(angles, cells.directions)
+        motion = {"step": step, "collision": collision}
+        if len(moves(cells, step=step, collision=collision).target) <= _MAX_WAYS:
+            known = cell_walls(cells, step=step, collision=collision)
+            return cls(cells, motion, angles, *_of_each(wall_groups(known, shift), slice(None)))
+        found = group_summary(cells, angles, step=step, collision=collision)
+        count, *tables = map(np.asarray, (found.count, found.period, found.basin, found.transient))
+        numbers = [
+            (transient.max(), period.min(), period.max(), period.sum(), basin.max())
+            for period, basin, transient in (
+                (table[i, :size] for table in tables) for i, size in enumerate(count.tolist())
+            )
+        ]
+        return cls(cells, motion, angles, count, *np.array(numbers).T)
+
+    @derived("bounce", "bouncing angle", "degree", kind="coordinate")
+    def bounce_deg(self) -> Float[np.ndarray, "angles"]:
+        return np.rad2deg(self.bounce)
+
+    @derived("bounce direction position", "periodic group that the cell reaches", kind="index")
+    def group(self) -> Int[np.ndarray, "angles directions positions"]:
+        return self._of_cells[0]
+
+    @derived(
+        "bounce direction position",
+        "mappings until the cell is on its group",
+        "mappings",
+        kind="count",
+    )
+    def step(self) -> Int[np.ndarray, "angles directions positions"]:
+        return self._of_cells[1]
+
+    @derived("bounce direction position", "period of that group", "mappings", kind="count")
+    def period(self) -> Int[np.ndarray, "angles directions positions"]:
+        return self._of_cells[2]
+
+    @derived("bounce direction position", "whether the cell is on its group", kind="flag")
+    def periodic(self) -> Bool[np.ndarray, "angles directions positions"]:
+        return self.step == 0
+
+    @derived("bounce group_index", "period of the group", "mappings", padding=_PADDING)
+    def group_period(self) -> Int[np.ndarray, "angles groups"]:
+        return self._of_groups(np.maximum, self.period)
+
+    @derived("bounce group_index", "cells that reach the group", "cells", padding=_PADDING)
+    def group_basin(self) -> Int[np.ndarray, "angles groups"]:
+        return self._of_groups(np.add, np.ones_like(self.group))
+
+    @derived("bounce group_index", "longest transient", "mappings", padding=_PADDING)
+    def group_transient(self) -> Int[np.ndarray, "angles groups"]:
+        return self._of_groups(np.maximum, self.step)
+
+    @functools.cached_property
+    def _of_cells(self) -> list[Int[np.ndarray, "angles directions positions"]]:
+        found = bounce_groups(self.cells, self.bounce, **self.motion)
+        arrays = jax.device_get((found.group, found.step, found.period))
+        shape = len(self.bounce), self.cells.directions, self.cells.positions
+        return [array.reshape(shape) for array in arrays]
+
+    def _of_groups(
+        self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]
+    ) -> Int[np.ndarray, "angles groups"]:
+        """The sum or the maximum over the cells of each group."""
+        found = np.zeros((len(self.bounce), int(self.group.max()) + 1), np.int32)
+        for row, group, of_cells in zip(found, self.group, values, strict=True):
+            collect.at(row, group, of_cells)
+            row[group.max() + 1 :] = -1
+        return found
+
+    def checks(self) -> Checks:
+        # Basins hold all cells; a group has as many periodic cells as its period; in each basin
+        # some cell is at every step up to the farthest; each image is in the same group, one step
+        # nearer to it; and both engines agree.
+        angles = len(self.bounce)
+        group, step = (one.reshape(angles, -1) for one in (self.group, self.step))
+        image = np.asarray(bounce_map(self.cells, self.bounce, **self.motion).image)
+        leads = np.take_along_axis(group, image, 1) == group
+        nearer = np.take_along_axis(step, image, 1) == np.maximum(step - 1, 0)
+        basins = periods = missing = differ = 0
+        for i, count in enumerate((self.group_period >= 0).sum(axis=1).tolist()):
+            period, basin, transient = (
+                table[i, :count]
+                for table in (self.group_period, self.group_basin, self.group_transient)
+            )
+            basins = max(basins, abs(int(basin.sum()) - group[i].size))
+            on_group = np.bincount(group[i][step[i] == 0], minlength=count)
+            periods = max(periods, int(np.abs(on_group - period).max()))
+            first = np.cumsum([0, *(transient + 1)])
+            occurs = np.zeros(first[-1], bool)
+            occurs[np.minimum(first[group[i]] + step[i], first[-1] - 1)] = True
+            missing += int(np.count_nonzero(~occurs))
+            numbers = (transient.max(), period.min(), period.max(), period.sum(), basin.max())
+            summed = [one[i] for one in _of_each(self, slice(None))]
+            differ += int(np.count_nonzero(np.array([count, *numbers]) != summed))
+        return {
+            "basins_minus_cells": (basins, 0),
+            "periodic_cells_minus_period": (periods, 0),
+            "steps_that_no_cell_takes": (missing, 0),
+            "image_violations": (int(np.count_nonzero(~(leads & nearer))), 0),
+            "numbers_not_those_of_cells": (differ, 0),
+        }
+
+
+def _of_each(
+    groups: GridGroups | BounceGroups, which: Int[np.ndarray, "angles"] | slice
+) -> list[Int[np.ndarray, "angles"]]:
+    """The six numbers of the groups of the angles of one grid."""
+    names = [field.name for field in dataclasses.fields(GridGroups)]
+    numbers = (np.atleast_2d(getattr(groups, name))[0] for name in names)
+    return [number[which] for number in numbers]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RoomGroups(BounceGroups):
+    """The periodic groups in a room, and the filter of a robot there that knows its heading."""
+
+    title: ClassVar[str] = "Periodic groups of a bouncing robot in a random room"
+
+    filter_states: Annotated[
+        Int[np.ndarray, "angles"],
+        quantity(
+            "bounce",
+            "states of the filter of a robot that starts in direction 0",
+            "1",
+            kind="count",
+        ),
+    ]
+
+    @derived("", "free cells of the room", "1", kind="count")
+    def positions(self) -> int:
+        return self.cells.positions
+
+    @classmethod
+    def of_room(
+        cls,
+        free: Bool[np.ndarray, "rows columns"],
+        bounce: Float[np.ndarray, "angles"],
+        directions: int,
+        *,
+        collision: Collision = "swept",
+    ) -> "RoomGroups":
+        """The periodic groups and the filters in a room for some bouncing angles.
+
+        **Arguments:**
+
+        - `free`: which squares are free; row 0 is the lowest.
+        - `bounce`: bouncing angles in radians.
+        - `directions`, `collision`: as for [`jaxcell.bounce.grid_moves`][].
+
+        An open room of two rows of three squares, with turns to the left and right about:
+
+            >>> import numpy as np
+            >>> from jaxcell import bounce
+            >>> turns = np.array([np.pi / 2, np.pi])
+            >>> room = bounce.RoomGroups.of_room(np.ones((2, 3), bool), turns, directions=4)
+            >>> room.longest_period.tolist(), room.filter_states.tolist()
+            ([10, 6], [14, 8])
+        """
+        shift, which = np.unique(bounce_shift(bounce, directions), return_inverse=True)
+        known = walls(free[None], directions, collision=collision)
+        numbers = _of_each(wall_groups(known, shift), which)
+        numbers.append(heading_filter_sizes(known, shift)[0][which])
+        cells = CellSpace.of_grid(free, directions)
+        motion = {"step": None, "collision": collision}
+        return cls(cells, motion, bounce, *numbers)

@@ -1,0 +1,261 @@
+import dataclasses
+import functools
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Int, UInt8
+
+from ...bounce import BounceGroups
+from ...space import CellSpace
+from ..canvas.map import CellMap, log_classes, on_squares, send_pictures
+from ..canvas.page import legend_view, log_legends, log_text, text_view
+from ..canvas.palette import (
+    CATEGORIES,
+    FREE,
+    GROUP_CLASSES,
+    OBSTACLE,
+    ON_GROUP,
+    TEXT,
+    LegendEntry,
+    PictureClass,
+    group_class,
+    ramp,
+    step_classes,
+)
+from ..canvas.prose import bouncing, describe, made_with
+from ..canvas.stream import recording, send_blueprint
+
+
+_NO_GROUP = len(GROUP_CLASSES)
+_HEADING_ROW = len(CATEGORIES) + 2
+_LEGEND_ROWS = _HEADING_ROW + 8
+
+
+def log_groups(
+    groups: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of periodic groups.
+
+    For each bouncing angle, over the timeline `direction`: the group that every cell leads to, the
+    mappings it takes, and where these groups run. Several angles have a tab each.
+
+    **Arguments:**
+
+    - `groups`: the groups.
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `spec`: what was asked for, shown in the text.
+    """
+    directions = groups.cells.directions
+    shown = {"direction": (np.arange(directions), np.arange(directions))}
+    with recording(path, "groups") as stream:
+        map = CellMap(stream, groups.cells)
+        tabs = [
+            log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec or {})
+            for i, angle in enumerate(groups.bounce_deg.tolist())
+        ]
+        layout = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
+        send_blueprint(stream, layout, "direction", speed=max(2.0, directions / 30))
+
+
+def log_group_tab(
+    map: CellMap,
+    groups: BounceGroups,
+    angle: int,
+    title: str,
+    shown: Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]],
+    spec: Mapping[str, Any],
+) -> rrb.Container:
+    """Log the pictures, the legend and the text of one bouncing angle, and lay them out.
+
+    **Arguments:**
+
+    - `angle`: its number.
+    - `title`: what the tab is called.
+    - `shown`: for each timeline, times and the directions that are shown at these.
+    """
+    stream, one = map.stream, _OfAngle(groups, angle)
+    name = f"bounce_{groups.bounce_deg[angle]:.6g}"
+    for kind, (classes, pictures) in one.pictures().items():
+        path = f"map/grid/{name}/{kind}"
+        log_classes(stream, path, classes)
+        for timeline, (times, headings) in shown.items():
+            send_pictures(stream, path, pictures[headings], timeline, times)
+    legends = one.legends()
+    arrow = rr.Arrows2D.from_fields(colors=TEXT, radii=0.09, draw_order=50)
+    stream.log(f"{name}/legend/heading", arrow, static=True)
+    for timeline, (times, headings) in shown.items():
+        log_legends(stream, f"{name}/legend", timeline, times, [legends[k] for k in headings])
+        theta = 2 * np.pi * headings / len(legends)
+        # A legend has y down.
+        vector = 0.45 * np.stack([np.cos(theta), -np.sin(theta)], axis=1)
+        middle = np.array([0.25, _HEADING_ROW])
+        arrows = rr.Arrows2D.columns(origins=middle - vector, vectors=2 * vector)
+        index = [rr.TimeColumn(timeline, sequence=times)]
+        stream.send_columns(f"{name}/legend/heading", index, arrows)
+    log_text(stream, f"{name}/text", _text(groups, angle, spec))
+    path = f"grid/{name}"
+    return rrb.Horizontal(
+        rrb.Grid(
+            map.view("The group that each cell leads to", [f"{path}/groups"]),
+            map.view("The mappings that it takes", [f"{path}/steps"]),
+            map.view("Where these groups run", [f"{path}/cycles"]),
+            legend_view(f"{name}/legend", _LEGEND_ROWS),
+            grid_columns=2,
+        ),
+        text_view(f"{name}/text"),
+        column_shares=[7, 3],
+        name=title,
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _OfAngle:
+    """The groups of one bouncing angle as pictures and legends.
+
+    Groups have ranks, and by these their colours, among those that are met in the same directions:
+    a bounce by 90 of 360 degrees has 90 such families, and no picture shows two of them.
+    """
+
+    groups: BounceGroups
+    angle: int
+
+    @property
+    def _cells(self) -> CellSpace:
+        return self.groups.cells
+
+    @functools.cached_property
+    def _count(self) -> int:
+        return int(self._group.max()) + 1
+
+    @property
+    def _group(self) -> Int[np.ndarray, "directions positions"]:
+        return self.groups.group[self.angle]
+
+    @property
+    def _basin(self) -> Int[np.ndarray, "groups"]:
+        return self.groups.group_basin[self.angle, : self._count]
+
+    @functools.cached_property
+    def _direction(self) -> Int[np.ndarray, "groups"]:
+        """The lowest direction of the cells of each group, which all of its family have."""
+        direction = np.zeros(self._count, np.int32)
+        for k, group in reversed(list(enumerate(self._group))):
+            direction[group] = k
+        return direction
+
+    @functools.cached_property
+    def _family(self) -> Int[np.ndarray, "directions"]:
+        return self._direction[self._group[:, 0]]
+
+    @functools.cached_property
+    def _rank(self) -> Int[np.ndarray, "groups"]:
+        """The rank of each group by its basin among those of its family, 0 for the largest."""
+        order = np.lexsort((-self._basin, self._direction))
+        direction = self._direction[order]
+        rank = np.empty(order.size, np.int64)
+        rank[order] = np.arange(order.size) - np.searchsorted(direction, direction)
+        return rank
+
+    def pictures(
+        self,
+    ) -> dict[str, tuple[list[PictureClass], UInt8[np.ndarray, "directions rows columns"]]]:
+        """The classes and the pictures of each kind, one for each direction."""
+        step = self.groups.step[self.angle]
+        kind = (group_class(self._rank)[self._group] + (step == 0)).astype(np.uint8)
+        on_group = np.where(step == 0, kind, np.uint8(_NO_GROUP))
+        cycles = np.empty_like(on_group)
+        for one in np.unique(self._family):
+            # Larger basins have smaller classes: the largest group that passes a square shows.
+            cycles[self._family == one] = on_group[self._family == one].min(axis=0)
+        share, steps = step_classes(int(step.max()))
+        away = np.where(step == 0, 1, 2 + (step - 1) // share)
+        none = PictureClass("on no such group", FREE)
+        kinds = {
+            "groups": (GROUP_CLASSES, kind),
+            "cycles": ([*GROUP_CLASSES, none], cycles),
+            "steps": (steps, away),
+        }
+        return {
+            name: (classes, on_squares(self._cells, kind))
+            for name, (classes, kind) in kinds.items()
+        }
+
+    def legends(self) -> list[list[LegendEntry]]:
+        """What the colours mean, for each direction."""
+        scale = _scale(int(self.groups.step[self.angle].max()))
+        of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
+        spacing = 360 / self._cells.directions
+        return [
+            # An arrow is drawn in the place of this swatch, which has the colour of the ground.
+            [
+                *of_family[one],
+                LegendEntry(_HEADING_ROW, f"heading {k * spacing:.6g}°", OBSTACLE),
+                *scale,
+            ]
+            for k, one in enumerate(self._family.tolist())
+        ]
+
+    def _legend(self, direction: int) -> list[LegendEntry]:
+        """The groups whose lowest direction this is."""
+        members = np.flatnonzero(self._direction == direction)
+        members = members[np.argsort(self._rank[members])]
+        basin = self._basin[members]
+        shares = 100 * basin / basin.sum()
+        period = self.groups.group_period[self.angle]
+        entries: list[LegendEntry] = []
+        for group, share, color in zip(members, shares, CATEGORIES.values(), strict=False):
+            about = f"group {group}: period {period[group]}, {share:.3g} % of cells"
+            entries.append(LegendEntry(len(entries), about, color))
+        more = members.size - len(entries)
+        if more:
+            pale = GROUP_CLASSES[group_class(np.array([len(CATEGORIES)]))[0]].color
+            about = f"{more} more, pale: {shares[len(entries) :].sum():.3g} % of cells"
+            entries.append(LegendEntry(len(entries), about, pale))
+        return entries
+
+
+def _scale(longest: int) -> list[LegendEntry]:
+    away = np.unique(np.linspace(1, max(longest, 1), 5).round().astype(int))
+    colors = ramp((away - 1) / max(longest - 1, 1)).tolist()
+    first = _LEGEND_ROWS - 1 - away.size
+    scale = [LegendEntry(first, "0 mappings: on a group", ON_GROUP)]
+    for row, (steps, (red, green, blue)) in enumerate(zip(away, colors, strict=True), first + 1):
+        unit = "mapping" if steps == 1 else "mappings"
+        scale.append(LegendEntry(row, f"{steps} {unit} to a group", (red, green, blue)))
+    return scale
+
+
+def _text(groups: BounceGroups, i: int, spec: Mapping[str, Any]) -> str:
+    """What the pictures of one bouncing angle show."""
+    cells, count = groups.cells, groups.count[i]
+    shortest, longest = groups.shortest_period[i], groups.longest_period[i]
+    if count == 1:
+        found = f"There is **one**, with period {longest:,}"
+    else:
+        found = f"There are **{count:,}**, with periods from {shortest:,} to {longest:,}"
+    return f"""# Periodic groups
+
+{bouncing(float(groups.bounce[i]))}
+
+{describe(cells)} Each cell has one next cell, its *image*, so that from every cell the robot ends
+in a cycle of cells, a *periodic group*. {found}. From the farthest cell it takes
+**{groups.longest_transient[i]:,}** mappings to get there.
+
+## The three maps
+
+Each shows one direction at a time; the slider `direction` at the bottom goes through all
+{cells.directions}, from East (0) counter-clockwise. Hover over a square to read its class.
+
+- **The group that each cell leads to**: cells of one colour end in the same group. Cells that are
+  on it already are darker.
+- **The mappings that it takes**, from white (on a group) over blue to yellow.
+- **Where these groups run**, in whatever direction: the cycles themselves.
+
+The legend is for the direction that is shown. Groups with larger basins come first; those past the
+seventh have pale shades.
+
+{made_with(spec)}"""

@@ -1,0 +1,276 @@
+import math
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...automata import Filter
+from ...bounce import Localized
+from ..canvas.belief import (
+    MAX_ARROWS,
+    arrows,
+    belief_length,
+    log_belief_style,
+    log_shades,
+    shades,
+)
+from ..canvas.curves import curve_view, log_curve
+from ..canvas.map import CellMap, on_squares, send_pictures
+from ..canvas.marks import log_robot, points
+from ..canvas.page import log_text, text_view
+from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, TEXT, TRAIL, cycle_color
+from ..canvas.prose import bouncing, counted, describe, made_with, table
+from ..canvas.stream import recording, send_blueprint
+from .filter_drawing import Drawing, draw_filter
+from .groups import log_group_tab
+
+
+# A trail has so many corners at most; a run of n steps would else take n^2 points.
+_MAX_CORNERS = 100
+_MAX_OBSERVATIONS = 240
+_MAX_ROWS = 12
+
+
+def log_localization(
+    found: Localized, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of a robot that is localized by its bumps.
+
+    Over the timeline `step`: the robot and its trail, the cells where it may be, how many they
+    are, and the path through the filter, drawn as a graph. The periodic groups are there too, for
+    the heading of the robot on `step`, and over the timeline `direction`.
+
+    **Arguments:**
+
+    - `found`: the filter and the run.
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `spec`: what was asked for, shown in the text.
+    """
+    cells, spec = found.cells, spec or {}
+    drawing = draw_filter(found.filter, found.run.states)
+    heading = found.run.path // cells.positions
+    turns = np.flatnonzero(np.diff(heading, prepend=-1))
+    every = np.arange(cells.directions)
+    shown = {"direction": (every, every), "step": (turns, heading[turns])}
+    with recording(path, "localization") as stream:
+        map = CellMap(stream, cells)
+        _log_belief(stream, found)
+        length = max(0.7 * cells.cell, 0.035 * map.extent)
+        # Below the arrows of the belief, one of which lies on it as long as the filter is right.
+        log_robot(
+            stream,
+            "map/robot",
+            (found.robot_x, found.robot_y, found.robot_theta),
+            length,
+            ROBOT,
+            trail="map/trail",
+            trail_color=TRAIL,
+            corners=_MAX_CORNERS,
+            middle=0.0,
+            order=18.0,
+        )
+        _log_end(map, found)
+        marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth"]
+        maps = rrb.Vertical(
+            map.view("Where the robot is, and where it may be", marks),
+            _log_numbers(stream, found),
+            row_shares=[7, 3],
+        )
+        log_text(stream, "text", _text(found, drawing, spec))
+        graph = _log_graph(stream, found, drawing)
+        beside = rrb.Vertical(text_view("text"), graph, row_shares=[1, 1])
+        tabs = rrb.Tabs(
+            rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
+            log_group_tab(map, found.groups, 0, "Groups", shown, spec),
+            active_tab=0,
+        )
+        send_blueprint(stream, tabs, "step", speed=float(np.clip(heading.size / 20, 2, 30)))
+
+
+def _log_belief(stream: rr.RecordingStream, found: Localized) -> None:
+    """Log where the robot may be: arrows, or shaded squares while there are too many."""
+    cells, size = found.cells, found.belief_size
+    shown = np.where(size <= MAX_ARROWS, size, 0)
+    beliefs = [found.filter.cells(state) for state in found.run.states[shown > 0].tolist()]
+    where = np.concatenate([*beliefs, np.empty(0, np.int32)])
+    origins, vectors = arrows(cells, where, belief_length(cells))
+    columns = rr.Arrows2D.columns(origins=origins, vectors=vectors)
+    stream.send_columns("map/belief", _steps(found), columns.partition(shown))
+    log_belief_style(stream, cells)
+
+    crowded = np.flatnonzero(size > MAX_ARROWS)
+    if crowded.size:
+        log_shades(stream)
+        times = np.arange(min(crowded[-1] + 2, size.size))
+        kinds = [shades(cells, found.filter.cells(s)) for s in found.run.states[times].tolist()]
+        pictures = on_squares(cells, np.stack(kinds))
+        send_pictures(stream, "map/grid/belief", pictures, "step", times)
+
+
+def _log_end(map: CellMap, found: Localized) -> None:
+    """Mark, at the last step, the cells that are left, and the truth."""
+    stream, cells = map.stream, found.cells
+    end = [rr.TimeColumn("step", sequence=[found.run.observations.size])]
+    squares = map.xy(found.run.candidates[:MAX_ARROWS])
+    half = max(0.5 * cells.cell, 0.014 * map.extent)
+    boxes = rr.Boxes2D.columns(centers=squares, half_sizes=np.full(squares.shape, half))
+    stream.send_columns("map/candidates", end, boxes.partition([len(squares)]))
+    line = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
+    stream.log("map/candidates", line, static=True)
+
+    below = map.xy(found.run.path[-1:]) - np.array([0, half])
+    truth = rr.Points2D.columns(positions=below, labels=["the truth"])
+    stream.send_columns("map/truth", end, truth)
+    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=50)
+    stream.log("map/truth", style, static=True)
+
+
+def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -> rrb.View:
+    """Log the filter as a graph in which the states that were visited light up."""
+    filter, run = found.filter, found.run
+    size = filter.uncertainty[drawing.state]
+    # The name of a node is what hovering shows.
+    names = {
+        state: f"state {state}: {counted(cells, 'cell').replace(',', '')}"
+        for state, cells in zip(drawing.state.tolist(), size.tolist(), strict=True)
+    }
+    nodes = rr.GraphNodes.from_fields(
+        node_ids=list(names.values()), positions=drawing.position, show_labels=False
+    )
+    stream.log("filter/graph", nodes, static=True)
+    pairs = [(names[a], names[b]) for a, b in drawing.edge.tolist()]
+    stream.log("filter/graph", rr.GraphEdges(pairs, graph_type="directed"), static=True)
+
+    times = np.arange(run.states.size)[:, None]
+    first, where = np.unique(run.states, return_index=True)
+    since = np.full(len(filter.transition), times.size)
+    since[first] = where
+    outside = (filter.color[drawing.state] == 1) | (size == 0)
+    plain = [
+        PLAIN if grey else cycle_color(color)[1]
+        for grey, color in zip(outside, filter.color[drawing.state].tolist(), strict=True)
+    ]
+    here = run.states[:, None] == drawing.state
+    been = (since[drawing.state] <= times) & outside
+    colors = np.where(been[..., None], np.array(ROBOT), np.array(plain))
+    colors = np.where(here[..., None], np.array(CURRENT), colors).astype(np.uint8)
+    radii = 4 + 0.45 * np.log2(1 + size) + 5 * here
+    columns = rr.GraphNodes.columns(colors=colors.reshape(-1, 3), radii=radii.ravel())
+    lengths = [drawing.state.size] * times.size
+    stream.send_columns("filter/graph", _steps(found), columns.partition(lengths))
+    left, top = drawing.position.min(axis=0) - 40
+    right, bottom = drawing.position.max(axis=0) + 40
+    return rrb.GraphView(
+        origin="filter/graph",
+        name="The filter",
+        visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
+    )
+
+
+def _log_numbers(stream: rr.RecordingStream, found: Localized) -> rrb.Container:
+    """Log the numbers that change along the run."""
+    size, last = found.belief_size, found.run.observations.size
+    log_curve(stream, "filter/uncertainty", size, shape="Linear")
+    log_curve(stream, "filter/bits", np.log2(np.maximum(size, 1)), shape="Linear")
+    # A step ends with its observation, so what follows from it is drawn from the step before.
+    bumped = np.append(0, found.run.observations)
+    log_curve(stream, "robot/bumped", bumped, color=ROBOT, shape="StepBefore")
+    log_curve(stream, "filter/color", found.belief_color, color=KNOWN, shape="StepBefore")
+    return rrb.Horizontal(
+        curve_view("filter/uncertainty", "Cells where it may be", last),
+        curve_view("filter/bits", "The same in bits (log2)", last),
+        curve_view("robot/bumped", "Bumps (1) and steps (0)", last),
+        curve_view("filter/color", "Colour of the filter", last),
+    )
+
+
+def _steps(found: Localized) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("step", sequence=np.arange(found.run.path.size))]
+
+
+def _text(found: Localized, drawing: Drawing, spec: Mapping[str, Any]) -> str:
+    """What the recording of a localization shows."""
+    run = found.run
+    word = run.word[:_MAX_OBSERVATIONS] + "..." * (len(run.word) > _MAX_OBSERVATIONS)
+    x, y = found.robot_x[0], found.robot_y[0]
+    heading = math.degrees(found.robot_theta[0])
+    return f"""# Where is the robot?
+
+{bouncing(found.bounce)} It has the map, a bump sensor and a clock; it does not know where it
+starts.
+
+{describe(found.cells)} The *filter* keeps the set of cells where the robot may be.
+
+**This run** starts at x = {x:.4g} m, y = {y:.4g} m, heading {heading:.4g}°. It takes
+{len(run.word):,} observations (0: it moved, 1: it bumped, {run.bumps:,} times):
+
+`{word or "none"}`
+
+{_outcome(found)}
+
+## How to look
+
+Press play, or drag the slider `step` at the bottom.
+
+- **vermilion arrow**: the robot, which the filter does not see; the line is its trail.
+- **blue arrows**: the cells where the robot may be. While these are more than {MAX_ARROWS},
+  squares are blue instead, the darker the more headings are possible.
+- **green squares**, at the end: where the robot may be, with the truth among them.
+- **the filter**: a dot is a state, a set of cells, larger if it has more of them.
+  {_drawn(found.filter, drawing)} The state of the filter is violet, those it has been in are
+  vermilion. Each coloured loop is a *knowledge cycle*, which nothing leaves: there the robot is
+  localized.
+
+The tab **Groups** shows, for the heading of the robot, where all cells lead in the end. Its slider
+is `direction`: choose it at the bottom left, in the place of `step`.
+
+{_cycles(found)}
+
+{made_with(spec)}"""
+
+
+def _outcome(found: Localized) -> str:
+    state, filter = int(found.run.states[-1]), found.filter
+    if state == filter.trap:
+        return "The last of them cannot occur on this map: the robot is **somewhere else**."
+    count = int(filter.uncertainty[state])
+    if filter.color[state] == 1:
+        return f"In the end the robot may be in {count:,} cells; it is **not localized** yet."
+    where = "it is in **one** cell" if count == 1 else f"it is in one of **{count:,}** cells"
+    truth = "" if found.run.truth_is_a_candidate else ", but the truth is **not** among them"
+    return (
+        f"Then the filter is in a knowledge cycle, of colour {filter.color[state]}, and the robot "
+        f"is **localized**: {where}{truth}."
+    )
+
+
+def _drawn(filter: Filter, drawing: Drawing) -> str:
+    if drawing.whole:
+        text = "The start is at the left, and each column is one observation farther from it."
+    else:
+        text = (
+            f"There are {len(filter.transition):,}, too many to draw: the rows at the top are the "
+            "last states of this run, to and fro, and after them come knowledge cycles, first the "
+            "one that the run ends in."
+        )
+        if drawing.cycles_left_out:
+            text += f" {drawing.cycles_left_out:,} cycles are left out."
+    if filter.trap is not None and filter.trap not in drawing.state:
+        text += " The trap, where observations lead that cannot occur, is left out."
+    return text
+
+
+def _cycles(found: Localized) -> str:
+    cycles = found.filter.cycles
+    rows: list[tuple[object, ...]] = [
+        (f"{one.color} ({cycle_color(one.color)[0]})", one.uncertainty, len(one.states))
+        for one in cycles[:_MAX_ROWS]
+    ]
+    doubt = found.cycle_uncertainty[_MAX_ROWS:]
+    if doubt.size:
+        rows.append((f"{doubt.size:,} more", f"{doubt.min()} to {doubt.max()}", ""))
+    title = f"## {counted(len(cycles), 'knowledge cycle')}"
+    return f"{title}\n\n{table(('colour', 'uncertainty (cells)', 'length'), rows)}"

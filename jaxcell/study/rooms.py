@@ -1,0 +1,69 @@
+import dataclasses
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from .study import Degrees, Say, Study, require, silent
+
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..bounce import RoomGroups
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rooms(Study):
+    """Find the periodic groups, and the filter of a robot that knows its heading, in random rooms.
+
+    A seed and the number of a room determine it.
+    """
+
+    name: ClassVar[str] = "room"
+    batch: ClassVar[str | None] = "bounce"
+
+    room: int
+    """Number of the room, from 0."""
+    bounce: tuple[Degrees, ...]
+    """Bouncing angles in degrees, counter-clockwise."""
+    environment: Literal["random", "E1", "E2", "E3", "E4"] = "random"
+    """Rectangles at random places, or an environment of Alam 2018, Figure 2.7."""
+    columns: int = 50
+    """Columns of squares of a random room."""
+    rows: int = 45
+    """Rows of squares of a random room."""
+    obstacles: int = 6
+    """Rectangles in a random room."""
+    directions: int = 360
+    """Number of directions."""
+    collision: Literal["swept", "endpoint"] = "swept"
+    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
+    seed: int = 0
+    """Seed of the rooms."""
+
+    def __post_init__(self) -> None:
+        require("room", self.room, "a whole number from 0", lambda x: x >= 0)
+        for side in ("columns", "rows"):
+            require(side, getattr(self, side), "1 to 10,000 squares", lambda x: 1 <= x <= 10_000)
+        require("obstacles", self.obstacles, "0 to 1,000", lambda x: 0 <= x <= 1000)
+        require("directions", self.directions, "1 to 3,600", lambda x: 1 <= x <= 3600)
+        require("seed", self.seed, "a whole number from 0", lambda x: x >= 0)
+
+    def free(self) -> "np.ndarray":
+        """The free squares of the room."""
+        from ..space.random_rooms import place, random_room
+
+        if self.environment == "random":
+            return random_room(self.seed, self.room, self.columns, self.rows, self.obstacles)
+        return place(self.seed, self.environment, self.room).free
+
+    def run(self, say: Say = silent) -> "RoomGroups":
+        if not self.bounce:
+            raise ValueError("bounce: expected at least one angle in degrees")
+        import numpy as np
+
+        from ..bounce import RoomGroups
+
+        free, bounce = self.free(), np.radians(self.bounce)
+        return RoomGroups.of_room(free, bounce, self.directions, collision=self.collision)
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        return f"Room {self.room} of seed {self.seed}"
