@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 
 # Sums of some 10^6 probabilities are good to 1e-10, and so are the solves behind them.
@@ -34,9 +34,6 @@ def with_checks(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
                 f"expected at most {limit:g}"
             )
     return dataset.assign_attrs({f"check_{name}": value for name, (value, _) in checks.items()})
-
-
-    }
 
 
 def error_of_sums(values: Float[np.ndarray, "*rows terms"]) -> float:
