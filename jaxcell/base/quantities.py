@@ -108,18 +108,31 @@ class Result:
     """What a study gives: a base for dataclasses with described quantities.
 
     A field that is a result itself is a part of it: its summary stands below the name of the field,
-    and its variables begin with that name. A field `cells` gives datasets their coordinates.
+    and its variables begin with that name. A field that is a tuple of results, `layers` say, is a
+    list in the summary, and the single numbers of its parts are variables `layer_...` along a
+    dimension `layer`. A field `cells` gives datasets their coordinates.
     """
 
     title: ClassVar[str] = ""
     "What datasets are called."
     tables: ClassVar[Mapping[str, str]] = {}
-    "Dimensions whose quantities make a table, and the names of these tables in the summary."
+    """Dimensions whose quantities make a table, and the names of these tables in the summary: the
+    column of a quantity `deployment_lon` in a table `deployment` is `lon`."""
 
     @property
     def answered(self) -> bool:
         """Whether the question has an answer: a path was found, say."""
         return True
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What people should know before they rely on the answer, in sentences."""
+        return ()
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        """Attributes of its datasets, beside those that say what made them."""
+        return {}
 
     def checks(self) -> "Checks":
         """Relations between quantities that hold, beside what their kinds say."""
@@ -158,15 +171,37 @@ def quantities(result: type) -> dict[str, Quantity]:
     return dict(sorted(found.items(), key=lambda item: item[1].kind != "coordinate"))
 
 
-def values(result: Any) -> dict[str, tuple[Quantity, Any]]:
-    """The quantities that a result has, with their values; those that are missing are left out."""
+def values(
+    result: Any, keep: Callable[[Quantity], bool] = lambda _: True
+) -> dict[str, tuple[Quantity, Any]]:
+    """The quantities that a result has, with their values; those that are missing are left out.
+
+    Only those are computed whose descriptions are to be kept.
+    """
     described = (
-        (name, one, getattr(result, name)) for name, one in quantities(type(result)).items()
+        (name, one, getattr(result, name))
+        for name, one in quantities(type(result)).items()
+        if keep(one)
     )
     return {name: (one, value) for name, one, value in described if value is not None}
 
 
+def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
+    """Those quantities that a summary has: single, listed, or columns of a table."""
+    return values(
+        result,
+        lambda one: (
+            not one.dims or one.listed or (len(one.dims) == 1 and one.dims[0] in result.tables)
+        ),
+    )
+
+
 def parts(result: Any) -> dict[str, Any]:
-    """The fields of a result that are results themselves."""
+    """The fields of a result that are results themselves, or tuples of them."""
     fields = ((field.name, getattr(result, field.name)) for field in dataclasses.fields(result))
-    return {name: value for name, value in fields if isinstance(value, Result)}
+    return {
+        name: value
+        for name, value in fields
+        if isinstance(value, Result)
+        or (isinstance(value, tuple) and value and all(isinstance(one, Result) for one in value))
+    }

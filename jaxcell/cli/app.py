@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import tyro
 
 from .demo import Demo
-from .drift import Drift
 from .export import Export
 from .groups import Groups
 from .info import Info
@@ -24,7 +23,7 @@ from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover
+from .studies import Cover, Drift
 from .sweep import Sweep, SweepState
 from .sweep_view import SweepView
 from .team import Team

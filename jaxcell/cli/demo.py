@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from ..bundled import bundled
-from .drift import Drift
 from .localize import Localize
 from .navigate import Navigate
 from .patrol_map import PatrolMap
-from .studies import Cover
+from .studies import Cover, Drift
 from .team import Team
 from .terminal import note, note_results
 

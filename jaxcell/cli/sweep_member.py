@@ -12,7 +12,6 @@ import tyro
 
 from ..study import Study
 from ..sweep.work import study_of
-from .drift import Drift
 from .groups import Groups
 from .localize import Localize
 from .navigate import Navigate
@@ -27,7 +26,6 @@ _COMMANDS: dict[str, tuple[type[OutputOptions], str]] = {
     "localize": (Localize, "localization.rrd"),
     "plans": (Navigate, "navigation.rrd"),
     "patrol": (PatrolGraph, "patrol.rrd"),
-    "drift": (Drift, "drift.rrd"),
 }
 
 
@@ -40,7 +38,7 @@ def check_detail(task: str) -> None:
     if task != "rooms" and task not in _COMMANDS and study_of(task) is None:
         raise ValueError(
             f"--select: the task {task!r} has no detail to show; those that have are "
-            f"{', '.join(sorted([*_COMMANDS, 'cover', 'rooms']))}"
+            f"{', '.join(sorted([*_COMMANDS, 'cover', 'drift', 'rooms']))}"
         )
 
 
@@ -66,8 +64,6 @@ def member_detail(task: str, parameters: Mapping[str, Any], seed: int, out: Path
     if task == "rooms":
         return _room(parameters, seed, out)
     command, recording = _COMMANDS[task]
-    if task == "drift":
-        parameters = _one_layer(parameters)
     if task == "plans":
         parameters = {**parameters, **_costliest(parameters)}
     kept: dict[str, Any] = {}
@@ -116,20 +112,6 @@ def _command(kind: type[OutputOptions], task: str, parameters: Mapping[str, Any]
             arguments.append("--" + name.replace("_", "-"))
         arguments += [str(one) for one in (value if isinstance(value, list) else [value])]
     return tyro.cli(kind, args=arguments, prog=f"jaxcell {command_name(kind)}")
-
-
-def _one_layer(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters of a member of `drift`, which is one layer, as options of the command."""
-    options = dict(parameters)
-    if "depth" in options:
-        options["depths"] = options.pop("depth")
-    elif "duration" not in options:
-        # The command takes all layers, and a step that is long enough for the slowest.
-        from ..drift import Flow, Water, crossing_time, open_currents
-
-        currents = open_currents(options["file"], time=parameters.get("time"))
-        options["duration"] = crossing_time(Water.of(currents, 0), Flow.of(currents, 0).mean())
-    return options
 
 
 def _costliest(parameters: Mapping[str, Any]) -> dict[str, int]:

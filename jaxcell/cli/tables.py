@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, parts, values
+from ..base.quantities import Quantity, Result, parts, summarized
 from .terminal import table
 
 
@@ -22,7 +22,7 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `heading`: the line above.
     - `seconds`: how long it took.
     """
-    described = values(result)
+    described = summarized(result)
     single = [
         (about.meaning, written(value, about))
         for about, value in described.values()
@@ -32,17 +32,48 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
+    _tables(result, "")
+    for name, part in parts(result).items():
+        title = name.replace("_", " ").capitalize()
+        if isinstance(part, tuple):
+            _side_by_side(part, title)
+        else:
+            show(part, title)
+
+
+def _tables(result: Result, of: str) -> None:
+    """Print the tables of a result."""
+    described = summarized(result)
     for dim, name in result.tables.items():
         columns = {
-            about.meaning: [written(one, about) for one in np.asarray(value)[:_MAX_ROWS].tolist()]
+            about.meaning: (about, np.asarray(value))
             for key, (about, value) in described.items()
             if about.dims == (dim,) and key != dim and not about.listed
         }
         if columns:
-            rows = list(zip(*columns.values(), strict=True))
-            table(name.replace("_", " ").capitalize(), tuple(columns), rows)
-    for name, part in parts(result).items():
-        show(part, name.replace("_", " ").capitalize())
+            count = min(map(len, (value for _, value in columns.values())))
+            first = f", the first {_MAX_ROWS} of {count:,}" if count > _MAX_ROWS else ""
+            cells = [
+                [written(one, about) for one in value[:_MAX_ROWS].tolist()]
+                for about, value in columns.values()
+            ]
+            title = f"{of}{name.replace('_', ' ')}"
+            rows = list(zip(*cells, strict=True))
+            table(f"{title[:1].upper()}{title[1:]}{first}", tuple(columns), rows)
+
+
+def _side_by_side(several: tuple[Result, ...], title: str) -> None:
+    """Print the numbers of results of one kind, a column for each, and the tables of each."""
+    described = [summarized(one) for one in several]
+    rows: dict[str, list[str]] = {}
+    for column, one in enumerate(described):
+        for about, value in one.values():
+            if not about.dims or about.listed:
+                rows.setdefault(about.meaning, [""] * len(several))[column] = written(value, about)
+    numbers = map(str, range(len(several)))
+    table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
+    for number, part in enumerate(several):
+        _tables(part, f"{title.removesuffix('s')} {number}: ")
 
 
 def written(value: Any, about: Quantity) -> str:
@@ -62,5 +93,7 @@ def written(value: Any, about: Quantity) -> str:
     if about.kind == "residual":
         return f"{number:.1e}"
     text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
-    unit = {None: "", "1": "", "degree": "°"}.get(about.units, f" {about.units}")
+    unit = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}.get(
+        about.units, f" {about.units}"
+    )
     return text + unit

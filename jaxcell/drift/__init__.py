@@ -54,6 +54,9 @@ go down once (Alg. 5.4), `reachable_at_depth` those of drifters that go up and d
 `discounted_voyage` solves it (Alg. 5.5) to a tolerance. `surest_voyage` has no discount: it most
 likely arrives, and of such policies is the quickest. `simulate_voyages` follows drifters.
 
+**All of it** for the currents of a file is a `SeaDrift`, with a `Layer` for each depth and a
+`SeaVoyage` for each policy; `jaxcell.study.Drift` asks for it.
+
 Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
@@ -88,6 +91,7 @@ from .flow import (
     crossing_time as crossing_time,
     flow_map as flow_map,
 )
+from .layer import Layer as Layer
 from .ocean import open_currents as open_currents
 from .reach import (
     reachable as reachable,
@@ -101,6 +105,8 @@ from .replay import (
     replay as replay,
 )
 from .sea import Sea as Sea
+from .sea_drift import SeaDrift as SeaDrift
+from .sea_voyage import SeaVoyage as SeaVoyage
 from .voyage import (
     Tracks as Tracks,
     Voyage as Voyage,

@@ -24,7 +24,7 @@ writes these as NetCDF-4. What they guarantee:
 | teams | `team_dataset` | `log_team` |
 | patrols on a graph | `patrol_graph_dataset` | `log_patrol_graph` |
 | patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
-| drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
+| drifters, `jaxcell.drift.SeaDrift` | `dataset` | `save_recording` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
 
@@ -52,22 +52,19 @@ from .bounce_datasets import (
 )
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
-from .deployment_files import (
+from .drift.files import (
     save_deployment_csv as save_deployment_csv,
     save_deployment_geojson as save_deployment_geojson,
 )
-from .drift_dataset import drift_dataset as drift_dataset
 from .map_patrol import MapPatrol as MapPatrol
 from .navigation_dataset import navigation_dataset as navigation_dataset
 from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
 from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
 from .recordings import save_recording as save_recording
-from .sea_drift import SeaDrift as SeaDrift
 from .team_dataset import team_dataset as team_dataset
 
 
 if TYPE_CHECKING:
-    from .drift import log_drift as log_drift
     from .groups import log_groups as log_groups
     from .localization import log_localization as log_localization
     from .navigation import log_navigation as log_navigation
@@ -80,7 +77,6 @@ if TYPE_CHECKING:
 
 
 _LOGGED = (
-    "drift",
     "groups",
     "localization",
     "navigation",

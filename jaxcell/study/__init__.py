@@ -20,6 +20,7 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 """
 
 from .cover import Cover as Cover
+from .drift import Drift as Drift
 from .map_study import MapStudy as MapStudy
 from .study import (
     Degrees as Degrees,

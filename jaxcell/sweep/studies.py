@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import xarray as xr
 
-from ..base.quantities import Quantity, values
+from ..base.quantities import Quantity, Result, values
 from ..study import Study
 
 
@@ -98,9 +98,9 @@ def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
     """The single numbers of each of some members that are answered together."""
     batch = alike[0].batch
     if batch is None:
-        return [_numbers(values(one.run()), ()) for one in alike]
+        return [_numbers(one.run(), ()) for one in alike]
     several = tuple(value for one in alike for value in getattr(one, batch))
-    found = values(dataclasses.replace(alike[0], **{batch: several}).run())
+    found = dataclasses.replace(alike[0], **{batch: several}).run()
     return [
         {
             name: (about, value[i] if about.dims else value)
@@ -110,16 +110,13 @@ def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
     ]
 
 
-def _numbers(
-    described: Mapping[str, tuple[Quantity, Any]], dims: tuple[str, ...]
-) -> dict[str, tuple[Quantity, Any]]:
+def _numbers(result: Result, dims: tuple[str, ...]) -> dict[str, tuple[Quantity, Any]]:
     """Those quantities that are numbers, or numbers along a dimension."""
+    kept = values(result, lambda about: about.dims in ((), dims) and about.kind != "coordinate")
     return {
         name: (about, np.asarray(value))
-        for name, (about, value) in described.items()
-        if about.dims in ((), dims)
-        and about.kind != "coordinate"
-        and np.asarray(value).dtype.kind in "biuf"
+        for name, (about, value) in kept.items()
+        if np.asarray(value).dtype.kind in "biuf"
     }
 
 

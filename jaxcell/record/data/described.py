@@ -1,5 +1,6 @@
 """The dataset and the summary of any result, from the descriptions of its quantities."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import Checks, Quantity, Result, parts, values
+from ...base.quantities import Checks, Quantity, Result, parts, summarized, values
+from ...space import CellSpace
 from ..checks import PROBABILITY, with_checks
 from ..provenance import cell_coordinates, provenance
 
@@ -16,8 +18,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     """A result as a labelled dataset.
 
     Each quantity is a variable with its meaning, units and kind as attributes; those of a part
-    begin with the name of the part. A result on cells has their coordinates: over `position` `x`
-    and `y`, over `direction` `theta`.
+    begin with the name of the part. Rows of different lengths are left out. A result on cells has
+    their coordinates: over `position` `x` and `y`, over `direction` `theta`.
 
     **Arguments:**
 
@@ -29,12 +31,15 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the numbers contradict what
     their kinds or the relations between them say.
     """
-    cells = getattr(result, "cells", None)
-    found = xr.Dataset(attrs=provenance(result.title, cells, spec))
+    cells = cells_of(result)
+    attributes = {**provenance(result.title, cells, spec), **result.attributes}
+    found = xr.Dataset(attrs=attributes)
     if cells is not None:
         found = found.assign_coords(cell_coordinates(cells))
     for name, (described, value) in _flat(result, "").items():
         array = np.asarray(value)
+        if array.dtype == object:
+            continue
         attributes = {"long_name": described.meaning, **described.attributes}
         if described.units is not None:
             attributes["units"] = described.units
@@ -47,6 +52,12 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     return with_checks(found, {**_checks_of_kinds(found), **result.checks()})
 
 
+def cells_of(result: Result) -> CellSpace | None:
+    """The cell space of a result that has one."""
+    cells = getattr(result, "cells", None)
+    return cells if isinstance(cells, CellSpace) else None
+
+
 def summary(result: Result) -> dict[str, Any]:
     """The numbers of a result that a person or a script wants, as JSON has them.
 
@@ -55,22 +66,45 @@ def summary(result: Result) -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     rows: dict[str, list[dict[str, Any]]] = {}
-    for name, (described, value) in values(result).items():
+    for name, (described, value) in summarized(result).items():
         plain = _plain(value)
         if not described.dims or described.listed:
             found[name] = plain
-        elif len(described.dims) == 1 and described.dims[0] in set(result.tables) - {name}:
-            table = rows.setdefault(result.tables[described.dims[0]], [{} for _ in plain])
+        elif described.dims[0] != name:
+            title = result.tables[described.dims[0]]
+            table = rows.setdefault(title, [{} for _ in plain])
             for row, cell in zip(table, plain, strict=True):
-                row[name] = cell
-    return {**found, **rows, **{name: summary(part) for name, part in parts(result).items()}}
+                row[name.removeprefix(f"{title}_")] = cell
+    below = {
+        name: list(map(summary, part)) if isinstance(part, tuple) else summary(part)
+        for name, part in parts(result).items()
+    }
+    return {**found, **rows, **below}
 
 
 def _flat(result: Result, prefix: str) -> dict[str, tuple[Quantity, Any]]:
     found = {prefix + name: one for name, one in values(result).items()}
     for name, part in parts(result).items():
-        found |= _flat(part, f"{prefix}{name}_")
+        if isinstance(part, tuple):
+            found |= _along(name.removesuffix("s"), part, prefix)
+        else:
+            found |= _flat(part, f"{prefix}{name}_")
     return found
+
+
+def _along(
+    dim: str, several: tuple[Result, ...], prefix: str
+) -> dict[str, tuple[Quantity, np.ndarray]]:
+    """The single numbers that all of several parts have, along a dimension."""
+    rows = [values(one, lambda about: not about.dims) for one in several]
+    return {
+        f"{prefix}{dim}_{name}": (
+            dataclasses.replace(about, dims=(dim,)),
+            np.array([row[name][1] for row in rows]),
+        )
+        for name, (about, _) in rows[0].items()
+        if all(name in row for row in rows)
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -94,17 +128,27 @@ def _checks_of_kinds(found: xr.Dataset) -> Checks:
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in found.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)
+        if "padding" in variable.attrs:
+            array = _without(array, float(variable.attrs["padding"].partition(":")[0]))
         if kind in ("share", "distribution") and array.size:
             checks[f"{name}_out_of_0_to_1"] = (_most(-array, array - 1), PROBABILITY)
         if kind == "distribution":
             over = variable.attrs.get("over", variable.dims[-1]).split()
             sums = np.atleast_1d(variable.sum(over).values)
             checks[f"{name}_sums_to_1"] = (_most(np.abs(sums - 1)), PROBABILITY)
+        if kind == "time":
+            # What is not known is no contradiction.
+            array = _without(array, math.nan)
         if kind in ("count", "time") and array.size:
             checks[f"{name}_below_0"] = (_most(-array.astype(float)), 0)
         if kind == "index" and array.size:
             checks[f"{name}_below_minus_1"] = (_most(-1 - array.astype(float)), 0)
     return checks
+
+
+def _without(array: np.ndarray, padding: float) -> np.ndarray:
+    """The values that are not padding, which may be NaN."""
+    return array[~np.isnan(array) if math.isnan(padding) else array != padding]
 
 
 def _most(*arrays: np.ndarray) -> float:

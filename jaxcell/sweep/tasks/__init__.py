@@ -11,5 +11,5 @@ TASKS: dict[str, str] = {
     "cover": "jaxcell.study:Cover",
     "plans": "jaxcell.sweep.tasks.plans:plans",
     "patrol": "jaxcell.sweep.tasks.patrol:patrol",
-    "drift": "jaxcell.sweep.tasks.drift:drift",
+    "drift": "jaxcell.study:Drift",
 }
