@@ -6,11 +6,10 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from ...drift.layer import ALMOST_FOR_EVER, Layer
-from ..canvas.page import log_tab
 from ..canvas.palette import FREE, PLAIN, mix
 from ..canvas.prose import table
 from ..canvas.scale import Scale
-from .map import LAND, SeaMap, map_grid
+from .map import LAND, SeaMap, log_map_tab
 
 
 _PERSISTENT = "in a persistent group"
@@ -42,14 +41,13 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
         views.append(map.view(map.title, [picture]))
     special = [_PERSISTENT, _LATE] if any(one.any() for one in late) else [_PERSISTENT]
     legend = [*scale.legend(_LEGEND_ROWS, special), ("land", LAND)]
-    return log_tab(
-        maps[0].stream,
+    return log_map_tab(
+        maps[0],
         "absorption",
         "Absorption times",
-        map_grid(views),
+        views,
         _text(maps[0].drift.layers),
         legend,
-        timeline=maps[0].clock.unit,
     )
 
 

@@ -9,9 +9,8 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift, replay
 from ..canvas.marks import points
-from ..canvas.page import log_tab
 from ..canvas.palette import Color
-from .map import DRIFTER, LAND, SeaMap, map_grid
+from .map import DRIFTER, LAND, SeaMap, log_map_tab
 
 
 _MAX_ARROWS = 700
@@ -33,14 +32,13 @@ def log_currents(maps: Sequence[SeaMap], seed: int) -> rrb.Container:
         shown = [f"current_{map.number}", f"drifters_{map.number}/**"]
         views.append(map.view(f"{map.title}: currents and drifters", shown))
     legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER), ("land", LAND)]
-    return log_tab(
-        maps[0].stream,
+    return log_map_tab(
+        maps[0],
         "currents",
         "Currents",
-        map_grid(views),
+        views,
         _text(maps[0]),
         legend,
-        timeline=maps[0].clock.unit,
     )
 
 

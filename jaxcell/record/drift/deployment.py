@@ -5,12 +5,11 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots, log_lines
-from ..canvas.page import log_tab
 from ..canvas.palette import BELIEF, CLEAR, FREE, Color, PictureClass, mix
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import table
 from .groups import group_classes, home_color
-from .map import LAND, SeaMap, map_grid, place_name
+from .map import LAND, SeaMap, log_map_tab, place_name
 
 
 _CELL: Color = (20, 20, 24)
@@ -45,14 +44,13 @@ def log_deployment(map: SeaMap) -> rrb.Container:
         ]
     if drift.curve is not None:
         views.append(_log_curve(map))
-    return log_tab(
-        map.stream,
+    return log_map_tab(
+        map,
         "deployment",
         "Deployment",
-        map_grid(views),
+        views,
         _text(drift),
         [*legend, ("land", LAND)],
-        timeline=map.clock.unit,
     )
 
 

@@ -9,11 +9,10 @@ from jaxtyping import Int, UInt8
 
 from ...drift import Layer, SeaDrift
 from ..canvas.marks import log_labels
-from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
 from ..canvas.prose import counted, made_with, table
 from .currents import currents_of
-from .map import DRIFTER, LAND, SeaMap, map_grid
+from .map import DRIFTER, LAND, SeaMap, log_map_tab
 
 
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
@@ -38,14 +37,13 @@ def log_groups(maps: Sequence[SeaMap], spec: Mapping[str, Any]) -> rrb.Container
         _log_numbers(map, layer)
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
-    return log_tab(
-        maps[0].stream,
+    return log_map_tab(
+        maps[0],
         "groups",
         "Groups",
-        map_grid(views),
+        views,
         _text(drift, spec),
         _legend([drift.layers[map.number] for map in maps]),
-        timeline=maps[0].clock.unit,
     )
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Float, Int, Integer
 from ...drift import Flow, SeaDrift, Water
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels, log_lines
+from ..canvas.page import legend_view, log_legend, log_tab
 from ..canvas.palette import FREE, OBSTACLE, PLAIN, TEXT, Color, PictureClass
 
 
@@ -189,9 +190,24 @@ def log_maps(stream: rr.RecordingStream, drift: SeaDrift) -> list[SeaMap]:
     return maps
 
 
-def map_grid(views: Sequence[rrb.View]) -> rrb.Container:
-    """Maps side by side."""
-    return rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
+def log_map_tab(
+    map: SeaMap,
+    path: str,
+    name: str,
+    views: Sequence[rrb.View],
+    text: str,
+    legend: Sequence[tuple[str, Color]],
+) -> rrb.Container:
+    """Log the text and the legend of a tab with maps side by side.
+
+    The legend takes the place in the grid of maps that is left, if one is.
+    """
+    unit, columns = map.clock.unit, math.ceil(math.sqrt(len(views)))
+    if len(views) % columns:
+        log_legend(map.stream, f"{path}/legend", legend, unit)
+        views, legend = [*views, legend_view(f"{path}/legend", len(legend))], []
+    grid = rrb.Grid(*views, grid_columns=columns)
+    return log_tab(map.stream, path, name, grid, text, legend, timeline=unit)
 
 
 def _log_frame(map: SeaMap) -> None:

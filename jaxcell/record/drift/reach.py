@@ -7,10 +7,9 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots
-from ..canvas.page import log_tab
 from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, mix
 from ..canvas.prose import table
-from .map import LAND, SeaMap, map_grid, place_name
+from .map import LAND, SeaMap, log_map_tab, place_name
 
 
 _CLASSES = [
@@ -36,14 +35,13 @@ def log_reach(maps: Sequence[SeaMap]) -> rrb.Container:
         title = f"{map.title}: {int(stays.sum()):,} of {stays.size:,} cells"
         views.append(map.view(title, [picture, "start"]))
     legend = [(one.label, one.color) for one in reversed(_CLASSES[1:])]
-    return log_tab(
-        first.stream,
+    return log_map_tab(
+        first,
         "reach",
         "Reach",
-        map_grid(views),
+        views,
         _text(drift, drift.start),
         [("the start", START), *legend, ("land", LAND)],
-        timeline=first.clock.unit,
     )
 
 
