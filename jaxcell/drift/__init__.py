@@ -70,6 +70,7 @@ from .coherent import (
     ftle as ftle,
     ridges as ridges,
 )
+from .currents.ocean import open_currents as open_currents
 from .deploy import (
     CoverageCurve as CoverageCurve,
     Deployment as Deployment,
@@ -92,8 +93,7 @@ from .flow import (
     flow_map as flow_map,
 )
 from .layer import Layer as Layer
-from .ocean import open_currents as open_currents
-from .reach import (
+from .reachability import (
     reachable as reachable,
     reachable_at_depth as reachable_at_depth,
     reachable_by_layer as reachable_by_layer,

@@ -20,7 +20,7 @@ from .deploy import (
 )
 from .flow import Flow, crossing_time
 from .layer import Layer
-from .reach import reachable_at_depth, reachable_by_layer
+from .reachability import reachable_at_depth, reachable_by_layer
 from .sea_layers import SeaLayers
 from .sea_voyage import SeaVoyage
 from .voyage import Voyage, discounted_voyage, surest_voyage
