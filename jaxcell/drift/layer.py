@@ -61,9 +61,7 @@ class Ends(Result):
     def multiple_domicile_cells(self) -> int:
         return self._hours.size - self.single_domicile_cells
 
-    @derived(
-        "", "time until drifters of transient cells are in a group or gone, mean", "h", kind="time"
-    )
+    @derived("", "time to the end, transient cells, mean", "h", kind="time")
     def mean_hours(self) -> float:
         return float(self._hours.mean()) if self._hours.size else 0.0
 
@@ -80,13 +78,13 @@ class Ends(Result):
         solves = [one.behaviour.absorption.certificate for one in self._layers]
         return all(one.outcome is Outcome.CONVERGED for one in solves)
 
-    @derived("", "transient cells from which it takes almost for ever", kind="count")
+    @derived("", "cells that take almost for ever", kind="count")
     def almost_for_ever_cells(self) -> int:
         return sum(int(one.almost_for_ever.sum()) for one in self._layers)
 
     @derived(
         "",
-        "probability of leaving the map, mean over cells",
+        "probability of leaving the map, mean",
         kind="share",
         padding="NaN: not known",
     )

@@ -1,14 +1,14 @@
 import dataclasses
 import functools
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
-from ..base.quantities import derived, quantity
+from ..base.quantities import derived
 from .deploy import (
     CoverageCurve,
     Deployment,
@@ -56,9 +56,8 @@ class SeaDrift(SeaLayers):
 
     start: int | None = None
     "The cell of the surface where a drifter is dropped."
-    reach: Annotated[
-        float | None, quantity("", "how far drifters that look at the sea bed see", "m")
-    ] = None
+    reach: float | None = None
+    "How far drifters that look at the sea bed see, in metres."
     voyage: SeaVoyage | None = None
     "The way to a goal, by the discounted policy."
     surest: SeaVoyage | None = None
@@ -95,7 +94,7 @@ class SeaDrift(SeaLayers):
         - `duration`: of a step, in seconds; by default the time in which drifters of the slowest
             layer drift by one cell on average.
         - `start`: the cell of the surface where a drifter is dropped.
-        - `reach`: how far drifters that look at the sea bed see, in metres.
+        - `reach`: how far cameras see the sea bed, in metres.
         - `say`: called with what is being done.
         - `options`: further ones of [`jaxcell.drift.drift_map`][].
 
@@ -196,7 +195,7 @@ class SeaDrift(SeaLayers):
     def drifter_count(self) -> int:
         return self.deployment.cells.size
 
-    @derived("", "fewest drifters from which each cell may be visited", kind="count")
+    @derived("", "fewest from which each cell may be visited", kind="count")
     def fewest_count(self) -> int:
         return self.minimum.size
 

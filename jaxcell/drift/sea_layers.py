@@ -98,11 +98,11 @@ class SeaLayers(Ends):
     def depth(self) -> Float[np.ndarray, "layers"]:
         return np.array(self.depths)
 
-    @derived("", "what gives the current towards the East")
+    @derived("", "current towards the East")
     def east_from(self) -> str:
         return self.currents.attrs["east_from"]
 
-    @derived("", "what gives the current towards the North")
+    @derived("", "current towards the North")
     def north_from(self) -> str:
         return self.currents.attrs["north_from"]
 

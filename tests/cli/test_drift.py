@@ -94,7 +94,7 @@ def test_groups_and_times_of_each_layer(capsys):
     assert [layer["depth"] for layer in found["layers"]] == [0, 5, 10]
     assert found["sensitivity"][1] == {"duration": 3400, "groups": 3, "groups_if_known": 3}
     assert [one["duration"] for one in found["sensitivity"]] == [1700, 3400, 6800, 13600]
-    assert not {"reached_cells", "voyage", "surest", "views", "reach"} & found.keys()
+    assert not {"reached_cells", "voyage", "surest", "views"} & found.keys()
 
 
 def test_deployment(capsys):
