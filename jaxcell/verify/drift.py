@@ -41,6 +41,9 @@ def _compare_layer(layer: Layer) -> list[Comparison]:
     found = [_compare_groups(P, layer.group, f"persistent groups{at}, by networkx")]
     when = f"times until drifters are in a group or gone{at}, by a direct solve"
     where = f"shares that end in the first group{at}, by a direct solve"
+    if not found[0].agrees:
+        # Among cells that are taken for transient, a solve may have no solution.
+        return found
     if not 0 < transient.size <= _MAX_TRANSIENT:
         why = f"{transient.size:,} transient cells; it is done for 1 to {_MAX_TRANSIENT:,}"
         return [*found, Comparison.omitted(when, why)]
