@@ -65,11 +65,11 @@ class Ends(Result):
     def mean_hours(self) -> float:
         return float(self._hours.mean()) if self._hours.size else 0.0
 
-    @derived("", "... median", "h", kind="time")
+    @derived("", "time to the end, transient cells, median", "h", kind="time")
     def median_hours(self) -> float:
         return float(np.median(self._hours)) if self._hours.size else 0.0
 
-    @derived("", "... longest", "h", kind="time")
+    @derived("", "time to the end, transient cells, longest", "h", kind="time")
     def longest_hours(self) -> float:
         return float(self._hours.max(initial=0.0))
 
@@ -242,7 +242,7 @@ class Layer(Ends):
     def transients_mean_hours(self) -> Float[np.ndarray, "transients"]:
         return np.array([hours.mean() for hours in self._hours_of_parts])
 
-    @derived("transient", "... longest", "h", kind="time")
+    @derived("transient", "time to the end, longest", "h", kind="time")
     def transients_longest_hours(self) -> Float[np.ndarray, "transients"]:
         return np.array([hours.max() for hours in self._hours_of_parts])
 

@@ -275,7 +275,7 @@ class SeaDrift(SeaLayers):
     def reached_cells(self) -> Int[np.ndarray, "layers"] | None:
         return None if self.reached is None else self.reached.sum(axis=(1, 2))
 
-    @derived("layer", "... by going up and down too", kind="count", listed=True)
+    @derived("layer", "cells reached, by going up and down too", kind="count", listed=True)
     def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"] | None:
         if self.reached_at_any_depth is None:
             return None

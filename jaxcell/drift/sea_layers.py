@@ -126,7 +126,7 @@ class SeaLayers(Ends):
     def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
         return None if self._counts is None else self._counts[:, 0]
 
-    @derived("other_step", "... if the current were known", kind="count")
+    @derived("other_step", "persistent groups, if the current were known", kind="count")
     def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
         return None if self._counts is None else self._counts[:, -1]
 
