@@ -338,7 +338,7 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     def stalls(*args, **options):
         raise RuntimeError("the residual stayed above the tolerance")
 
-    monkeypatch.setattr("jaxcell.drift.discounted_voyage", stalls)
+    monkeypatch.setattr("jaxcell.drift.sea_drift.discounted_voyage", stalls)
     status, found, error = run(capsys, *STEP, "--goal", "-118.1,33.45,5")
     assert (status, found) == (1, None)
     assert error == "jaxcell drift: the residual stayed above the tolerance\n"
