@@ -116,18 +116,31 @@ class Result:
     """What a study gives: a base for dataclasses with described quantities.
 
     A field that is a result itself is a part of it: its summary stands below the name of the field,
-    and its variables begin with that name. A field `cells` gives datasets their coordinates.
+    and its variables begin with that name. A field that is a tuple of results, `layers` say, is a
+    list in the summary, and the single numbers of its parts are variables `layer_...` along a
+    dimension `layer`. A field `cells` gives datasets their coordinates.
     """
 
     title: ClassVar[str] = ""
     "What datasets are called."
     tables: ClassVar[Mapping[str, str]] = {}
-    "Dimensions whose quantities make a table, and the names of these tables in the summary."
+    """Dimensions whose quantities make a table, and the names of these tables in the summary: the
+    column of a quantity `deployment_lon` in a table `deployment` is `lon`."""
 
     @property
     def answered(self) -> bool:
         """Whether the question has an answer: a path was found, say."""
         return True
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What people should know before they rely on the answer, in sentences."""
+        return ()
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        """Attributes of its datasets, beside those that say what made them."""
+        return {}
 
     def checks(self) -> "Checks":
         """Relations between quantities that hold, beside what their kinds say."""
@@ -186,16 +199,25 @@ def values(
     return found
 
 
-def summarized(result: Result) -> dict[str, tuple[Quantity, Any]]:
-    """The quantities that a summary shows: numbers, what is listed, and the columns of tables."""
-    shown = [(), *((dim,) for dim in result.tables)]
-    return values(result, lambda about: about.listed or about.dims in shown)
+def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:
+    """Those quantities that a summary has: single, listed, or columns of a table."""
+    return values(
+        result,
+        lambda one: (
+            not one.dims or one.listed or (len(one.dims) == 1 and one.dims[0] in result.tables)
+        ),
+    )
 
 
 def parts(result: Any) -> dict[str, Any]:
-    """The fields of a result that are results themselves."""
+    """The fields of a result that are results themselves, or tuples of them."""
     fields = ((field.name, getattr(result, field.name)) for field in dataclasses.fields(result))
-    return {name: value for name, value in fields if isinstance(value, Result)}
+    return {
+        name: value
+        for name, value in fields
+        if isinstance(value, Result)
+        or (isinstance(value, tuple) and value and all(isinstance(one, Result) for one in value))
+    }
 
 
 def is_single(about: Quantity) -> bool:

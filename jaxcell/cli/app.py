@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import tyro
 
 from .demo import Demo
-from .drift import Drift
 from .export import Export
 from .info import Info
 from .options import check_out
@@ -20,7 +19,7 @@ from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover, Groups, Localize, Navigate, PatrolGraph, Team
+from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Team
 from .sweep import Sweep, SweepState
 from .sweep_verify import SweepVerify
 from .sweep_view import SweepView

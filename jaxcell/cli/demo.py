@@ -4,9 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from ..bundled import bundled
-from .drift import Drift
 from .patrol_map import PatrolMap
-from .studies import Cover, Localize, Navigate, Team
+from .studies import Cover, Drift, Localize, Navigate, Team
 from .terminal import note, note_results
 
 

@@ -5,6 +5,7 @@ from .study import command
 
 
 Cover = command(study.Cover)
+Drift = command(study.Drift)
 Groups = command(study.Groups)
 Localize = command(study.Localize)
 Navigate = command(study.Navigate)

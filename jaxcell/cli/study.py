@@ -36,21 +36,22 @@ class Command:
         asked = self.study(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
         )
-        with status(f"reading for {self.called}"):
-            say_memory(asked.memory(), self.called)
-        with starting():
-            from .. import record
-        began = time.perf_counter()
         try:
+            with status(f"reading for {self.called}"):
+                say_memory(asked.memory(), self.called)
+            with starting():
+                from .. import record
+            began = time.perf_counter()
             with stdout_on_stderr(), telling(self.called) as say:
                 result = asked.run(say)
+                say("summing up")
+                found = record.summary(result)
         except RuntimeError as error:
             note(f"jaxcell {self.called}: {error}")
             return 1
         seconds = round(time.perf_counter() - began, 3)
         spec = asked.spec(result)
-        summary = {"command": f"jaxcell {self.called}", **spec, **record.summary(result)}
-        summary["seconds"] = seconds
+        summary = {"command": f"jaxcell {self.called}", **spec, **found, "seconds": seconds}
         if self.out is not None:
             with status(f"writing {self.out}"):
                 self.out.mkdir(parents=True, exist_ok=True)
@@ -71,6 +72,8 @@ class Command:
             show(result, asked.heading(spec), seconds)
             if self.out is not None:
                 note_results(self.out)
+        for remark in result.remarks:
+            note(remark)
         agrees = verified is None or _report(self.called, verified, quiet=self.json)
         return 0 if agrees and result.answered else 1
 

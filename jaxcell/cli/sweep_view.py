@@ -65,12 +65,12 @@ class SweepView:
         from ..sweep import open_sweep
         from ..sweep.store import reading
         from ..sweep.work import with_files_found, with_task_found
-        from .sweep_member import check_detail, member_detail
+        from .sweep_member import detailed_study, member_detail
 
         # A task may stand in a file beside the user.
         sys.path.append(str(Path.cwd()))
         spec = with_task_found(spec)
-        check_detail(spec.task)
+        study = detailed_study(spec.task)
         places = selected(spec, self.select)
         name = ",".join(re.sub(r"[^\w.=+-]+", "_", f"{k}={v}") for k, v in named(spec, places))
         with open_sweep(self.folder) as dataset, reading(self.folder):
@@ -84,7 +84,7 @@ class SweepView:
         out = self.folder / "members" / f"{name}.rrd" if self.out is None else self.out
         out.parent.mkdir(parents=True, exist_ok=True)
         _show(name, member)
-        member_detail(spec.task, parameters(with_files_found(spec), places), spec.seed, out)
+        member_detail(study, parameters(with_files_found(spec), places), spec.seed, out)
         return _open(out)
 
 

@@ -37,6 +37,18 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
+    _tables(result, "")
+    for name, part in parts(result).items():
+        title = name.replace("_", " ").capitalize()
+        if isinstance(part, tuple):
+            _side_by_side(part, title)
+        else:
+            show(part, title)
+
+
+def _tables(result: Result, of: str) -> None:
+    """Print the tables of a result."""
+    described, cells = summarized(result), cells_of(result)
     for dim, found in columns(result).items():
         listed = {
             key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
@@ -53,9 +65,21 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
             rest = f"and {len(rows) - _MAX_ROWS:,} more"
             rows[_MAX_ROWS:] = [(rest, *[""] * (len(shown) - 1))]
         if rows:
-            table(result.tables[dim].replace("_", " ").capitalize(), tuple(shown), rows)
-    for name, part in parts(result).items():
-        show(part, name.replace("_", " ").capitalize())
+            title = f"{of}{result.tables[dim].replace('_', ' ')}"
+            table(f"{title[:1].upper()}{title[1:]}", tuple(shown), rows)
+
+
+def _side_by_side(several: tuple[Result, ...], title: str) -> None:
+    """Print the numbers of results of one kind, a column for each, and the tables of each."""
+    rows: dict[str, list[str]] = {}
+    for column, one in enumerate(several):
+        for about, value in summarized(one).values():
+            if is_single(about):
+                rows.setdefault(about.meaning, [""] * len(several))[column] = written(value, about)
+    numbers = map(str, range(len(several)))
+    table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
+    for number, part in enumerate(several):
+        _tables(part, f"{title.removesuffix('s')} {number}: ")
 
 
 def written(value: Any, about: Quantity, cells: "CellSpace | None" = None) -> str:
@@ -80,5 +104,7 @@ def written(value: Any, about: Quantity, cells: "CellSpace | None" = None) -> st
     if about.kind == "residual":
         return f"{number:.1e}"
     text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
-    unit = {None: "", "1": "", "degree": "°"}.get(about.units, f" {about.units}")
+    unit = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}.get(
+        about.units, f" {about.units}"
+    )
     return text + unit

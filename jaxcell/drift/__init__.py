@@ -54,6 +54,9 @@ go down once (Alg. 5.4), `reachable_at_depth` those of drifters that go up and d
 `discounted_voyage` solves it (Alg. 5.5) to a tolerance. `surest_voyage` has no discount: it most
 likely arrives, and of such policies is the quickest. `simulate_voyages` follows drifters.
 
+**All of it** for the currents of a file is a `SeaDrift`, with a `Layer` for each depth and a
+`SeaVoyage` for each policy; `jaxcell.study.Drift` asks for it.
+
 Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
@@ -67,6 +70,7 @@ from .coherent import (
     ftle as ftle,
     ridges as ridges,
 )
+from .currents.ocean import open_currents as open_currents
 from .deploy import (
     CoverageCurve as CoverageCurve,
     Deployment as Deployment,
@@ -94,13 +98,15 @@ from .flow import (
     crossing_time as crossing_time,
     flow_map as flow_map,
 )
-from .ocean import open_currents as open_currents
-from .reach import (
+from .layer import Layer as Layer
+from .reachability import (
     reachable as reachable,
     reachable_at_depth as reachable_at_depth,
     reachable_by_layer as reachable_by_layer,
 )
 from .sea import Sea as Sea
+from .sea_drift import SeaDrift as SeaDrift
+from .sea_voyage import SeaVoyage as SeaVoyage
 from .voyage import (
     Tracks as Tracks,
     Voyage as Voyage,

@@ -12,7 +12,7 @@ from .behaviour import LongTermBehaviour
 from .water import Water
 
 
-_LARGEST_TABLE = 2**32
+_MAX_TABLE = 2**32
 _CHUNK = 2**24
 _ROUNDING = 1e-9
 
@@ -240,7 +240,7 @@ def visible_deployment(
     group = np.asarray(groups.group)
     if group.shape != (water.cells,):
         raise ValueError(f"groups: expected those of {water.cells} cells, got {group.shape}")
-    if water.cells**2 > _LARGEST_TABLE:
+    if water.cells**2 > _MAX_TABLE:
         raise ValueError(
             f"water: the views of {water.cells} cells take more than 4 GiB; expected at most 65536"
         )

@@ -1,7 +1,9 @@
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Int
 
@@ -38,18 +40,20 @@ class Sea:
     "The cell right above, -1 where there is none."
     below: Int[np.ndarray, "cells"]
     "The cell right below, -1 where there is none: at the sea bed and in the last layer."
+    number: Int[np.ndarray, "layers rows columns"]
+    "The cell in each square of each layer; -1 where there is no water."
 
     @classmethod
     def of(cls, waters: Sequence[Water], chains: Sequence[Chain]) -> "Sea":
-        """Puts layers together.
+        """Put layers together.
 
         **Arguments:**
 
         - `waters`: the water cells of each layer, the surface first, on one grid.
         - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][].
 
-        **Raises:** `ValueError` for no layers, as many chains as there are not layers, a chain of
-        other cells than its layer has, and layers on different grids.
+        **Raises:** `ValueError` if there are no layers, if the numbers of chains and layers differ,
+        if a chain does not match the cells of its layer, or if the layers are on different grids.
         """
         if not waters or len(chains) != len(waters):
             raise ValueError(
@@ -85,12 +89,28 @@ class Sea:
             layer.astype(np.int32),
             number[layer, row, column].astype(np.int32),
             number[layer + 2, row, column].astype(np.int32),
+            number[1:-1].astype(np.int32),
         )
 
     @property
     def cells(self) -> int:
         """Number of cells in all layers."""
         return self.layer.size
+
+    @functools.cached_property
+    def squares(
+        self,
+    ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
+        """The layer, row and column of every cell."""
+        layer, row, column = np.nonzero(self.number >= 0)
+        return layer, row, column
+
+    def on_squares(self, values: npt.ArrayLike, fill: float | int = np.nan) -> np.ndarray:
+        """Values of all cells on the squares of the layers, for pictures and files."""
+        values = np.asarray(values)
+        grid = np.full(self.number.shape, fill, np.result_type(values, fill))
+        grid[self.squares] = values
+        return grid
 
     @property
     def ascent(self) -> scipy.sparse.csr_array:

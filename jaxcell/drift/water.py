@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array, csgraph
 from scipy.spatial import cKDTree
 
-from .sphere import EARTH_RADIUS, goes_round
+from .currents.sphere import EARTH_RADIUS, goes_round
 
 
 # Water is connected to that beside it and at its corners, for so do drifters move.

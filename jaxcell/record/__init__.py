@@ -21,7 +21,7 @@ writes these as NetCDF-4. What they guarantee:
 | runs of filters, `Localized` | `dataset` | `save_recording` |
 | coverage by a mixture | `coverage_dataset` | `log_coverage` |
 | patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
-| drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
+| drifters, `jaxcell.drift.SeaDrift` | `dataset` | `save_recording` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
 
@@ -44,26 +44,19 @@ from typing import TYPE_CHECKING, Any
 
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
-from .deployment_files import (
+from .drift.files import (
     save_deployment_csv as save_deployment_csv,
     save_deployment_geojson as save_deployment_geojson,
 )
-from .drift_dataset import drift_dataset as drift_dataset
 from .map_patrol import MapPatrol as MapPatrol
 from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
 from .recordings import save_recording as save_recording
-from .sea_drift import SeaDrift as SeaDrift
-
-
-if TYPE_CHECKING:
-    from .drift import log_drift as log_drift
     from .patrol_map import log_patrol_map as log_patrol_map
     from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
     from .sweep import log_sweep as log_sweep
 
 
 _LOGGED = (
-    "drift",
     "patrol_map",
     "sweep",
 )

@@ -15,7 +15,7 @@ from .canvas.page import legend_view, log_legend, log_tab
 from .canvas.prose import describe, made_with, table
 from .canvas.scale import Scale
 from .canvas.stream import recording, send_blueprint
-from .data.described import summary
+from .data.described import cells_of, summary
 
 
 _LEGEND_ROWS = 5
@@ -26,7 +26,7 @@ def log_result(
     result: Result, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
 ) -> None:
     """Write a recording with maps and curves of whatever quantities a result has."""
-    cells = getattr(result, "cells", None)
+    cells = cells_of(result)
     described = values(result)
     maps = {name: one for name, one in described.items() if one[0].dims in _ON_A_MAP}
     curves = {name: one for name, one in described.items() if one[0].dims == ("step",)}

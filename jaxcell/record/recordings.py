@@ -16,6 +16,7 @@ _FAMILIES = {
     "GraphPatrol": "patrol.graph:log_graph_patrol",
     "Localized": "bounce.localization:log_localization",
     "Plan": "bounce.navigation:log_plan",
+    "SeaDrift": "drift.sea:log_drift",
     "TeamTrajectory": "bounce.team:log_team",
 }
 

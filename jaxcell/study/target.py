@@ -63,7 +63,7 @@ def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
 
 
 def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray, "positions"]:
-    from ..drift.netcdf import open_netcdf
+    from ..drift.currents.netcdf import open_netcdf
 
     if not path.is_file():
         raise ValueError(f"there is no file {path}")

@@ -74,28 +74,27 @@ def test_groups_and_times_of_each_layer(capsys):
     assert (len(found["records"]), found["records"][0]) == (24, "2011-07-01T00:00:00")
     _, expected = behaviours(3400)
     for layer, one in zip(found["layers"], expected, strict=True):
-        sizes = [group["cells"] for group in layer["persistent_groups"]]
+        sizes = [group["cells"] for group in layer["groups"]]
+        assert layer["persistent_groups"] == len(sizes)
         assert sizes == np.asarray(one.groups.size).tolist()
         single = np.asarray(one.basin) >= 0
-        leads = sum(group["single_domicile_cells"] for group in layer["persistent_groups"])
+        leads = sum(group["single_domicile_cells"] for group in layer["groups"])
         assert leads == layer["single_domicile_cells"] == single.sum() - sum(sizes)
         assert sum(sizes) + leads + layer["multiple_domicile_cells"] == layer["cells"]
         hours = np.asarray(one.hours)
         hours = hours[hours > 0]
         assert layer["longest_hours"] == pytest.approx(hours.max())
         assert layer["mean_hours"] == pytest.approx(hours.mean())
-        parts = {tuple(part["domiciles"]): part for part in layer["transient_groups"]}
+        parts = {tuple(part["domiciles"]): part for part in layer["transients"]}
         assert sum(part["cells"] for part in parts.values()) == hours.size
         weighed = sum(part["cells"] * part["mean_hours"] for part in parts.values())
         assert weighed == pytest.approx(hours.sum())
-        assert layer["warning"] is None
-        assert layer["leaving"] == pytest.approx(0, abs=1e-12)
-    assert [layer["depth_m"] for layer in found["layers"]] == [0, 5, 10]
-    assert found["sensitivity"]["rhos"] == [1, 0.8]
-    assert found["sensitivity"]["groups"][1][1] == 3
-    assert found["sensitivity"]["durations_s"] == [1700, 3400, 6800, 13600]
-    assert found["reach"] is None
-    assert found["voyage"] is None
+        assert "warning" not in layer
+        assert layer["mean_leaving"] == pytest.approx(0, abs=1e-12)
+    assert [layer["depth"] for layer in found["layers"]] == [0, 5, 10]
+    assert found["sensitivity"][1] == {"duration": 3400, "groups": 3, "groups_if_known": 3}
+    assert [one["duration"] for one in found["sensitivity"]] == [1700, 3400, 6800, 13600]
+    assert not {"reached_cells", "voyage", "surest", "views"} & found.keys()
 
 
 def test_deployment(capsys):
@@ -105,11 +104,12 @@ def test_deployment(capsys):
     cells = drift.deployment_cells(surface).cells
     told = [water.cell(one["lon"], one["lat"]) for one in found["deployment"]]
     assert told == cells.tolist()
-    assert len(found["minimum_deployment"]) == drift.minimum_deployment(surface.chain).size
-    assert found["coverage_curve"][-1] == water.cells
+    assert len(found["minimum"]) == drift.minimum_deployment(surface.chain).size
+    assert found["curve_covered"][-1] == water.cells
     views = drift.visible_deployment(water, 6000.0, surface.groups)
-    assert found["visibility"]["places"] == views.cover.size
-    assert [water.cell(*one) for one in found["visibility"]["drifters"]] == views.cells.tolist()
+    assert [one["cell"] for one in found["views"]] == views.cover.tolist()
+    kept = [water.cell(one["lon"], one["lat"]) for one in found["views"] if one["kept"]]
+    assert kept == views.cells.tolist()
     assert len(found["layers"]) == 1
 
 
@@ -125,24 +125,23 @@ def test_the_way_to_a_goal(capsys):
     goal = waters[0].cells + waters[1].cell(-118.1, 33.45)
     keeping = drift.reachable_by_layer(sea, start)
     changing = drift.reachable_at_depth(sea, start)
-    for layer, one in enumerate(found["reach"]):
-        assert one["at_its_depth"] == keeping[sea.layer == layer].sum()
-        assert one["at_any_depth"] == changing[sea.layer == layer].sum()
+    for layer in range(3):
+        assert found["reached_cells"][layer] == keeping[sea.layer == layer].sum()
+        assert found["reached_cells_at_any_depth"][layer] == changing[sea.layer == layer].sum()
     ways = {
-        "discounted": drift.discounted_voyage(sea, goal, 0.98),
+        "voyage": drift.discounted_voyage(sea, goal, 0.98),
         "surest": drift.surest_voyage(sea, goal),
     }
     voyage = found["voyage"]
-    assert voyage["iterations"] == ways["discounted"].certificate.iterations
+    assert voyage["iterations"] == ways["voyage"].certificate.iterations
     assert voyage["value_error"] <= 1e-8
     for name, way in ways.items():
-        told = voyage["from_start"][name]
-        assert told["probability"] == pytest.approx(float(way.probability[start]))
-        assert told["hours"] == pytest.approx(float(way.time[start]) * 3400 / 3600)
+        assert found[name]["start_probability"] == pytest.approx(float(way.probability[start]))
+        assert found[name]["start_hours"] == pytest.approx(float(way.time[start]) * 3400 / 3600)
         mean = float(np.asarray(way.probability).mean())
-        assert voyage["overall"][name]["mean_probability"] == pytest.approx(mean)
-        assert voyage["overall"][name]["policy_certified"]
-        assert voyage["overall"][name]["times_certified"]
+        assert found[name]["mean_probability"] == pytest.approx(mean)
+        assert found[name]["policy_certified"]
+        assert found[name]["times_certified"]
     assert np.abs(np.subtract(voyage["goal"], [-118.1, 33.45, 5])).max() < 0.006
 
 
@@ -150,21 +149,18 @@ def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
     args = ("--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
     status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)
     assert status == 1
-    assert found["voyage"]["from_start"]["surest"] == {
-        "probability": 0,
-        "hours": None,
-        "hours_if_it_arrives": None,
-    }
+    assert found["surest"]["start_probability"] == 0
+    assert found["surest"]["start_hours"] is None
+    assert found["surest"]["start_hours_if_it_arrives"] is None
     assert error == "No policy brings a drifter from the start to the goal.\n"
     status, found, error = run(capsys, *args, "--goal", "0.07,0.01,0", file=stream)
     assert (status, error) == (0, "")
-    told = found["voyage"]["from_start"]["discounted"]
-    assert told["probability"] == 1
+    assert found["voyage"]["start_probability"] == 1
     # Four cells, a kilometre each, at a kilometre an hour.
-    assert told["hours"] == pytest.approx(4, rel=0.01)
-    assert found["layers"][0]["leaving"] == 1
-    assert found["layers"][0]["persistent_groups"] == []
-    assert found["sensitivity"]["groups"][1:] == [[0], [0], [0]]
+    assert found["voyage"]["start_hours"] == pytest.approx(4, rel=0.01)
+    assert found["layers"][0]["mean_leaving"] == 1
+    assert found["layers"][0]["persistent_groups"] == 0
+    assert [one["groups"] for one in found["sensitivity"]][1:] == [0, 0, 0]
 
 
 def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
@@ -193,29 +189,29 @@ def test_a_step_that_is_too_short_is_warned_of(capsys):
     assert main(["drift", str(GYRES), "--duration", "900", "--depths", "0"]) == 0
     captured = capsys.readouterr()
     assert re.search("At 0 m: .* the grid, and not the water", captured.err)
-    advice = "; take a longer --duration or --spread sampled.\n"
+    advice = '; take a longer duration or the spread "sampled".\n'
     assert captured.err.replace(" \n", " ").endswith(advice)
-    assert "Persistent groups, the first 20 of" in captured.out
+    assert "Layer 0: groups, the first 30 of" in captured.out
 
 
 def test_advice_names_no_option_that_is_on(capsys):
     args = ("--duration", "900", "--depths", "0", "--spread", "sampled")
     assert main(["drift", str(GYRES), *args]) == 0
     error = capsys.readouterr().err
-    assert error.endswith("; take a longer --duration.\n")
-    assert "--spread" not in error
+    assert error.endswith("; take a longer duration.\n")
+    assert "the spread" not in error
 
 
 def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
     """Where no drifter can leave, and where none can stay, however large the table would be."""
-    monkeypatch.setattr("jaxcell.record.sea_drift._LARGEST_TABLE", -1)
+    monkeypatch.setattr("jaxcell.drift.layer._MAX_TABLE", -1)
     _, found, _ = run(capsys, *STEP, "--depths", 0)
-    assert found["layers"][0]["leaving"] == 0
+    assert found["layers"][0]["mean_leaving"] == 0
     _, found, _ = run(capsys, "--edge", "exit", file=stream)
-    assert found["layers"][0]["leaving"] == 1
+    assert found["layers"][0]["mean_leaving"] == 1
     # Some stay and some leave: that is not known.
     _, found, _ = run(capsys, *STEP, "--depths", 0, "--edge", "exit")
-    assert found["layers"][0]["leaving"] is None
+    assert found["layers"][0]["mean_leaving"] is None
 
 
 def test_velocities_by_name(capsys, stream, tmp_path):
@@ -254,8 +250,8 @@ def test_around_the_earth(capsys, tmp_path):
     status, found, error = run(capsys, *args, "--verify", file=tmp_path / "jet.nc")
     assert (status, error) == (0, "")
     (layer,) = found["layers"]
-    assert [group["cells"] for group in layer["persistent_groups"]] == [lon.size] * lat.size
-    assert layer["leaving"] == 0
+    assert [group["cells"] for group in layer["groups"]] == [lon.size] * lat.size
+    assert layer["mean_leaving"] == 0
     assert any("goes round the Earth" in note for note in found["notes"])
     # A land cell and disturbances, too.
     jet["u"][1, 3] = np.nan
@@ -275,9 +271,9 @@ def test_tables_for_people(capsys):
     assert re.search(r"persistent groups +│ 3 +│ 3 +│ 3 ", out)
     assert re.search(r"cells of water +│ 538 +│ 538 +│ 436 ", out)
     assert re.search(r"towards the East +│ u \(by the standard names", out)
-    assert re.search(r"places from which the sea bed is seen +│ +17 │", out)
-    assert "Reached from -118.0,33.5" in out
-    assert "To the goal -118.1,33.45,5" in out
+    assert out[out.index("Views") : out.index("Layers")].count("°") == 2 * 17
+    assert re.search(r"cells reached, by keeping the depth +│ 536, 530, 433 ", out)
+    assert re.search(r"depth of the goal +│ -118.096, 33.454, 5 ", out)
 
 
 def test_writes_its_results(capsys, tmp_path):
@@ -294,7 +290,7 @@ def test_writes_its_results(capsys, tmp_path):
     assert json.loads((out / "summary.json").read_text()) == found
     with xr.open_dataset(out / "drift.nc") as dataset:
         assert dataset.sizes["layer"] == 1
-        assert int(dataset.group.max()) == len(found["layers"][0]["persistent_groups"]) - 1
+        assert int(dataset.group.max()) == found["layers"][0]["persistent_groups"] - 1
         assert json.loads(dataset.attrs["spec"])["duration_s"] == 3400
     with (out / "deployment.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -342,7 +338,7 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     def stalls(*args, **options):
         raise RuntimeError("the residual stayed above the tolerance")
 
-    monkeypatch.setattr("jaxcell.drift.discounted_voyage", stalls)
+    monkeypatch.setattr("jaxcell.drift.sea_drift.discounted_voyage", stalls)
     status, found, error = run(capsys, *STEP, "--goal", "-118.1,33.45,5")
     assert (status, found) == (1, None)
     assert error == "jaxcell drift: the residual stayed above the tolerance\n"

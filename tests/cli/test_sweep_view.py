@@ -149,13 +149,13 @@ def test_the_walk_of_a_member(ran):
 
 def test_the_drift_of_a_member(ran):
     folder = ran(
-        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepth = 0\n[grid]\nrho = [0.7, 0.9]\n'
+        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepths = 0\n[grid]\nrho = [0.7, 0.9]\n'
     )
     found, member, _ = detail(folder, "rho=0.9")
     layer = found["layers"][0]
     assert found["duration_s"] == pytest.approx(member["step"])
-    assert len(layer["persistent_groups"]) == member["persistent_groups"]
-    cells = sum(group["cells"] for group in layer["persistent_groups"])
+    assert layer["persistent_groups"] == member["persistent_groups"]
+    cells = sum(group["cells"] for group in layer["groups"])
     assert cells == member["persistent_cells"]
 
 

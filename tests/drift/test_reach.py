@@ -5,7 +5,7 @@ from hypothesis import given, strategies as st
 from random_chains import matrices, reachable as closure
 from small_seas import random_layers, random_sea, water
 
-from jaxcell.drift.reach import reachable, reachable_at_depth, reachable_by_layer
+from jaxcell.drift.reachability import reachable, reachable_at_depth, reachable_by_layer
 from jaxcell.drift.sea import Sea
 from jaxcell.mapping import Chain
 

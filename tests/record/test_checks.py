@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.record import dataset as described
-from jaxcell.record.chain_checks import drift_checks, patrol_map_checks
+from jaxcell.record.chain_checks import patrol_map_checks
 
 
 def dataset(variables, **attributes):
@@ -38,23 +38,8 @@ PATROL = dataset(
     }
 )
 # Cell 0 stays; 1 goes there, to itself, or off the grid; one square is land.
-DRIFT = dataset(
-    {
-        "cell": ("layer y x", [[[0, 1, -2]]]),
-        "group": ("layer y x", [[[0, -1, -2]]]),
-        "absorption_time": ("layer y x", [[[0.0, 2.0, np.nan]]]),
-        "leaving": ("layer y x", [[[0.0, 0.5, np.nan]]]),
-        "probability": ("layer group_index y x", [[[[1.0, 0.5, np.nan]]]]),
-        "arrival_probability": ("layer y x", [[[1.0, 0.5, np.nan]]]),
-        "from_cell": ("entry", [0, 1, 1]),
-        "to_cell": ("entry", [0, 0, 1]),
-        "transition": ("entry", [1.0, 0.25, 0.5]),
-    },
-    step_seconds=3600.0,
-)
 CHECKS = {
     "patrol map": (PATROL, patrol_map_checks),
-    "drift": (DRIFT, drift_checks),
 }
 
 
@@ -73,12 +58,6 @@ def test_what_is_right_passes(family):
         ("patrol map", "exact", [0.9, 0.6], {"exact_is_of_law"}),
         ("patrol map", "law", [0.2, 0.3, 0.6], {"law_beyond_1", "exact_is_of_law"}),
         ("patrol map", "probability", [[[0.5, 1.0], [0.4, 0.0]]], {"rows_sum_to_1"}),
-        ("drift", "transition", [1.0, 0.6, 0.5], {"rows_sum_to_more_than_1"}),
-        ("drift", "transition", [0.9, 0.25, 0.5], {"ways_out_of_persistent_groups"}),
-        ("drift", "to_cell", [1, 0, 1], {"ways_out_of_persistent_groups"}),
-        ("drift", "leaving", [[[0.0, 0.4, np.nan]]], {"ends_sum_to_1"}),
-        ("drift", "probability", [[[[1.0, 0.6, np.nan]]]], {"ends_residual"}),
-        ("drift", "arrival_probability", [[[1.0, 1.5, np.nan]]], {"arrival_beyond_0_to_1"}),
     ],
 )
 def test_what_is_wrong_is_seen(family, variable, value, names):
@@ -88,25 +67,6 @@ def test_what_is_wrong_is_seen(family, variable, value, names):
     assert all(any(one.startswith(name) for one in fails) for name in names), fails
     with pytest.raises(RuntimeError, match=r"Small: the result contradicts itself: \w+ is"):
         checks.with_checks(wrong, found(wrong))
-
-
-def test_what_is_only_told_refuses_nothing():
-    wrong = altered(DRIFT, "absorption_time", [[[0.0, 9.0, np.nan]]])
-    assert checks.with_checks(wrong, drift_checks(wrong)).attrs[
-        "check_absorption_time_residual"
-    ] == pytest.approx(3.5 / 9)
-
-
-def test_that_none_leaves_may_be_all_that_is_known_of_ends():
-    unknown = DRIFT.assign(
-        probability=np.nan * DRIFT.probability,
-        leaving=(("layer", "y", "x"), [[[0.0, 0.0, np.nan]]]),
-    )
-    found = drift_checks(unknown)
-    assert found["ends_sum_to_1"][0] == 0
-    # Where all leave, no group has a part of them.
-    gone = unknown.assign(leaving=(("layer", "y", "x"), [[[0.0, 1.0, np.nan]]]))
-    assert drift_checks(gone)["ends_sum_to_1"][0] == 0
 
 
 @pytest.mark.parametrize(

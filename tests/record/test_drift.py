@@ -1,7 +1,9 @@
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
+import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
@@ -9,11 +11,10 @@ import xarray as xr
 from seas import sea
 
 from jaxcell import drift, record
-from jaxcell.record.drift import log_drift
-from jaxcell.record.drift_dataset import drift_dataset
-from jaxcell.record.drift_groups import group_classes
-from jaxcell.record.sea_drift import SeaDrift
-from jaxcell.record.sea_map import Clock, SeaMap, place_name, round_below
+from jaxcell.mapping import Chain
+from jaxcell.record.canvas.stream import new_stream
+from jaxcell.record.drift.groups import group_classes
+from jaxcell.record.drift.map import Clock, SeaMap, place_name, round_below
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
@@ -21,38 +22,13 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 GOAL = 538 + 167
 
 
-def study(currents, duration=None, *, start=None, goal=None, reach=None, **options):
+def study(currents, duration=None, *, goal=None, **options):
     """What is made of currents, by the functions of the library."""
     names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
-    currents = currents.assign_attrs({**names, **currents.attrs})
-    layers = range(currents.sizes["layer"])
-    waters = [drift.Water.of(currents, k) for k in layers]
-    flows = [drift.Flow.of(currents, k).mean() for k in layers]
-    duration = duration or drift.crossing_time(waters[0], flows[0])
-    behaviours = [
-        drift.long_term_behaviour(drift.drift_map(*pair, duration, **options), duration)
-        for pair in zip(waters, flows, strict=True)
-    ]
-    diagnoses = [
-        drift.diagnose(water, flow, one.groups, duration)
-        for water, flow, one in zip(waters, flows, behaviours, strict=True)
-    ]
-    chains = [one.chain for one in behaviours]
-    whole = drift.Sea.of(waters, chains)
-    surface = behaviours[0]
-    return SeaDrift(
-        currents,
-        tuple(behaviours),
-        tuple(diagnoses),
-        drift.deployment_cells(surface),
-        drift.minimum_deployment(surface.chain),
-        curve=drift.coverage_curve(surface.chain),
-        views=None if reach is None else drift.visible_deployment(waters[0], reach, surface.groups),
-        reach=reach,
-        start=start,
-        voyage=None if goal is None else drift.discounted_voyage(whole, goal),
-        surest=None if goal is None else drift.surest_voyage(whole, goal),
+    found = drift.SeaDrift.of(
+        currents.assign_attrs({**names, **currents.attrs}), duration, **options
     )
+    return found if goal is None else found.towards(goal)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +40,7 @@ def gyres():
 @pytest.fixture(scope="module")
 def dataset(gyres, tmp_path_factory):
     file = tmp_path_factory.mktemp("drift") / "drift.nc"
-    record.save_dataset(drift_dataset(gyres, spec={"file": "gyres"}), file)
+    record.save_dataset(record.dataset(gyres, spec={"file": "gyres"}), file)
     return xr.load_dataset(file)
 
 
@@ -75,6 +51,11 @@ def leaving():
     wet[1, 3] = False
     east = np.where(wet, 0.5, 0)
     return study(sea(east, 0.1 * east, wet, angle=0.5), 2000, edge="exit")
+
+
+def map_of(sea, number):
+    """The map of one layer."""
+    return SeaMap(new_stream("test"), sea, Clock.of(sea), number)
 
 
 def matrix_of(dataset):
@@ -151,11 +132,11 @@ def test_the_dataset_holds_the_domiciles(dataset):
 def test_the_dataset_says_where_and_with_what(gyres, dataset):
     assert dataset.attrs["Conventions"] == "CF-1.8"
     assert json.loads(dataset.attrs["spec"]) == {"file": "gyres"}
-    assert dataset.attrs["step_seconds"] == 3400
+    assert float(dataset.step) == 3400
     assert dataset.lon.standard_name == "longitude"
     assert dataset.depth.values.tolist() == [0, 5, 10]
     # Land is where there is no water.
-    for name, blank in (("group", -2), ("action", -2)):
+    for name, blank in (("group", -2), ("voyage_action", -2)):
         assert ((dataset[name].values == blank) == ~gyres.currents.water.values).all()
     assert (np.isnan(dataset.absorption_time.values) == ~gyres.currents.water.values).all()
     cell = int(dataset.deployment_cell[1])
@@ -173,7 +154,7 @@ def test_the_dataset_holds_the_reach_and_the_voyage(gyres, dataset):
     assert by_cell(dataset, "reached_at_any_depth").sum() >= len(reached)
 
     assert dataset.goal.values.tolist() == [GOAL]
-    action = by_cell(dataset, "action")
+    action = by_cell(dataset, "voyage_action")
     closed = matrix_of(dataset)
     place = np.argwhere(dataset.cell.values >= 0)[
         np.argsort(dataset.cell.values[dataset.cell >= 0])
@@ -187,15 +168,15 @@ def test_the_dataset_holds_the_reach_and_the_voyage(gyres, dataset):
     others = np.delete(np.arange(len(closed)), goal)
     inner = closed[np.ix_(others, others)]
     hours = np.linalg.solve(np.eye(len(inner)) - inner, np.ones(len(inner))) * 3400 / 3600
-    sure = by_cell(dataset, "arrival_probability")[others] == 1
+    sure = by_cell(dataset, "voyage_arrival_probability")[others] == 1
     assert sure.all()
-    np.testing.assert_allclose(by_cell(dataset, "arrival_time")[others], hours, rtol=1e-6)
+    np.testing.assert_allclose(by_cell(dataset, "voyage_arrival_time")[others], hours, rtol=1e-6)
     # The surest policy is, among those that surely arrive, the quickest.
     assert (by_cell(dataset, "surest_arrival_time")[others] <= hours * (1 + 1e-9)).all()
 
 
 def test_what_leaves_is_told(leaving):
-    found = drift_dataset(leaving)
+    found = record.dataset(leaving)
     wet = found.cell.values >= 0
     assert (found.group.values[wet] == -1).all()
     np.testing.assert_allclose(found.leaving.values[wet], 1)
@@ -232,7 +213,7 @@ def test_deployment_files(gyres, dataset, tmp_path):
 @pytest.fixture(scope="module")
 def found(gyres, tmp_path_factory, read):
     file = tmp_path_factory.mktemp("drift") / "drift.rrd"
-    log_drift(file, gyres, seed=3, spec={"file": "a|b"})
+    record.save_recording(gyres, file, spec={"file": "a|b", "seed": 3})
     assert file.stat().st_size < 6_000_000
     return read(file)
 
@@ -243,7 +224,7 @@ def test_the_recording_shows_groups(gyres, found):
     scale = np.reshape(found.static("/map", "Transform3D:scale"), -1)
     np.testing.assert_array_equal(scale, [1, -1, 1])
     for layer, water in enumerate(gyres.waters):
-        behaviour = gyres.behaviours[layer]
+        behaviour = gyres.layers[layer].behaviour
         labels = found.classes(f"/map/grid/groups_{layer}")
         buffer = found.static(f"/map/grid/groups_{layer}", "SegmentationImage:buffer")[0]
         picture = np.reshape(buffer, water.number.shape)
@@ -259,7 +240,7 @@ def test_the_recording_shows_groups(gyres, found):
                 expected = f"may end in groups {', '.join(map(str, homes))}"
             assert labels[kind] == expected
     # A group and what leads there for sure have one colour, in two shades.
-    kind, classes = group_classes(gyres.behaviours[0])
+    kind, classes = group_classes(gyres.layers[0])
     colors = {one.label: np.array(one.color[:3], float) for one in classes}
     for number in range(3):
         full, pale = (
@@ -271,7 +252,7 @@ def test_the_recording_shows_groups(gyres, found):
 
 
 def test_the_recording_shows_currents_and_drifters(gyres, found):
-    sea_map = SeaMap(gyres)
+    sea_map = map_of(gyres, 0)
     arrows = found.over("minute", "/map/current_1", "Arrows2D:vectors")
     assert list(arrows) == [60 * hour for hour in range(24)]
     water = gyres.waters[1]
@@ -297,22 +278,22 @@ def test_the_recording_shows_currents_and_drifters(gyres, found):
 
 
 def test_the_recording_shows_times_deployment_and_reach(gyres, found):
-    sea_map = SeaMap(gyres)
+    sea_map = map_of(gyres, 0)
     buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
     water = gyres.waters[0]
     kind = np.reshape(buffer, water.number.shape)[water.row, water.column].astype(int)
-    hours = np.asarray(gyres.behaviours[0].hours)
+    hours = np.asarray(gyres.layers[0].behaviour.hours)
     assert (kind[hours == 0] == 1).all()
     order = np.argsort(hours)
     assert (np.diff(kind[order]) >= 0).all()
     marks = np.array(found.static("/map/deployment", "Points2D:positions"))
-    np.testing.assert_allclose(marks, sea_map.centres(0, gyres.deployment.cells), rtol=1e-5)
+    np.testing.assert_allclose(marks, sea_map.xy(gyres.deployment.cells), rtol=1e-5)
     labels = found.classes("/map/grid/reach_2")
     buffer = found.static("/map/grid/reach_2", "SegmentationImage:buffer")[0]
     water = gyres.waters[2]
     kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
     stays = np.array(["stays" in labels[one] for one in kind])
-    np.testing.assert_array_equal(stays, gyres.of_layer(gyres.reached[0], 2))
+    np.testing.assert_array_equal(stays, gyres.of_layer(gyres.reachable[0], 2))
     text = found.static("/reach/text", "TextDocument:text")[0]
     assert f"| 10 m | {stays.sum()} |" in text
     assert "| file | a&#124;b |" in found.static("/groups/text", "TextDocument:text")[0]
@@ -323,7 +304,7 @@ def test_the_recording_shows_times_deployment_and_reach(gyres, found):
 
 
 def test_the_recording_shows_the_voyage(gyres, found):
-    action = np.asarray(gyres.voyage.action)
+    action = np.asarray(gyres.voyage.policy.action)
     vectors = np.array(found.static("/space/policy/arrows", "Arrows3D:vectors"))
     others = np.delete(np.arange(action.size), GOAL)
     assert (np.sign(np.round(vectors[:, 2], 6)) == -action[others]).all()
@@ -331,7 +312,9 @@ def test_the_recording_shows_the_voyage(gyres, found):
     goal = np.array(found.static("/space/goal", "Points3D:positions"))
     assert goal.shape == (1, 3)
     np.testing.assert_allclose(
-        goal[0, :2], SeaMap(gyres).centres(1, np.array([GOAL - 538]))[0], rtol=1e-5
+        goal[0, :2],
+        map_of(gyres, 1).xy(np.array([GOAL - 538]))[0],
+        rtol=1e-5,
     )
     assert goal[0, 2] < 0
     # Drifters start above one another, at the surface.
@@ -346,7 +329,7 @@ def test_the_recording_shows_the_voyage(gyres, found):
 @pytest.mark.slow
 def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     """No groups, no start, no goal, one record, a turned grid; drifters go."""
-    log_drift(tmp_path / "away.rrd", leaving)
+    record.save_recording(leaving, tmp_path / "away.rrd")
     found = read(tmp_path / "away.rrd")
     assert not {one for one in found.entities if "reach" in one or one.startswith("/space")}
     places = found.over("minute", "/map/drifters_0/here", "Points2D:positions")
@@ -374,7 +357,7 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
     one = sea(np.full((3, columns), 1.0), np.zeros((3, columns)), dx=3e6, dy=3e6)
     column, row = np.meshgrid(np.arange(columns), np.arange(3))
     one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
-    log_drift(tmp_path / "round.rrd", study(one, 3e6, edge="exit"))
+    record.save_recording(study(one, 3e6, edge="exit"), tmp_path / "round.rrd")
     found = read(tmp_path / "round.rrd")
     places = found.over("hour", "/map/drifters_0/here", "Points2D:positions")
     x = np.array([np.array(at)[:, 0] for at in places.values()])
@@ -393,8 +376,8 @@ def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)
     one = study(sea(np.tile(swirl[:, None], 5), np.tile(-swirl, (5, 1))), 2000, spread="all")
-    assert one.behaviours[0].transient.count == 0
-    log_drift(tmp_path / "all.rrd", one)
+    assert one.layers[0].transient_groups == 0
+    record.save_recording(one, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert not {entity for entity in found.entities if "absorption" in entity}
 
@@ -408,15 +391,9 @@ def test_what_takes_almost_for_ever_is_told(tmp_path, read):
     behaviour = drift.long_term_behaviour(chain, 3600, throw=False)
     late = np.asarray(behaviour.absorption.value) > 10_000
     assert 0 < late.sum() < water.cells
-    one = SeaDrift(
-        currents,
-        (behaviour,),
-        (drift.diagnose(water, flow, behaviour.groups, 3600),),
-        drift.deployment_cells(behaviour),
-        drift.minimum_deployment(chain),
-    )
-    np.testing.assert_array_equal(one.almost_for_ever(0), late)
-    log_drift(tmp_path / "late.rrd", one)
+    one = study(currents, 3600)
+    np.testing.assert_array_equal(one.layers[0].almost_for_ever, late)
+    record.save_recording(one, tmp_path / "late.rrd")
     found = read(tmp_path / "late.rrd")
     labels = found.classes("/map/grid/absorption_0")
     buffer = found.static("/map/grid/absorption_0", "SegmentationImage:buffer")[0]
@@ -433,7 +410,7 @@ def test_a_large_sea_makes_a_small_file(tmp_path):
     row, column = np.mgrid[:160, :240] / 40
     currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=500.0)
     large = study(currents, 200, spread="all", start=5, goal=np.arange(10_000))
-    log_drift(tmp_path / "large.rrd", large)
+    record.save_recording(large, tmp_path / "large.rrd")
     assert (tmp_path / "large.rrd").stat().st_size < 6_000_000
 
 
@@ -442,13 +419,13 @@ def test_many_groups_have_few_colours(tmp_path, read):
     """Every cell is a group of its own where the step is too short."""
     east = np.random.default_rng(0).uniform(-1, 1, (2, 15, 20))
     one = study(sea(*east), 100, edge="exit", start=0)
-    assert one.behaviours[0].groups.count > 200
-    log_drift(tmp_path / "many.rrd", one)
+    assert one.layers[0].persistent_groups > 200
+    record.save_recording(one, tmp_path / "many.rrd")
     found = read(tmp_path / "many.rrd")
     labels = found.classes("/map/grid/groups_0")
     assert len(labels) <= 255
     assert "a smaller persistent group" in labels
-    assert one.diagnoses[0].warning in found.static("/groups/text", "TextDocument:text")[0]
+    assert one.layers[0].warning in found.static("/groups/text", "TextDocument:text")[0]
 
 
 @pytest.mark.parametrize(
@@ -473,15 +450,51 @@ def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
 
 
 def test_what_does_not_belong_together_is_refused(gyres):
-    fields = {name: getattr(gyres, name) for name in gyres.__dataclass_fields__}
     for change, message in (
-        ({"behaviours": gyres.behaviours[:2]}, "behaviours: expected 3, one a layer, got 2"),
-        ({"diagnoses": ()}, "diagnoses: expected 3, one a layer, got 0"),
+        ({"layers": gyres.layers[:2]}, "layers: expected 3, got 2"),
         ({"start": 538}, "start: expected a cell of the surface, 0 to 537"),
-        ({"reach": None}, "views: expected their reach too"),
     ):
         with pytest.raises(ValueError, match=message):
-            SeaDrift(**{**fields, **change})
+            dataclasses.replace(gyres, **change)
+
+
+def altered(layer, **fields):
+    """A layer of which another thing is said of where drifters end."""
+    return dataclasses.replace(layer, behaviour=dataclasses.replace(layer.behaviour, **fields))
+
+
+def test_a_layer_that_contradicts_itself_is_refused(gyres):
+    layer = gyres.layers[0]
+    behaviour = layer.behaviour
+    chain, group = behaviour.chain, behaviour.groups.group
+    few = Chain(chain.image, 0.99 * chain.probability)
+    moved = dataclasses.replace(behaviour.groups, group=jnp.roll(group, 1))
+    ends = dataclasses.replace(layer.ends, value=0.9 * layer.ends.value)
+    wrong = altered(layer)
+    wrong.__dict__["ends"] = ends
+    for one, name in (
+        (altered(layer, chain=few), "steps_out_of_persistent_groups"),
+        (altered(layer, groups=moved), "steps_out_of_persistent_groups"),
+        (wrong, "ends_sum_to_1"),
+    ):
+        value, limit = one.checks()[name]
+        assert value > limit
+        with pytest.raises(RuntimeError, match=f"the result contradicts itself: {name} is"):
+            record.dataset(dataclasses.replace(gyres, layers=(one, *gyres.layers[1:])))
+    chance = jnp.roll(layer.ends.value, 1, axis=0)
+    wrong.__dict__["ends"] = dataclasses.replace(ends, value=chance)
+    assert wrong.checks()["ends_residual"][0] < 1e-8
+    chance = layer.ends.value.at[0, 100].add(0.1).at[1, 100].add(-0.1)
+    wrong.__dict__["ends"] = dataclasses.replace(ends, value=chance)
+    assert wrong.checks()["ends_residual"][0] > 1e-3
+
+
+def test_times_are_reported_and_refuse_nothing(gyres):
+    layer = gyres.layers[0]
+    solve = layer.behaviour.absorption
+    slow = altered(layer, absorption=dataclasses.replace(solve, value=1.5 * solve.value))
+    found = record.dataset(dataclasses.replace(gyres, layers=(slow, *gyres.layers[1:])))
+    assert found.attrs["check_absorption_time_residual"] > 0.01
 
 
 def test_names_and_lengths():

@@ -237,47 +237,34 @@ def test_patrols_of_a_map():
     assert compare(attack=other) == ["capture of the target"]
 
 
-@pytest.mark.parametrize(
-    ("spread", "edge"),
-    [
-        ("turned", "uniform"),
-        ("turned", "exit"),
-        ("all", "exit"),
-        ("all", "uniform"),
-        ("sampled", "exit"),
-    ],
-)
-def test_drifters(spread, edge):
+@pytest.mark.parametrize("edge", ["uniform", "exit"])
+def test_drifters(edge):
     currents = drift.open_currents(DATA / "ocean" / "gyres.nc").isel(layer=slice(2, 3))
-    water, flow = drift.Water.of(currents), drift.Flow.of(currents).mean()
-    options = {"rho": 0.8, "spread": spread, "edge": edge}
-    chain = drift.drift_map(water, flow, 3400.0, **options)
-    behaviour = drift.long_term_behaviour(chain, 3400.0)
-    ends = behaviour.probability if behaviour.groups.count else None
-    deployment = drift.deployment_cells(behaviour)
+    found = drift.SeaDrift.of(currents, 3400.0, edge=edge, start=0).towards(100)
+    (layer,) = found.layers
+    behaviour = layer.behaviour
 
-    def compare(**other):
-        values = {"behaviours": [behaviour], "ends": [ends], "deployment": deployment, **other}
-        return verify.compare_drift(currents, [water], **values, **options)
+    def compare(**fields):
+        changed = dataclasses.replace(behaviour, **fields)
+        other = dataclasses.replace(layer, behaviour=changed)
+        return disagreeing(verify.compare_drift(dataclasses.replace(found, layers=(other,))))
 
-    assert disagreeing(compare()) == []
-    if spread != "turned":
-        return
+    assert compare() == []
     slow = dataclasses.replace(behaviour.absorption, value=1.01 * behaviour.absorption.value)
-    altered = dataclasses.replace(behaviour, absorption=slow)
-    (what,) = disagreeing(compare(behaviours=[altered]))
+    (what,) = compare(absorption=slow)
     assert what.startswith("times until")
     groups = dataclasses.replace(behaviour.groups, group=jnp.roll(behaviour.groups.group, 1))
-    altered = dataclasses.replace(behaviour, groups=groups)
-    assert any(
-        one.startswith("persistent groups") for one in disagreeing(compare(behaviours=[altered]))
+    assert any(one.startswith("persistent groups") for one in compare(groups=groups))
+    few = dataclasses.replace(found)
+    few.__dict__["deployment"] = drift.Deployment(
+        *(part[:1] for part in vars(found.deployment).values())
     )
-    few = drift.Deployment(*(part[:1] for part in vars(deployment).values()))
-    assert disagreeing(compare(deployment=few)) == ["cells visited from the deployment"]
-    wrong = {**options, "rho": 0.81}
-    found = verify.compare_drift(currents, [water], [behaviour], [ends], deployment, **wrong)
-    (what,) = disagreeing(found)
-    assert what.startswith("images of cells")
+    assert disagreeing(verify.compare_drift(few)) == ["cells visited from the deployment"]
+    policy = found.surest.policy
+    worse = dataclasses.replace(policy, probability=0.99 * policy.probability)
+    surest = dataclasses.replace(found.surest, policy=worse)
+    (what,) = disagreeing(verify.compare_drift(dataclasses.replace(found, surest=surest)))
+    assert what.startswith("probability of arriving")
 
 
 def test_what_is_no_number_does_not_agree():

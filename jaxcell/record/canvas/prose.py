@@ -39,7 +39,8 @@ def made_with(spec: Mapping[str, Any]) -> str:
     """The parameters of a recording, as its last section."""
     if not spec:
         return ""
-    rows = [(key, str(value).replace("|", "&#124;")) for key, value in spec.items()]
+    given = {key: value for key, value in spec.items() if value is not None}
+    rows = [(key, str(value).replace("|", "&#124;")) for key, value in given.items()]
     return "## Made with\n\n" + table(("what", "value"), rows)
 
 

@@ -30,6 +30,8 @@ class Scale:
     "The meanings and colours of squares without a level."
     ground: str = "not free"
     digits: int = 3
+    open: bool = False
+    "Whether the legend says that the last level holds all larger numbers."
 
     @classmethod
     def over(
@@ -44,6 +46,7 @@ class Scale:
         special: Mapping[str, Color] | None = None,
         ground: str = "not free",
         digits: int = 3,
+        open: bool = False,
     ) -> "Scale":
         """The scale over the range of some numbers, or between given ends.
 
@@ -57,6 +60,7 @@ class Scale:
         - `special`: meanings and colours of squares without a level.
         - `ground`: what the clear parts of a picture are.
         - `digits`: how many significant ones numbers have.
+        - `open`: whether larger numbers than the end are in the last level.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least
@@ -64,7 +68,8 @@ class Scale:
         low, high = (low, high) if low <= high else (0.0, 0.0)
         # A range of nothing has no levels.
         high = max(high, low + max(1e-6, 1e-9 * abs(low)))
-        return cls(spaced(low, high, levels + 1), label, dict(special or {}), ground, digits)
+        bounds = spaced(low, high, levels + 1)
+        return cls(bounds, label, dict(special or {}), ground, digits, open)
 
     @property
     def colors(self) -> list[Color]:
@@ -80,6 +85,9 @@ class Scale:
         ends = itertools.pairwise(map(self._written, self.bounds.tolist()))
         for (low, high), color in zip(ends, self.colors, strict=True):
             named.append(PictureClass(self.label(f"{low} to {high}"), color))
+        if self.open:
+            last = self._or_more(self.bounds[-2])
+            named[-1] = PictureClass(last, named[-1].color)
         return named
 
     def levels(
@@ -115,11 +123,16 @@ class Scale:
         at = np.unique(np.linspace(0, count, rows).round().astype(int))[::-1].tolist()
         # Levels of a range of nothing are written alike.
         entries = {
-            self.label(self._written(float(self.bounds[i]))): self.colors[min(i, count - 1)]
+            self._or_more(self.bounds[i])
+            if self.open and i == count
+            else self.label(self._written(float(self.bounds[i]))): self.colors[min(i, count - 1)]
             for i in at
         }
         names = self.special if shown is None else shown
         return list(entries.items()) + [(name, self.special[name]) for name in names]
+
+    def _or_more(self, value: float) -> str:
+        return f"{self.label(self._written(float(value)))} or more"
 
     def _written(self, value: float) -> str:
         large = 1000 <= abs(value) < 1e9

@@ -1,5 +1,6 @@
 """The dataset and the summary of any result, from the descriptions of its quantities."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -26,8 +27,8 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     """A result as a labelled dataset.
 
     Each quantity is a variable with its meaning, units and kind as attributes; those of a part
-    begin with the name of the part, except coordinates. A result on cells has their coordinates:
-    over `position` `x` and `y`, over `direction` `theta`.
+    begin with the name of the part, except coordinates. Rows of different lengths are left out. A
+    result on cells has their coordinates: over `position` `x` and `y`, over `direction` `theta`.
 
     **Arguments:**
 
@@ -39,12 +40,15 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the numbers contradict what
     their kinds or the relations between them say.
     """
-    cells = getattr(result, "cells", None)
-    found = xr.Dataset(attrs=provenance(result.title, cells, spec))
+    cells = cells_of(result)
+    attributes = {**provenance(result.title, cells, spec), **result.attributes}
+    found = xr.Dataset(attrs=attributes)
     if cells is not None:
         found = found.assign_coords(cell_coordinates(cells))
     for name, (described, value) in _flat(result).items():
         array = np.asarray(value)
+        if array.dtype == object:
+            continue
         attributes = {"long_name": described.meaning, **described.attributes}
         if described.units is not None:
             attributes["units"] = described.units
@@ -55,6 +59,12 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
             variable.attrs["kind"] = described.kind
             found[name] = variable
     return with_checks(found, {**_checks_of_kinds(found, cells), **result.checks()})
+
+
+def cells_of(result: Result) -> CellSpace | None:
+    """The cell space of a result that has one."""
+    cells = getattr(result, "cells", None)
+    return cells if isinstance(cells, CellSpace) else None
 
 
 def summary(result: Result) -> dict[str, Any]:
@@ -69,20 +79,45 @@ def summary(result: Result) -> dict[str, Any]:
         if is_single(about)
     }
     for dim, table in columns(result).items():
-        plain = {name: _plain(value) for name, (_, value) in table.items()}
+        title = result.tables[dim]
+        plain = {
+            name.removeprefix(f"{title}_"): _plain(value) for name, (_, value) in table.items()
+        }
         if plain:
             rows = zip(*plain.values(), strict=True)
-            found[result.tables[dim]] = [dict(zip(plain, row, strict=True)) for row in rows]
-    return {**found, **{name: summary(part) for name, part in parts(result).items()}}
+            found[title] = [dict(zip(plain, row, strict=True)) for row in rows]
+    below = {
+        name: list(map(summary, part)) if isinstance(part, tuple) else summary(part)
+        for name, part in parts(result).items()
+    }
+    return {**found, **below}
 
 
 def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
     found = dict(values(result))
     for name, part in parts(result).items():
+        if isinstance(part, tuple):
+            found |= _along(name.removesuffix("s"), part)
+            continue
         for key, (about, value) in _flat(part).items():
             # Dimensions are shared, and so are their coordinates.
             found[key if about.kind == "coordinate" else f"{name}_{key}"] = about, value
     return found
+
+
+def _along(
+    dim: str, several: tuple[Result, ...]
+) -> dict[str, tuple[Quantity, np.ndarray]]:
+    """The single numbers that all of several parts have, along a dimension."""
+    rows = [values(one, lambda about: not about.dims) for one in several]
+    return {
+        f"{dim}_{name}": (
+            dataclasses.replace(about, dims=(dim,)),
+            np.array([row[name][1] for row in rows]),
+        )
+        for name, (about, _) in rows[0].items()
+        if all(name in row for row in rows)
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -106,12 +141,17 @@ def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
     checks: dict[str, tuple[float, float]] = {}
     for name, variable in found.data_vars.items():
         kind, array = variable.attrs.get("kind"), np.atleast_1d(variable.values)
+        if "padding" in variable.attrs:
+            array = _without(array, float(variable.attrs["padding"].partition(":")[0]))
         if kind in ("share", "distribution") and array.size:
             checks[f"{name}_out_of_0_to_1"] = (_most(-array, array - 1), PROBABILITY)
         if kind == "distribution":
             over = variable.attrs.get("over", variable.dims[-1]).split()
             sums = np.atleast_1d(variable.sum(over).values)
             checks[f"{name}_sums_to_1"] = (_most(np.abs(sums - 1)), PROBABILITY)
+        if kind == "time":
+            # What is not known is no contradiction.
+            array = _without(array, math.nan)
         if kind in ("count", "time") and array.size:
             checks[f"{name}_below_0"] = (_most(-array.astype(float)), 0)
         if kind in ("cell", "index", "position") and array.size:
@@ -120,6 +160,11 @@ def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
             size = cells.size if kind == "cell" else cells.positions
             checks[f"{name}_not_of_the_map"] = (int(np.count_nonzero(array >= size)), 0)
     return checks
+
+
+def _without(array: np.ndarray, padding: float) -> np.ndarray:
+    """The values that are not padding, which may be NaN."""
+    return array[~np.isnan(array) if math.isnan(padding) else array != padding]
 
 
 def _most(*arrays: np.ndarray) -> float:

@@ -11,5 +11,5 @@ TASKS: dict[str, str] = {
     "cover": "jaxcell.study:Cover",
     "plans": "jaxcell.study:Plans",
     "patrol": "jaxcell.study:PatrolGraph",
-    "drift": "jaxcell.sweep.tasks.drift:drift",
+    "drift": "jaxcell.study:Drift",
 }

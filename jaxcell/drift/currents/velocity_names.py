@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
-from .axes import Axes, find_axes, is_rectangular
+from .dimensions import Axes, find_axes, is_rectangular
 from .netcdf import OceanFile
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from .axes import axis_kind
+from .dimensions import axis_kind
 from .netcdf import OceanFile
 from .roms import ALONE, SLevels, read_s_levels
 

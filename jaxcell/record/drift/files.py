@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..files import replacing
-from .sea_drift import SeaDrift
+from ...drift import SeaDrift
+from ...files import replacing
 
 
 def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Writes the deployment cells as CSV with a head, one drifter a line.
+    """Write the deployment cells as CSV with a head, one drifter a line.
 
     The columns are `number`, from 1; `lon` and `lat` in degrees; `cell`; `purpose`, which is
     `reach` for a cell of the deployment and `view` for one from where the sea bed is seen;
@@ -32,12 +32,7 @@ def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
         >>> from jaxcell import drift, record
         >>> from jaxcell.bundled import bundled
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
-        >>> behaviour = drift.long_term_behaviour(chain, duration)
-        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
-        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
-        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> found = drift.SeaDrift.of(currents)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "deployment.csv")
         ...     record.save_deployment_csv(found, path)
@@ -52,7 +47,7 @@ def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
 
 
 def save_deployment_geojson(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Writes the deployment cells as GeoJSON (RFC 7946), a point for each drifter.
+    """Write the deployment cells as GeoJSON (RFC 7946), a point for each drifter.
 
     The properties are those of [`jaxcell.record.save_deployment_csv`][], without the place.
 
@@ -65,17 +60,11 @@ def save_deployment_geojson(drift: SeaDrift, path: str | os.PathLike[str]) -> No
 
     The surface of the bundled sea at its first record:
 
-        >>> import json
-        >>> import pathlib, tempfile
+        >>> import json, pathlib, tempfile
         >>> from jaxcell import drift, record
         >>> from jaxcell.bundled import bundled
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-        >>> chain, duration = drift.drift_map(water, flow), drift.crossing_time(water, flow)
-        >>> behaviour = drift.long_term_behaviour(chain, duration)
-        >>> diagnosis = drift.diagnose(water, flow, behaviour.groups)
-        >>> deployment, minimum = drift.deployment_cells(behaviour), drift.minimum_deployment(chain)
-        >>> found = record.SeaDrift(currents, (behaviour,), (diagnosis,), deployment, minimum)
+        >>> found = drift.SeaDrift.of(currents)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "deployment.geojson")
         ...     record.save_deployment_geojson(found, path)
@@ -97,7 +86,7 @@ def save_deployment_geojson(drift: SeaDrift, path: str | os.PathLike[str]) -> No
 
 
 def _rows(drift: SeaDrift) -> list[dict[str, Any]]:
-    found, behaviour = drift.deployment, drift.behaviours[0]
+    found, behaviour = drift.deployment, drift.layers[0].behaviour
     views = np.zeros(0, np.int32) if drift.views is None else drift.views.cells
     cells = np.concatenate([found.cells, views])
     group, transient = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)

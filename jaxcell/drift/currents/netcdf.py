@@ -14,18 +14,18 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from .. import memory
+from ... import memory
 
 
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
 LARGEST_BYTES = 4 * 2**30
 
-_LONGEST_COORDINATE = 10_000_000
+_MAX_COORDINATE = 10_000_000
 
 # Numbers that stand for "no value" in files that do not say so: the oldest convention, and the
 # default fill of NetCDF, ROMS and HYCOM, all of them above the last.
 _UNDECLARED_FILLS = (-9999.0, -99999.0)
-_LARGEST_VALUE = 1e20
+_MAX_VALUE = 1e20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +78,7 @@ class OceanFile:
             values = np.asarray(array.values, float)
         except Exception as error:  # what a damaged file makes the libraries raise is not written
             raise self.error(field, f"its values cannot be read: {_line(error)}") from error
-        absent = np.isin(values, _UNDECLARED_FILLS) | (np.abs(values) > _LARGEST_VALUE)
+        absent = np.isin(values, _UNDECLARED_FILLS) | (np.abs(values) > _MAX_VALUE)
         values = np.where(absent, np.nan, values)
         if dims:
             kept = [name for name in dims if name in array.dims]
@@ -106,9 +106,9 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
         except Exception as error:  # as above
             raise _unreadable(name, error) from error
         for field, size in sizes.items():
-            if size > _LONGEST_COORDINATE:
+            if size > _MAX_COORDINATE:
                 raise ValueError(
-                    f"{name}: {field}: expected a coordinate of at most {_LONGEST_COORDINATE:,} "
+                    f"{name}: {field}: expected a coordinate of at most {_MAX_COORDINATE:,} "
                     f"values, got {size:,}"
                 )
         try:

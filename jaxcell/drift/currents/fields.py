@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .axes import Axes
-from .components import FASTEST_CURRENT, Component, component, read_cells
+from .depths import Layers
+from .dimensions import Axes
 from .grid import OceanGrid
-from .layers import Layers
 from .masks import Mask, read_mask
-from .names import Velocity
 from .netcdf import OceanFile
 from .roms import at_height
+from .velocity import FASTEST_CURRENT, Component, component, read_cells
+from .velocity_names import Velocity
 
 
 _SEA_BED_STANDARD_NAMES = (

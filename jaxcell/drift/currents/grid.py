@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from .axes import Axes, is_rectangular
+from .dimensions import Axes, is_rectangular
 from .netcdf import OceanFile
 from .sphere import (
     curvilinear_sides,
@@ -71,7 +71,7 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
 
 
 # In degrees. That of a model is exact, and that from positions is of one cell to the next.
-_LARGEST_ERROR_OF_ANGLE = 5.0
+_MAX_ERROR_OF_ANGLE = 5.0
 
 _Box = tuple[float, float, float, float]
 
@@ -202,10 +202,10 @@ def _angle(
         for unit, values in units.items()
     }
     unit = min(off, key=lambda unit: off[unit])
-    if off[unit] > _LARGEST_ERROR_OF_ANGLE:
+    if off[unit] > _MAX_ERROR_OF_ANGLE:
         raise file.error(
             "angle",
-            f"expected the angle from East to the x axis within {_LARGEST_ERROR_OF_ANGLE:g} "
+            f"expected the angle from East to the x axis within {_MAX_ERROR_OF_ANGLE:g} "
             f"degrees of that from {axes.lon} and {axes.lat}; its median is off by "
             f"{off['radians']:.3g} degrees if it is in radians, and by {off['degrees']:.3g} if it "
             "is in degrees",

@@ -10,7 +10,7 @@ EARTH_RADIUS = 6371000.0
 # but for this part; columns that differ by less than the second part of their spacing are the same.
 _SEAM, _SAME = 0.1, 0.01
 # So many columns are repeated at most; rows whose columns are no farther apart are at a pole.
-_MOST_REPEATED, _POLE = 4, 1e-9
+_MAX_REPEATED, _POLE = 4, 1e-9
 
 
 def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -43,7 +43,7 @@ def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y
 
     Models that go round the Earth often repeat one column or two.
     """
-    most = min(_MOST_REPEATED, lon.shape[1] // 2)
+    most = min(_MAX_REPEATED, lon.shape[1] // 2)
     first = _on_sphere(lon[:, : most + 1], lat[:, : most + 1])
     last = _on_sphere(lon[:, -most:], lat[:, -most:])
     apart = np.linalg.norm(np.diff(first, axis=2), axis=0).min(axis=1)

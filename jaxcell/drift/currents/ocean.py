@@ -9,13 +9,13 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
+from .depths import choose_layers
 from .fields import Field, read_field
 from .grid import OceanGrid, read_grid
-from .layers import choose_layers
-from .names import Velocity, choose_velocity
 from .netcdf import OceanFile, open_netcdf
 from .roms import turned
 from .times import When, choose_records, record_times
+from .velocity_names import Velocity, choose_velocity
 
 
 # At the end of a grid of 1/1000 degree that ends at a pole it is 1/100,000; in a row whose centres

@@ -1,0 +1,288 @@
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from jaxtyping import Bool, Float, Int
+
+from ..base.quantities import derived
+from .deploy import (
+    CoverageCurve,
+    Deployment,
+    VisibleDeployment,
+    coverage_curve,
+    deployment_cells,
+    minimum_deployment,
+    visible_deployment,
+)
+from .flow import Flow, crossing_time
+from .layer import Layer
+from .reachability import reachable_at_depth, reachable_by_layer
+from .sea_layers import SeaLayers
+from .sea_voyage import SeaVoyage
+from .voyage import Voyage, discounted_voyage, surest_voyage
+from .water import Water
+
+
+# The curve of so many cells takes seconds.
+_MAX_FOR_CURVE = 20_000
+_SQUARES = "layer y x"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeaDrift(SeaLayers):
+    """What becomes of drifters in some layers of the sea, and where to drop them.
+
+    What is not asked for is not computed. The surface of the bundled sea at its first record:
+
+        >>> from jaxcell import drift
+        >>> from jaxcell.bundled import bundled
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> found = drift.SeaDrift.of(currents)
+        >>> found.cells, found.depths, round(found.step / 60), found.persistent_groups
+        (538, [0.0], 31, 3)
+    """
+
+    title: ClassVar[str] = "Long-term behaviour of drifters in an ocean current"
+    tables: ClassVar[Mapping[str, str]] = {
+        "other_step": "sensitivity",
+        "drifter": "deployment",
+        "fewest": "minimum",
+        "view": "views",
+    }
+
+    start: int | None = None
+    "The cell of the surface where a drifter is dropped."
+    reach: float | None = None
+    "How far drifters that look at the sea bed see, in metres."
+    voyage: SeaVoyage | None = None
+    "The way to a goal, by the discounted policy."
+    surest: SeaVoyage | None = None
+    "The way that most likely arrives."
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` for parts that are not of the same cells or layers."""
+        super().__post_init__()
+        surface = self.waters[0].cells
+        if self.start is not None and not 0 <= self.start < surface:
+            raise ValueError(f"start: expected a cell of the surface, 0 to {surface - 1}")
+        for name, voyage in (("voyage", self.voyage), ("surest", self.surest)):
+            if voyage is not None and voyage.policy.goal.size != self.cells:
+                raise ValueError(
+                    f"{name}: expected that of {self.cells} cells, got {voyage.policy.goal.size}"
+                )
+
+    @classmethod
+    def of(
+        cls,
+        currents: xr.Dataset,
+        duration: float | int | None = None,
+        *,
+        start: int | None = None,
+        reach: float | None = None,
+        say: Callable[..., None] = lambda *_: None,
+        **options: Any,
+    ) -> "SeaDrift":
+        """The long-term behaviour in each layer, by the mean of the records.
+
+        **Arguments:**
+
+        - `currents`: as from [`jaxcell.drift.open_currents`][].
+        - `duration`: of a step, in seconds; by default the time in which drifters of the slowest
+            layer drift by one cell on average.
+        - `start`: the cell of the surface where a drifter is dropped.
+        - `reach`: how far cameras see the sea bed, in metres.
+        - `say`: called with what is being done.
+        - `options`: further ones of [`jaxcell.drift.drift_map`][].
+
+        **Raises:** as [`jaxcell.drift.drift_map`][].
+        """
+        count = range(currents.sizes["layer"])
+        waters = [Water.of(currents, k) for k in count]
+        flows = [Flow.of(currents, k) for k in count]
+        if duration is None:
+            means = (flow.mean() for flow in flows)
+            duration = max(map(crossing_time, waters, means))
+        layers = []
+        for water, flow in zip(waters, flows, strict=True):
+            say(f"mapping {water.cells:,} cells at {water.depth:g} m")
+            layers.append(Layer.of(water, flow, duration, **options))
+        return cls(currents, tuple(layers), start, reach)
+
+    def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
+        """The same with voyages to a goal.
+
+        **Arguments:**
+
+        - `goal`: a cell of those of all layers, several, or a mask over them.
+        - `discount`: what a step later is worth.
+
+        **Raises:** as [`jaxcell.drift.discounted_voyage`][] and [`jaxcell.drift.surest_voyage`][].
+        """
+
+        def on_sea(policy: Voyage) -> SeaVoyage:
+            place = self.place(int(np.flatnonzero(policy.goal)[0]))
+            return SeaVoyage(self.sea, policy, self.step / 3600, place, self.start)
+
+        return dataclasses.replace(
+            self,
+            voyage=on_sea(discounted_voyage(self.sea, goal, discount)),
+            surest=on_sea(surest_voyage(self.sea, goal)),
+        )
+
+    @property
+    def answered(self) -> bool:
+        return self.surest is None or self.surest.arrives
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        found = [remark for layer in self.layers for remark in layer.remarks]
+        ways = [way for way in (self.voyage, self.surest) if way is not None]
+        if not all(way.policy_certified and way.times_certified for way in ways):
+            found.append(
+                "What is not certified of the voyages is beyond 64-bit numbers somewhere: an eddy "
+                "holds drifters almost for ever. It may be right elsewhere, or by another duration."
+            )
+        if not self.answered:
+            found.append("No policy brings a drifter from the start to the goal.")
+        return tuple(found)
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        source = self.currents.attrs["source"]
+        return {
+            "Conventions": "CF-1.8",
+            "source": f"jaxcell; definitions of Alam 2018, chapter 5; currents of {source}",
+        }
+
+    @functools.cached_property
+    def reachable(self) -> tuple[Bool[np.ndarray, "cells"], Bool[np.ndarray, "cells"]] | None:
+        """What drifters from the start may come to: those that stay in their layers, and those that
+        go up and down."""
+        if self.start is None:
+            return None
+        return reachable_by_layer(self.sea, self.start), reachable_at_depth(self.sea, self.start)
+
+    @functools.cached_property
+    def deployment(self) -> Deployment:
+        """Where to drop drifters at the surface."""
+        return deployment_cells(self.layers[0].behaviour)
+
+    @functools.cached_property
+    def minimum(self) -> Int[np.ndarray, "fewest"]:
+        """The fewest cells from which all those of the surface may be visited."""
+        return minimum_deployment(self.layers[0].behaviour.chain)
+
+    @functools.cached_property
+    def curve(self) -> CoverageCurve | None:
+        """How many cells a number of drifters may visit; `None` for more than 20,000 cells."""
+        surface = self.layers[0]
+        small = surface.cells <= _MAX_FOR_CURVE
+        return coverage_curve(surface.behaviour.chain) if small else None
+
+    @functools.cached_property
+    def views(self) -> VisibleDeployment | None:
+        """Where to drop drifters that look at the sea bed."""
+        surface = self.layers[0]
+        if self.reach is None:
+            return None
+        return visible_deployment(surface.water, self.reach, surface.behaviour.groups)
+
+    @derived("", "drifters that cover every group", kind="count")
+    def drifter_count(self) -> int:
+        return self.deployment.cells.size
+
+    @derived("", "fewest from which each cell may be visited", kind="count")
+    def fewest_count(self) -> int:
+        return self.minimum.size
+
+    @derived("drifter", "cell to drop a drifter in", kind="index")
+    def deployment_cell(self) -> Int[np.ndarray, "drifters"]:
+        return self.deployment.cells
+
+    @derived("drifter", "longitude", "degrees_east", standard_name="longitude")
+    def deployment_lon(self) -> Float[np.ndarray, "drifters"]:
+        return self._lon_lat(self.deployment.cells)[0]
+
+    @derived("drifter", "latitude", "degrees_north", standard_name="latitude")
+    def deployment_lat(self) -> Float[np.ndarray, "drifters"]:
+        return self._lon_lat(self.deployment.cells)[1]
+
+    @derived("drifter", "persistent group, -1 if transient", kind="index")
+    def deployment_group(self) -> Int[np.ndarray, "drifters"]:
+        return self.deployment.group
+
+    @derived("drifter", "transient group, -1 if persistent", kind="index")
+    def deployment_transient_group(self) -> Int[np.ndarray, "drifters"]:
+        return self.deployment.transient_group
+
+    @derived("drifter", "cells of its group that are reached first from it", kind="count")
+    def deployment_gained(self) -> Int[np.ndarray, "drifters"]:
+        return self.deployment.gained
+
+    @derived("fewest", "cell of the smallest deployment", kind="index")
+    def minimum_cell(self) -> Int[np.ndarray, "fewest"]:
+        return self.minimum
+
+    @derived("fewest", "longitude", "degrees_east", standard_name="longitude")
+    def minimum_lon(self) -> Float[np.ndarray, "fewest"]:
+        return self._lon_lat(self.minimum)[0]
+
+    @derived("fewest", "latitude", "degrees_north", standard_name="latitude")
+    def minimum_lat(self) -> Float[np.ndarray, "fewest"]:
+        return self._lon_lat(self.minimum)[1]
+
+    @derived("drifters", "cell to drop the first, second, ... drifter in", kind="index")
+    def curve_cell(self) -> Int[np.ndarray, "drifters"] | None:
+        return None if self.curve is None else self.curve.cells
+
+    @derived("drifters", "cells visited from these and those before", kind="count", listed=True)
+    def curve_covered(self) -> Int[np.ndarray, "drifters"] | None:
+        return None if self.curve is None else self.curve.covered
+
+    @derived("view", "cell from which the sea bed is seen", kind="index")
+    def views_cell(self) -> Int[np.ndarray, "views"] | None:
+        return None if self.views is None else self.views.cover
+
+    @derived("view", "longitude", "degrees_east", standard_name="longitude")
+    def views_lon(self) -> Float[np.ndarray, "views"] | None:
+        return None if self.views is None else self._lon_lat(self.views.cover)[0]
+
+    @derived("view", "latitude", "degrees_north", standard_name="latitude")
+    def views_lat(self) -> Float[np.ndarray, "views"] | None:
+        return None if self.views is None else self._lon_lat(self.views.cover)[1]
+
+    @derived("view", "whether a drifter is dropped there", kind="flag")
+    def views_kept(self) -> Bool[np.ndarray, "views"] | None:
+        return None if self.views is None else np.isin(self.views.cover, self.views.cells)
+
+    @derived("", "cell where the drifter is dropped", kind="index")
+    def start_cell(self) -> int | None:
+        return self.start
+
+    @derived(_SQUARES, "by drifters that keep their depth", kind="flag")
+    def reached(self) -> Bool[np.ndarray, "layers rows columns"] | None:
+        return None if self.reachable is None else self.sea.on_squares(self.reachable[0], False)
+
+    @derived(_SQUARES, "by going up and down too", kind="flag")
+    def reached_at_any_depth(self) -> Bool[np.ndarray, "layers rows columns"] | None:
+        return None if self.reachable is None else self.sea.on_squares(self.reachable[1], False)
+
+    @derived("layer", "cells reached, by keeping the depth", kind="count", listed=True)
+    def reached_cells(self) -> Int[np.ndarray, "layers"] | None:
+        return None if self.reached is None else self.reached.sum(axis=(1, 2))
+
+    @derived("layer", "cells reached, by going up and down too", kind="count", listed=True)
+    def reached_cells_at_any_depth(self) -> Int[np.ndarray, "layers"] | None:
+        if self.reached_at_any_depth is None:
+            return None
+        return self.reached_at_any_depth.sum(axis=(1, 2))
+
+    @derived("goals", "cells of the goal", kind="index")
+    def goal(self) -> Int[np.ndarray, "goals"] | None:
+        if self.voyage is None:
+            return None
+        return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)

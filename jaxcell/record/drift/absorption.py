@@ -1,0 +1,82 @@
+"""How long it takes until drifters are in a persistent group."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...drift.layer import ALMOST_FOR_EVER, Layer
+from ..canvas.palette import FREE, PLAIN, mix
+from ..canvas.prose import table
+from ..canvas.scale import Scale
+from .map import LAND, SeaMap, log_map_tab
+
+
+_PERSISTENT = "in a persistent group"
+_LATE = f"almost for ever: over {ALMOST_FOR_EVER:,} steps"
+_LEGEND_ROWS = 7
+
+
+def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
+    """Log the absorption times of each layer."""
+    layers = [map.drift.layers[map.number] for map in maps]
+    hours = [np.asarray(layer.behaviour.hours) for layer in layers]
+    late = [layer.almost_for_ever for layer in layers]
+    shown = np.concatenate([one[(one > 0) & ~two] for one, two in zip(hours, late, strict=True)])
+    # A few that take very long would leave one colour for all others.
+    most = min(float(shown.max()), 3 * float(np.quantile(shown, 0.9))) if shown.size else 1.0
+    scale = Scale.over(
+        shown,
+        "{} h".format,
+        least=0.0,
+        most=most,
+        special={_PERSISTENT: FREE, _LATE: mix(PLAIN, (0, 0, 0), 0.4)},
+        ground="land",
+        open=True,
+    )
+    views = []
+    for map, one, two in zip(maps, hours, late, strict=True):
+        kind = scale.levels(one, {_PERSISTENT: one == 0, _LATE: two})
+        picture = map.picture(f"absorption_{map.number}", scale.classes, kind)
+        views.append(map.view(map.title, [picture]))
+    special = [_PERSISTENT, _LATE] if any(one.any() for one in late) else [_PERSISTENT]
+    legend = [*scale.legend(_LEGEND_ROWS, special), ("land", LAND)]
+    return log_map_tab(
+        maps[0],
+        "absorption",
+        "Absorption times",
+        views,
+        _text(maps[0].drift.layers),
+        legend,
+    )
+
+
+def _text(layers: Sequence[Layer]) -> str:
+    rows: list[tuple[object, ...]] = [(f"{layer.depth:g} m", *_times(layer)) for layer in layers]
+    caught = ""
+    if any(layer.almost_for_ever_cells for layer in layers):
+        caught = (
+            f"*Almost for ever* is more than {ALMOST_FOR_EVER:,} steps. Such cells are transient "
+            "only because of disturbances that hardly ever follow on one another; take what holds "
+            "drifters there for a persistent group."
+        )
+    return f"""# How long it takes
+
+The *absorption time* of a cell is the expected time until a drifter from there is in a persistent
+group, or off the map. Blue is soon, yellow is late; persistent cells are light.
+
+{table(("depth", "half of them within", "longest", "almost for ever"), rows)}
+
+{caught}
+"""
+
+
+def _times(layer: Layer) -> tuple[str, str, str]:
+    if not layer.transient_groups:
+        return "all are persistent", "", ""
+    longest = ALMOST_FOR_EVER * layer.behaviour.duration / 3600
+    median, most = (
+        f"{one:.3g} h" if one <= longest else "almost for ever"
+        for one in (layer.median_hours, layer.longest_hours)
+    )
+    return median, most, f"{layer.almost_for_ever_cells:,} cells"

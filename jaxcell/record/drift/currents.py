@@ -1,0 +1,136 @@
+"""Currents as arrows, and drifters that move with them."""
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...drift import SeaDrift, simulate_drifters
+from ..canvas.marks import points
+from ..canvas.palette import Color
+from .map import DRIFTER, LAND, SeaMap, log_map_tab
+
+
+_MAX_ARROWS = 700
+# Over all records and layers, so that the file stays small.
+_MAX_DRAWN = 400_000
+_DRIFTERS = 250
+_TRAIL = 6
+_ARROW: Color = (70, 110, 150)
+# Arrows of faster water are not longer.
+_MAX_LENGTH = 2.5
+
+
+def log_currents(maps: Sequence[SeaMap], seed: int) -> rrb.Container:
+    """Log the current of each layer by time, and drifters that it carries."""
+    views = []
+    for map in maps:
+        _log_arrows(map, len(maps))
+        _log_drifters(map, seed)
+        shown = [f"current_{map.number}", f"drifters_{map.number}/**"]
+        views.append(map.view(f"{map.title}: currents and drifters", shown))
+    legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER), ("land", LAND)]
+    return log_map_tab(
+        maps[0],
+        "currents",
+        "Currents",
+        views,
+        _text(maps[0]),
+        legend,
+    )
+
+
+def currents_of(drift: SeaDrift) -> str:
+    """A sentence that says which currents these are."""
+    times, source = drift.currents.time.values, drift.currents.attrs["source"]
+    if times.size == 1:
+        return f"The current of `{source}` at {_moment(times[0])}."
+    return (
+        f"The current of `{source}`, {times.size} records from {_moment(times[0])} to "
+        f"{_moment(times[-1])}."
+    )
+
+
+def _moment(time: np.datetime64) -> str:
+    return f"{np.datetime_as_string(time, unit='m').replace('T', ' ')} UTC"
+
+
+def _text(map: SeaMap) -> str:
+    drift, clock = map.drift, map.clock
+    notes = "\n".join(f"- {note}" for note in drift.notes)
+    return f"""# The current
+
+{currents_of(drift)} Arrows show the records one after the other; after the last, the current stays
+as it is. Faster water has longer arrows. Dots are drifters with their ways in the last
+{clock.frame * _TRAIL} {clock.unit}s.
+
+- towards the East: {drift.east_from}
+- towards the North: {drift.north_from}
+{notes}
+
+Time 0 of `{clock.unit}` is {_moment(drift.currents.time.values[0])}.
+"""
+
+
+def _log_arrows(map: SeaMap, layers: int) -> None:
+    """Log the current at some of the cells, record by record."""
+    water, flow, clock = map.water, map.flow, map.clock
+    cells = map.thinned(_MAX_ARROWS)
+    since = np.asarray(flow.time - flow.time[0]) / clock.seconds
+    records = np.flatnonzero(since <= clock.last)
+    most = max(1, _MAX_DRAWN // (cells.size * layers))
+    records = records[:: -(-records.size // most)]
+    rate = np.asarray(flow.rate)[records][:, :, water.row[cells], water.column[cells]]
+    spacing = max(1.0, np.sqrt(water.cells / cells.size))
+    vector = np.moveaxis(rate, 1, 2) * (map.arrow * spacing)
+    length = np.linalg.norm(vector, axis=2, keepdims=True)
+    vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side
+    foot = map.xy(cells) - vector / 2
+    path, sizes = f"map/current_{map.number}", np.full(records.size, cells.size)
+    index = [rr.TimeColumn(clock.unit, sequence=np.rint(since[records]).astype(np.int64))]
+    arrows = rr.Arrows2D.columns(vectors=vector.reshape(-1, 2), origins=foot.reshape(-1, 2))
+    map.stream.send_columns(path, index, arrows.partition(sizes))
+    radius = 0.08 * spacing * float(map.side.min())
+    style = rr.Arrows2D.from_fields(colors=_ARROW, radii=radius, draw_order=10)
+    map.stream.log(path, style, static=True)
+
+
+def _log_drifters(map: SeaMap, seed: int) -> None:
+    """Log drifters that the current itself carries, without disturbances."""
+    water, clock, stream = map.water, map.clock, map.stream
+    moved = simulate_drifters(
+        jax.random.key(seed),
+        water,
+        map.flow,
+        np.ones(water.cells, bool),
+        clock.frame * clock.seconds,
+        clock.frames,
+        drifters=min(_DRIFTERS, water.cells),
+        substeps=4,
+    )
+    there = moved.cell >= 0
+    whole, y = np.asarray(moved.x), np.asarray(moved.y)
+    x = water.on_columns(whole)
+    xy = map.on_grid(x, y)
+    # One that ran over a coast lies at it.
+    found, _ = water.at(np.rint(y).astype(int), np.rint(x).astype(int))
+    dry = there & (found < 0)
+    xy[dry] = map.xy(moved.cell[dry])
+    index = [rr.TimeColumn(clock.unit, sequence=clock.frame * np.arange(len(xy)))]
+    path, counts = f"map/drifters_{map.number}", there.sum(axis=1)
+    dots = rr.Points2D.columns(positions=xy[there])
+    stream.send_columns(f"{path}/here", index, dots.partition(counts))
+    style = rr.Points2D.from_fields(colors=DRIFTER, radii=0.55 * map.mark, draw_order=40)
+    stream.log(f"{path}/here", style, static=True)
+    # A trail around the Earth begins beyond the edge of the map rather than at its other side.
+    turns = map.on_grid(whole, y) - map.on_grid(x, y)
+    trails = [
+        (xy + turns - turns[time])[max(0, time - _TRAIL) : time + 1, there[time]].swapaxes(0, 1)
+        for time in range(len(xy))
+    ]
+    strips = rr.LineStrips2D.columns(strips=[strip for trail in trails for strip in trail])
+    stream.send_columns(f"{path}/trail", index, strips.partition(counts))
+    line = rr.LineStrips2D.from_fields(colors=DRIFTER, radii=points(0.8), draw_order=30)
+    stream.log(f"{path}/trail", line, static=True)

@@ -1,0 +1,124 @@
+"""Where to drop drifters."""
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...drift import SeaDrift
+from ..canvas.marks import log_dots, log_lines
+from ..canvas.palette import BELIEF, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.plot import Plot, ticks
+from ..canvas.prose import table
+from .groups import group_classes, home_color
+from .map import LAND, SeaMap, log_map_tab, place_name
+
+
+_CELL: Color = (20, 20, 24)
+_SEEN: Color = mix(BELIEF, FREE, 0.7)
+_LEFT_OUT: Color = mix(BELIEF, FREE, 0.35)
+# Behind the marks, which are what one sees.
+_PALE = 0.55
+_CORNERS = 48
+_MAX_ROWS = 24
+
+
+def log_deployment(map: SeaMap) -> rrb.Container:
+    """Log where to drop drifters at the surface."""
+    drift = map.drift
+    found = drift.deployment
+    kind, classes = group_classes(drift.layers[0])
+    faint = [PictureClass(one.label, mix(one.color, FREE, _PALE)) for one in classes[1:]]
+    picture = map.picture("deployment", [classes[0], *faint], kind)
+    log_dots(map.stream, "map/deployment", map.xy(found.cells), map.mark, _CELL)
+    title = f"To reach all: {found.cells.size:,} drifters"
+    views: list[rrb.View] = [map.view(title, [picture, "deployment"])]
+    legend = [
+        ("drop a drifter here", _CELL),
+        ("behind: the groups, pale", mix(home_color(0), FREE, _PALE)),
+    ]
+    if drift.views is not None:
+        views.append(_log_views(map))
+        legend += [
+            ("drop one here to see the sea bed", BELIEF),
+            ("... or here; the drifter of its group gets there", _LEFT_OUT),
+            ("seen from there", _SEEN),
+        ]
+    if drift.curve is not None:
+        views.append(_log_curve(map))
+    return log_map_tab(
+        map,
+        "deployment",
+        "Deployment",
+        views,
+        _text(drift),
+        [*legend, ("land", LAND)],
+    )
+
+
+def _log_views(map: SeaMap) -> rrb.View:
+    """Log the cells from which the sea bed is seen, with the discs that are seen."""
+    views, reach = map.drift.views, map.drift.reach
+    assert views is not None
+    assert reach is not None
+    others = np.setdiff1d(views.cover, views.cells)
+    log_dots(map.stream, "map/views/kept", map.xy(views.cells), map.mark, BELIEF)
+    log_dots(map.stream, "map/views/left_out", map.xy(others), map.mark, _LEFT_OUT)
+    classes = [PictureClass("land", CLEAR), PictureClass("seen", _SEEN)]
+    picture = map.picture("seen", classes, np.ones(map.water.cells, np.uint8))
+    turn = np.linspace(0, 2 * np.pi, _CORNERS + 1)
+    disc = reach / 1000 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    discs = [centre + disc for centre in map.xy(views.cover)]
+    log_lines(map.stream, "map/views/discs", discs, BELIEF, 0.8)
+    title = f"To see all: {views.cells.size:,} drifters, of {views.cover.size:,} places"
+    return map.view(title, [picture, "views/**"])
+
+
+def _log_curve(map: SeaMap) -> rrb.View:
+    """Log how many cells so many drifters may visit."""
+    assert map.drift.curve is not None
+    share = 100 * map.drift.curve.covered / map.water.cells
+    number = np.arange(share.size + 1, dtype=float)
+    plot = Plot(map.stream, "deployment/curve", max(2.0, float(share.size)), 105.0)
+    whole = [one for one in ticks(plot.most_x) if one == int(one)]
+    plot.axes(whole, [0, 25, 50, 75, 100], "drifters", "cells that they may visit, %")
+    plot.line("covered", number, np.concatenate([[0.0], share]), BELIEF, 2.5)
+    return plot.view("Coverage by the number of drifters")
+
+
+def _text(drift: SeaDrift) -> str:
+    found = drift.deployment
+    persistent = int((found.group >= 0).sum())
+    views = curve = ""
+    if drift.views is not None:
+        views = (
+            f"\n**To see the sea bed** with a camera that sees {drift.reach:g} m far, one looks "
+            f"from {drift.views.cover.size:,} places. Of several in one persistent group the "
+            f"first is enough, for a drifter gets to the others: **{drift.views.cells.size:,}** "
+            "drifters.\n"
+        )
+    if drift.curve is not None:
+        curve = (
+            "\n**The curve** shows how many cells so many drifters may visit, if each is dropped "
+            "where it adds most.\n"
+        )
+    cells = found.cells[:_MAX_ROWS]
+    columns = drift.places(cells), found.group.tolist(), found.transient_group.tolist()
+    rows = [
+        (
+            number,
+            place_name(lon, lat),
+            f"persistent {group}" if group >= 0 else f"transient {part}",
+        )
+        for number, ((lon, lat, _), group, part) in enumerate(zip(*columns, strict=False), start=1)
+    ]
+    more = [(f"{found.cells.size - _MAX_ROWS:,} more", "", "")] * (found.cells.size > _MAX_ROWS)
+    return f"""# Where to drop drifters
+
+Dropped at the black circles of the surface, **{found.cells.size:,}** drifters may come to every
+cell, each within its own group: {persistent:,} are in persistent groups, one in each, and the
+others cover the transient cells, those first from where it takes longest.
+
+If it is enough that each cell may be visited from some drifter, whatever its group,
+**{drift.minimum.size:,}** will do, and no fewer.
+{views}{curve}
+{table(("number", "place", "group"), [*rows, *more])}
+"""

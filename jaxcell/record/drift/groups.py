@@ -1,0 +1,162 @@
+"""Where drifters end up: persistent groups, and the cells that lead to them."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import rerun.blueprint as rrb
+from jaxtyping import Int, UInt8
+
+from ...drift import Layer, SeaDrift
+from ..canvas.marks import log_labels
+from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.prose import counted, made_with, table
+from .currents import currents_of
+from .map import DRIFTER, LAND, SeaMap, log_map_tab
+
+
+HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
+"""The colours of persistent groups, the largest basin first."""
+_SEVERAL: Color = FREE
+_AWAY: Color = mix(CATEGORIES["yellow"], FREE, 0.3)
+_OTHERS: Color = (96, 82, 72)
+_PALE = 0.6
+# Pictures have at most 255 classes; so many transient groups have one of their own.
+_MAX_CLASSES = 120
+# Smaller parts of the map would lie hidden under their labels.
+_MIN_LABELLED = 0.01
+
+
+def log_groups(maps: Sequence[SeaMap], spec: Mapping[str, Any]) -> rrb.Container:
+    """Log the groups of each layer."""
+    drift, views = maps[0].drift, []
+    for map in maps:
+        layer, number = drift.layers[map.number], map.number
+        kind, classes = group_classes(layer)
+        picture = map.picture(f"groups_{number}", classes, kind)
+        _log_numbers(map, layer)
+        title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
+        views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
+    return log_map_tab(
+        maps[0],
+        "groups",
+        "Groups",
+        views,
+        _text(drift, spec),
+        _legend([drift.layers[map.number] for map in maps]),
+    )
+
+
+def home_color(rank: int) -> Color:
+    """The colour of a persistent group."""
+    return HOMES[rank] if rank < len(HOMES) else _OTHERS
+
+
+def group_classes(layer: Layer) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
+    """The class of each cell in a picture of groups, and what the classes mean; 0 is land.
+
+    A cell of a persistent group has its colour, one that leads there for sure a paler shade.
+    """
+    rank, transient = _basin_rank(layer), layer.behaviour.transient
+    classes = [PictureClass("land", CLEAR)]
+    groups = np.argsort(rank)[:_MAX_CLASSES].tolist()
+    # The last of each is for cells that are not of this kind.
+    of_group = np.full(rank.size + 1, 1 + len(groups))
+    of_group[groups] = 1 + np.arange(len(groups))
+    classes += [
+        PictureClass(f"persistent group {group}", home_color(int(rank[group]))) for group in groups
+    ]
+    classes.append(PictureClass("a smaller persistent group", _OTHERS))
+    order = np.argsort(-np.asarray(transient.size), kind="stable")[:_MAX_CLASSES].tolist()
+    of_part = np.full(transient.count + 1, len(classes) + len(order))
+    of_part[order] = len(classes) + np.arange(len(order))
+    classes += [_transient_class(transient.domiciles[number], rank) for number in order]
+    classes.append(PictureClass("transient", _SEVERAL))
+    part = of_part[np.asarray(transient.group)]
+    return np.where(layer.transient, part, of_group[layer.group]).astype(np.uint8), classes
+
+
+def _basin_rank(layer: Layer) -> Int[np.ndarray, "groups"]:
+    """The rank of each persistent group by the cells that lead to it for sure, its own included."""
+    size = layer.groups_cells + layer.groups_single_domicile_cells
+    rank = np.empty(size.size, np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(size.size)
+    return rank
+
+
+def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) -> PictureClass:
+    if homes == (-1,):
+        return PictureClass("leaves the map for sure", _AWAY)
+    if len(homes) == 1:
+        color = mix(home_color(int(rank[homes[0]])), FREE, _PALE)
+        return PictureClass(f"ends in group {homes[0]} for sure", color)
+    named = ["off the map" if home < 0 else str(home) for home in homes[:8]]
+    more = ", ..." if len(homes) > 8 else ""
+    return PictureClass(f"may end in groups {', '.join(named)}{more}", _SEVERAL)
+
+
+def _log_numbers(map: SeaMap, layer: Layer) -> None:
+    """Log the numbers of groups that have a colour of their own and are not tiny, over them."""
+    shown = np.argsort(_basin_rank(layer))[: len(HOMES)]
+    shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
+    centres = map.xy()
+    middle = [np.median(centres[layer.group == number], axis=0).tolist() for number in shown]
+    labels = [(f"group {number}", x, y) for number, (x, y) in zip(shown, middle, strict=True)]
+    log_labels(map.stream, f"map/numbers_{map.number}", labels)
+
+
+def _legend(layers: Sequence[Layer]) -> list[tuple[str, Color]]:
+    most = max(layer.persistent_groups for layer in layers)
+    ends = {homes for layer in layers for homes in layer.behaviour.transient.domiciles}
+    entries: list[tuple[str, Color]] = []
+    ordinals = ("largest", "second", "third", "fourth", "fifth")
+    for ordinal, color in zip(ordinals[:most], HOMES, strict=False):
+        entries.append((f"group of the {ordinal} basin", color))
+        entries.append(("... leads there for sure", mix(color, FREE, _PALE)))
+    if most > len(HOMES):
+        entries.append(("another persistent group", _OTHERS))
+        entries.append(("... leads there for sure", mix(_OTHERS, FREE, _PALE)))
+    if any(len(homes) > 1 for homes in ends):
+        entries.append(("may end in several", _SEVERAL))
+    if (-1,) in ends:
+        entries.append(("leaves the map for sure", _AWAY))
+    return [*entries, ("land", LAND), ("a drifter", DRIFTER)]
+
+
+def _text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
+    rows = []
+    for layer in drift.layers:
+        sizes = sorted(layer.groups_cells.tolist(), reverse=True)
+        listed = ", ".join(map(str, sizes[:6])) + (", ..." if len(sizes) > 6 else "") or "none"
+        rows.append(
+            (
+                f"{layer.depth:g} m",
+                f"{layer.cells:,}",
+                f"{len(sizes)}: {listed}",
+                f"{layer.single_domicile_cells:,}",
+                f"{layer.multiple_domicile_cells:,}",
+            )
+        )
+    columns = ("depth", "cells", "persistent groups: cells", "one end", "several ends")
+    warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
+    beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
+    return f"""# Where drifters end up
+
+{currents_of(drift)} The water is cut into cells. In one step of **{drift.step / 3600:.3g} hours** a
+drifter moves from its cell to where the mean current takes it, or, as the current is not known
+exactly, to a cell beside that. So the sea is a *Markov chain*.
+
+Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
+map. All other cells are *transient*.
+
+{table(columns, rows)}
+
+- **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
+  group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
+  read in which.
+- **Black dots** are drifters, released everywhere alike, that the current itself carries while it
+  changes, without cells or disturbances: press play, and watch whether they gather as predicted.
+
+{beware}
+
+{made_with(spec)}"""

@@ -1,0 +1,243 @@
+"""The maps of a sea: land, the way to the North, a length, and places on the grid.
+
+Maps are drawn in the axes of the grid, in kilometres of its mean cell, so that a cell is a square
+of a picture whichever way the grid is turned; an arrow says where North is.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float, Int, Integer
+
+from ...drift import Flow, SeaDrift, Water
+from ..canvas.map import log_pictures
+from ..canvas.marks import log_arrows, log_labels, log_lines
+from ..canvas.page import legend_view, log_legend, log_tab
+from ..canvas.palette import FREE, OBSTACLE, PLAIN, TEXT, Color, PictureClass
+
+
+LAND: Color = PLAIN
+DRIFTER: Color = (20, 20, 24)
+# So many layers have maps of their own, from the surface down.
+_MAX_MAPS = 6
+# Pictures of moving drifters for each step of the chain, and how many at most.
+_FRAMES_PER_STEP, _MAX_FRAMES = 4, 240
+# So many steps of the chain are shown at least.
+_MIN_STEPS = 40
+_UNITS = {"hour": 3600, "minute": 60, "second": 1}
+
+
+@dataclasses.dataclass(frozen=True)
+class Clock:
+    """The timeline of a recording, in whole units from the first record."""
+
+    unit: str
+    "`hour`, `minute` or `second`."
+    frame: int
+    "Units from picture to picture."
+    frames: int
+    "Number of pictures after the first."
+
+    @classmethod
+    def of(cls, drift: SeaDrift) -> "Clock":
+        """One that is fine enough for a step of the chain, and goes on to the last record."""
+        time = drift.layers[0].flow.time
+        total = max(float(time[-1] - time[0]), _MIN_STEPS * drift.step)
+        wanted = max(drift.step / _FRAMES_PER_STEP, total / _MAX_FRAMES)
+        unit = next((name for name, size in _UNITS.items() if wanted >= size), "second")
+        frame = max(1, round(wanted / _UNITS[unit]))
+        return cls(unit, frame, min(math.ceil(total / (frame * _UNITS[unit])), _MAX_FRAMES))
+
+    @property
+    def seconds(self) -> int:
+        """The seconds of a unit."""
+        return _UNITS[self.unit]
+
+    @property
+    def last(self) -> int:
+        """The last time, in units."""
+        return self.frame * self.frames
+
+    @property
+    def speed(self) -> float:
+        """Units a second, so that all plays in about half a minute."""
+        return max(1.0, self.last / 30)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeaMap:
+    """The map of a layer in a recording."""
+
+    stream: rr.RecordingStream
+    drift: SeaDrift
+    clock: Clock
+    number: int
+    "The layer, 0 at the surface."
+
+    @property
+    def water(self) -> Water:
+        """The cells."""
+        return self.drift.waters[self.number]
+
+    @property
+    def flow(self) -> Flow:
+        """The current."""
+        return self.drift.layers[self.number].flow
+
+    @property
+    def title(self) -> str:
+        """The depth, for titles."""
+        return f"{self.water.depth:g} m deep" if self.water.depth else "Surface"
+
+    @functools.cached_property
+    def side(self) -> Float[np.ndarray, "axes"]:
+        """The sides of the mean cell, in kilometres."""
+        water = self.drift.waters[0]
+        here = water.row, water.column
+        return np.array([water.dx[here].mean(), water.dy[here].mean()]) / 1000
+
+    @property
+    def size(self) -> Float[np.ndarray, "axes"]:
+        """The width and height of the map, in kilometres."""
+        rows, columns = self.water.number.shape
+        return np.array([columns, rows]) * self.side
+
+    @property
+    def extent(self) -> float:
+        """The larger side of the map, in kilometres."""
+        return float(self.size.max())
+
+    @property
+    def mark(self) -> float:
+        """The radius of a mark that fills most of a cell, and can be seen on a large map."""
+        return max(0.4 * float(self.side.min()), 0.004 * self.extent)
+
+    @functools.cached_property
+    def arrow(self) -> float:
+        """What makes an arrow of the mean speed as long as a cell, in cells for a cell a second."""
+        rates = (np.asarray(layer.flow.rate) for layer in self.drift.layers)
+        speed = [np.hypot(rate[:, 0], rate[:, 1]) for rate in rates]
+        return 0.9 / float(np.concatenate([one[one > 0] for one in speed]).mean())
+
+    def on_grid(
+        self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
+    ) -> Float[np.ndarray, "*points 2"]:
+        """Places of the grid, in kilometres."""
+        return np.stack([column + 0.5, row + 0.5], axis=-1) * self.side
+
+    def xy(self, cells: Int[np.ndarray, "some"] | None = None) -> Float[np.ndarray, "some 2"]:
+        """The centres of cells, by default of all, in kilometres."""
+        some = np.arange(self.water.cells) if cells is None else cells
+        return self.on_grid(
+            self.water.column[some].astype(float), self.water.row[some].astype(float)
+        )
+
+    def thinned(self, most: int) -> Int[np.ndarray, "some"]:
+        """Cells on a coarser grid, at most about so many."""
+        stride = max(1, math.ceil(math.sqrt(self.water.cells / most)))
+        first = stride // 2
+        row, column = self.water.row % stride, self.water.column % stride
+        return np.flatnonzero((row == first) & (column == first))
+
+    def picture(
+        self,
+        name: str,
+        classes: Sequence[PictureClass],
+        kind: Integer[np.ndarray, "cells"],
+        order: float = -10.0,
+    ) -> str:
+        """Log the class of each cell as a picture; land has class 0.
+
+        **Returns:** the name of the entity, for [`SeaMap.view`][].
+        """
+        squares = self.water.on_grid(kind.astype(np.uint8), 0).astype(np.uint8)
+        log_pictures(self.stream, f"map/grid/{name}", classes, squares, order=order)
+        return f"grid/{name}"
+
+    def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
+        """A view of entities on the map, with the length and the North below it."""
+        width, height = self.size.tolist()
+        margin = 0.04 * self.extent
+        below = "frame/**", f"grid/water_{self.number}"
+        return rrb.Spatial2DView(
+            origin="/",
+            name=title,
+            contents=[f"+ /map/{one}" for one in (*below, *contents)],
+            background=OBSTACLE,
+            visual_bounds=rrb.VisualBounds2D(
+                x_range=[-margin, width + margin], y_range=[-height - margin, 2.6 * margin]
+            ),
+        )
+
+
+def log_maps(stream: rr.RecordingStream, drift: SeaDrift) -> list[SeaMap]:
+    """Turn y up for all that is under `map`, and log what is on every map."""
+    clock = Clock.of(drift)
+    count = min(len(drift.layers), _MAX_MAPS)
+    maps = [SeaMap(stream, drift, clock, number) for number in range(count)]
+    stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
+    stream.log("map/grid", rr.Transform3D(scale=[*maps[0].side.tolist(), 1]), static=True)
+    classes = [PictureClass("land", LAND), PictureClass("water", FREE)]
+    for map in maps:
+        wet = np.ones(map.water.cells, np.uint8)
+        map.picture(f"water_{map.number}", classes, wet, order=-20.0)
+    _log_frame(maps[0])
+    return maps
+
+
+def log_map_tab(
+    map: SeaMap,
+    path: str,
+    name: str,
+    views: Sequence[rrb.View],
+    text: str,
+    legend: Sequence[tuple[str, Color]],
+) -> rrb.Container:
+    """Log the text and the legend of a tab with maps side by side.
+
+    The legend takes the place in the grid of maps that is left, if one is.
+    """
+    unit, columns = map.clock.unit, math.ceil(math.sqrt(len(views)))
+    if len(views) % columns:
+        log_legend(map.stream, f"{path}/legend", legend, unit)
+        views, legend = [*views, legend_view(f"{path}/legend", len(legend))], []
+    grid = rrb.Grid(*views, grid_columns=columns)
+    return log_tab(map.stream, path, name, grid, text, legend, timeline=unit)
+
+
+def _log_frame(map: SeaMap) -> None:
+    """Log a length, an arrow to the North, and where the middle of the map is."""
+    stream, water = map.stream, map.water
+    width, margin = float(map.size[0]), 0.04 * map.extent
+    low, length = -1.2 * margin, round_below(0.25 * width)
+    log_lines(stream, "map/frame/scale", [[[0, low], [length, low]]], TEXT, order=50.0)
+    angle = float(water.angle[water.row, water.column].mean())
+    north = 1.5 * margin * np.array([math.sin(angle), math.cos(angle)])
+    foot = np.array([0.42 * width, low]) - north / 2
+    log_arrows(stream, "map/frame/north", [foot], [north], TEXT, 0.1 * margin, order=50.0)
+    rows, columns = water.number.shape
+    lon, lat = (float(one[rows // 2, columns // 2]) for one in (water.lon, water.lat))
+    top_x, top_y = (foot + 1.4 * north + [0, 0.4 * margin]).tolist()
+    labels = [
+        (f"{length:g} km", 0.5 * length, low),
+        ("N", top_x, top_y),
+        (f"centre {place_name(lon, lat)}", 0.8 * width, low + 0.4 * margin),
+    ]
+    log_labels(stream, "map/frame/labels", labels)
+
+
+def place_name(lon: float, lat: float) -> str:
+    """A place as people read it."""
+    east, north = "W" if lon < 0 else "E", "S" if lat < 0 else "N"
+    return f"{abs(lat):.2f}° {north}, {abs(lon):.2f}° {east}"
+
+
+def round_below(length: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above a length."""
+    size = 10.0 ** math.floor(math.log10(length))
+    return next(size * one for one in (5, 2, 1) if size * one <= length * (1 + 1e-9))

@@ -1,0 +1,279 @@
+"""The way to a goal in three dimensions: what cells are worth, what to do there, and drifters."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float, Int, UInt8
+
+from ...drift import SeaDrift, SeaVoyage, Voyage, simulate_voyages
+from ..canvas.page import log_tab
+from ..canvas.palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEXT
+from ..canvas.prose import table
+from ..canvas.scale import Scale
+from .map import DRIFTER, LAND, SeaMap, place_name
+
+
+# Squares and arrows of a layer.
+_MAX_SQUARES, _MAX_ARROWS = 20_000, 1500
+_DRIFTERS = 60
+_MAX_STEPS = 240
+_SHADES = 5
+_UP, _DOWN = CATEGORIES["sky blue"], CATEGORIES["blue"]
+# How high the eye is above the plane, in degrees.
+_ABOVE = 28
+_SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+
+
+@dataclasses.dataclass(frozen=True)
+class _Space:
+    """Where the cells of all layers are in space; depths are stretched."""
+
+    surface: SeaMap
+
+    @property
+    def layers(self) -> list[SeaMap]:
+        """The maps of all layers."""
+        return [
+            dataclasses.replace(self.surface, number=k)
+            for k in range(len(self.surface.drift.layers))
+        ]
+
+    @property
+    def gap(self) -> float:
+        """From layer to layer, in kilometres of the map."""
+        layers = len(self.surface.drift.layers)
+        return float(self.surface.size[1]) * min(0.75, 2.5 / max(1, layers - 1))
+
+    def xyz(self, cells: Int[np.ndarray, "some"]) -> Float[np.ndarray, "some 3"]:
+        """The centres of cells, by their numbers among those of all layers."""
+        layer, row, column = (one[cells] for one in self.surface.drift.sea.squares)
+        flat = self.surface.on_grid(column.astype(float), row.astype(float))
+        return np.concatenate([flat, -layer[:, None] * self.gap], axis=1)
+
+    def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial3DView:
+        width, height = self.surface.size.tolist()
+        deep = self.gap * (len(self.surface.drift.layers) - 1)
+        middle = np.array([width / 2, height / 2, -deep / 2])
+        away = 1.2 * max(width, height + deep)
+        up = math.radians(_ABOVE)
+        eye = middle + away * np.array([0.0, -math.cos(up), math.sin(up)])
+        return rrb.Spatial3DView(
+            origin="/space",
+            name=title,
+            contents=[f"+ /space/{one}" for one in contents],
+            background=OBSTACLE,
+            line_grid=False,
+            eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0, 0, 1]),
+        )
+
+
+def log_voyage(surface: SeaMap, seed: int) -> rrb.Container:
+    """Log the value function, the policy, and drifters that follow it."""
+    stream, drift, space = surface.stream, surface.drift, _Space(surface)
+    assert drift.voyage is not None
+    policy = drift.voyage.policy
+    stream.log("space", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    _log_land(space)
+    scale = _log_value(space, policy)
+    _log_policy(space, policy)
+    goal = rr.Points3D(
+        space.xyz(np.flatnonzero(policy.goal)), colors=GOAL, radii=1.8 * surface.mark
+    )
+    stream.log("space/goal", goal, static=True)
+    steps = _log_tracks(space, policy, seed)
+    legend = [
+        *scale.legend(_SHADES),
+        ("go down", _DOWN),
+        ("go up", _UP),
+        ("drift, this way", ROBOT),
+        ("the goal", GOAL),
+        ("a drifter that follows the policy", DRIFTER),
+        ("land", LAND),
+    ]
+    common = ["land/**", "depths", "goal"]
+    views = rrb.Horizontal(
+        space.view("What each cell is worth", [*common, "value/**"]),
+        space.view("What to do there", [*common, "water/**", "policy/**", "drifters"]),
+    )
+    return log_tab(
+        stream,
+        "voyage",
+        "Voyage",
+        views,
+        _text(drift, drift.voyage, steps),
+        legend,
+        timeline=surface.clock.unit,
+        rows=(5, 4),
+    )
+
+
+def _log_land(space: _Space) -> None:
+    """Log the land of each layer, and its depth."""
+    stream = space.surface.stream
+    for layer, water in enumerate(space.surface.drift.waters):
+        row, column = np.nonzero(water.number < 0)
+        stride = max(1, math.ceil(math.sqrt(row.size / _MAX_SQUARES)))
+        some = (row % stride == stride // 2) & (column % stride == stride // 2)
+        at = np.stack([column[some], row[some]], axis=1).astype(float)
+        if some.any():
+            # A little lower, so that it does not flicker through the water.
+            z = -(layer + 0.01) * space.gap
+            color = np.tile(np.array(LAND[:3], np.uint8), (len(at), 1))
+            _log_squares(space, f"space/land/{layer}", at, z, stride, color)
+    depths = space.surface.drift.depths
+    places = [
+        [-0.06 * space.surface.extent, space.surface.size[1] / 2, -layer * space.gap]
+        for layer in range(len(depths))
+    ]
+    labels = [f"{depth:g} m" for depth in depths]
+    text = rr.Points3D(places, labels=labels, colors=TEXT, radii=0.001, show_labels=True)
+    stream.log("space/depths", text, static=True)
+
+
+def _log_squares(
+    space: _Space,
+    path: str,
+    at: Float[np.ndarray, "squares 2"],
+    z: float,
+    stride: int,
+    color: UInt8[np.ndarray, "squares 3"],
+) -> None:
+    """Log squares around places of the grid at one height."""
+    corners = (at[:, None] + stride * _SIDE + 0.5) * space.surface.side
+    height = np.full((*corners.shape[:2], 1), z)
+    first = 4 * np.arange(len(at))[:, None, None]
+    mesh = rr.Mesh3D(
+        vertex_positions=np.concatenate([corners, height], axis=2).reshape(-1, 3),
+        triangle_indices=(first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
+        vertex_colors=np.repeat(color, 4, axis=0),
+    )
+    space.surface.stream.log(path, mesh, static=True)
+
+
+def _log_value(space: _Space, policy: Voyage) -> Scale:
+    """Log the water and the value function as squares."""
+    drift, value = space.surface.drift, np.asarray(policy.value).copy()
+    outside = ~np.asarray(policy.goal)
+    # What is in the goal gains nothing more; it is where the value would be largest.
+    value[~outside] = value[outside].max()
+    scale = Scale.over(value, "a value of {}".format, levels=255)
+    colors = np.array(scale.colors, np.uint8)
+    level = scale.levels(value).astype(int) - 1
+    for map in space.layers:
+        water, cells, z = map.water, map.thinned(_MAX_SQUARES), -map.number * space.gap
+        stride = max(1, math.ceil(math.sqrt(water.cells / _MAX_SQUARES)))
+        at = np.stack([water.column[cells], water.row[cells]], axis=1).astype(float)
+        pale = np.tile(np.array(FREE[:3], np.uint8), (cells.size, 1))
+        _log_squares(space, f"space/water/{map.number}", at, z, stride, pale)
+        shown = colors[drift.of_layer(level, map.number)[cells]]
+        _log_squares(space, f"space/value/{map.number}", at, z, stride, shown)
+    return scale
+
+
+def _log_policy(space: _Space, policy: Voyage) -> None:
+    """Log what to do in some of the cells as arrows, on squares of water."""
+    drift, side = space.surface.drift, space.surface.side
+    origins: list[np.ndarray] = []
+    vectors: list[np.ndarray] = []
+    colors: list[np.ndarray] = []
+    for map in space.layers:
+        water, cells = map.water, map.thinned(_MAX_ARROWS)
+        spacing = max(1.0, math.sqrt(water.cells / cells.size))
+        action, goal, chance = (
+            drift.of_layer(one, map.number)[cells]
+            for one in (policy.action, policy.goal, policy.probability)
+        )
+        drifts = (action == 0)[:, None]
+        mean = np.asarray(map.flow.mean().rate)[0][:, water.row[cells], water.column[cells]].T
+        along = mean * (map.arrow * spacing) * side
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        along *= np.minimum(1, 1.5 * spacing * side.max() / np.maximum(length, 1e-12))
+        up = -0.09 * space.gap * action[:, None].astype(float)
+        vector = np.concatenate([np.where(drifts, along, 0), up], axis=1)
+        # Above the water, so that it does not cut them in half.
+        height = (0.02 + 0.09 * (action > 0) - map.number) * space.gap
+        foot = np.column_stack([map.xy(cells), height])
+        foot[:, :2] -= vector[:, :2] / 2
+        color = np.array([_UP[:3], ROBOT[:3], _DOWN[:3]])[action + 1]
+        color = np.where((chance > 0)[:, None], color, PLAIN[:3])
+        for kept, rows in (origins, foot), (vectors, vector), (colors, color):
+            kept.append(rows[~goal])
+    arrows = rr.Arrows3D(
+        origins=np.concatenate(origins),
+        vectors=np.concatenate(vectors),
+        colors=np.concatenate(colors).astype(np.uint8),
+        radii=0.09 * spacing * float(side.min()),
+    )
+    space.surface.stream.log("space/policy/arrows", arrows, static=True)
+
+
+def _log_tracks(space: _Space, policy: Voyage, seed: int) -> int:
+    """Log drifters that follow the policy, along the chain; gives the number of steps."""
+    drift, clock, stream = space.surface.drift, space.surface.clock, space.surface.stream
+    begin = np.ones(drift.cells, bool) if drift.start is None else drift.start
+    steps = min(_MAX_STEPS, max(1, int(clock.last * clock.seconds / drift.step)))
+    tracks = simulate_voyages(jax.random.key(seed), policy, begin, _DRIFTERS, steps)
+    cell = np.asarray(tracks.cell)
+    there = cell >= 0
+    places = np.full((*cell.shape, 3), np.nan)
+    places[there] = space.xyz(cell[there])
+    # Several in one cell would be one point.
+    off = np.random.default_rng(seed).uniform(-0.3, 0.3, (cell.shape[1], 2))
+    places[..., :2] += off * space.surface.side
+    places[..., 2] += 0.04 * space.gap
+    times = np.rint(np.arange(steps + 1) * (drift.step / clock.seconds)).astype(np.int64)
+    index = [rr.TimeColumn(clock.unit, sequence=times)]
+    columns = rr.Points3D.columns(positions=places[there])
+    stream.send_columns("space/drifters", index, columns.partition(there.sum(axis=1)))
+    style = rr.Points3D.from_fields(colors=DRIFTER, radii=0.8 * space.surface.mark)
+    stream.log("space/drifters", style, static=True)
+    return steps
+
+
+def _text(drift: SeaDrift, voyage: SeaVoyage, steps: int) -> str:
+    lon, lat, depth = voyage.goal
+    ways = {
+        name: way
+        for name, way in (("discounted", voyage), ("surest", drift.surest))
+        if way is not None
+    }
+    rows: list[tuple[object, ...]] = [
+        ("mean chance", *(f"{way.mean_probability:.4f}" for way in ways.values())),
+        (
+            "cells that surely arrive",
+            *(f"{way.cells_that_arrive_for_sure:,}" for way in ways.values()),
+        ),
+    ]
+    released = "everywhere alike"
+    if drift.start is not None:
+        released = f"at {place_name(*drift.place(drift.start)[:2])}"
+        rows.append(
+            ("chance from the start", *(f"{way.start_probability:.4f}" for way in ways.values()))
+        )
+        rows.append(
+            (
+                "hours, if it arrives",
+                *(f"{way.start_hours_if_it_arrives:.4g}" for way in ways.values()),
+            )
+        )
+    return f"""# A way to a goal
+
+A drifter can go up, go down, or drift, one step of {voyage.hours:.3g} hours each. It is to come to
+the **green** goal at {place_name(lon, lat)}, {depth:g} m deep. Depths are drawn farther apart than
+they are; drag to turn the view.
+
+- **Left**: the *value* of each cell, by value iteration. Yellow is good: near in time, and sure.
+- **Right**: what to do there. **Upright arrows**: go down (dark blue) or up (light blue).
+  **Vermilion arrows**: drift; the current goes that way. Grey: from there it never arrives.
+- **Black dots** follow this policy for {steps:,} steps, released {released}.
+
+The *discounted* policy weighs being sure against being early; the *surest* arrives most likely, and
+then soonest.
+
+{table(("", *ways), rows)}
+"""

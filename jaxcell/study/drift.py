@@ -1,0 +1,182 @@
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import tyro
+
+from ..base.quantities import Result
+from .study import Metres, Say, Seconds, Study, require, silent
+
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from ..drift import SeaDrift, Water
+    from ..verify import Comparison
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Drift(Study):
+    """Find where an ocean current carries drifters, where to drop them, and their way to a goal."""
+
+    name: ClassVar[str] = "drift"
+
+    file: tyro.conf.Positional[Path]
+    """NetCDF file of currents: ROMS, fixed depths, the surface, or HF radar."""
+    time: int | str | None = None
+    """One record, by its number from 0 or its moment (2016-02-02T12:00); by default the mean of all
+    records."""
+    depths: tuple[Metres, ...] = ()
+    """Depths of the layers in metres; by default those of the file, or the surface."""
+    bounds: tuple[float, float, float, float] | None = None
+    """West, south, east and north of the part to read, in degrees."""
+    variables: tuple[str, str] | None = None
+    """Names of the velocities towards the East and North, where the file leaves it open."""
+    duration: Seconds | None = None
+    """Seconds that a step takes; by default the time in which drifters of the slowest layer drift
+    by one cell on average."""
+    rho: float = 0.8
+    """Probability that a step goes where the current says; see --spread for the rest."""
+    spread: Literal["turned", "all", "sampled"] = "turned"
+    """Where a step may go instead: along the current turned by 45 degrees to either side; to all
+    cells around its end; or, for a known current, wherever points of the cell go."""
+    edge: Literal["uniform", "exit"] = "uniform"
+    """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
+    dissertation, or drift like others and may leave the map."""
+    start: str | None = None
+    """Where a drifter is dropped, "lon,lat" in degrees."""
+    goal: str | None = None
+    """Where it is to be, "lon,lat,depth" in degrees and metres; it may go up and down."""
+    range: Metres | None = None
+    """How far a drifter that looks at the sea bed sees, in metres."""
+    discount: float = 0.99
+    """What a step later is worth, for the way to the goal."""
+    seed: int = 0
+    """Seed of the drifters that are recorded."""
+
+    def __post_init__(self) -> None:
+        require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
+        require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
+        require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
+        require("range", self.range, "more than 0 m", lambda x: x > 0)
+        _numbers("start", self.start, 2, '"lon,lat" in degrees')
+        _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
+
+    def currents(self) -> "xr.Dataset":
+        """Read the currents."""
+        return _currents(self.file, self.time, self.depths, self.bounds, self.variables)
+
+    def memory(self) -> float | int:
+        from .. import estimates, memory
+
+        cells = [int(layer.sum()) for layer in self.currents().water.values]
+        needed = estimates.drift(cells)
+        doing = f"drift in {sum(cells):,} cells of water"
+        memory.check(needed, doing, "choose smaller bounds, or fewer depths")
+        return needed
+
+    def run(self, say: Say = silent) -> "SeaDrift":
+        from ..drift import SeaDrift, Water
+
+        self.memory()
+        currents = self.currents()
+        waters = [Water.of(currents, layer) for layer in range(currents.sizes["layer"])]
+        start, goal = self._start(waters[0]), self._goal(waters)
+        found = SeaDrift.of(
+            currents,
+            self.duration,
+            start=start,
+            reach=self.range,
+            say=say,
+            rho=self.rho,
+            spread=self.spread,
+            edge=self.edge,
+        )
+        if self.range is not None:
+            say("choosing where to see the sea bed")
+            _named("range", lambda: found.views)
+        if goal is None:
+            return found
+        say(f"finding the way to the goal from {found.cells:,} cells")
+        return found.towards(goal, self.discount)
+
+    def spec(self, result: Result) -> dict[str, Any]:
+        found: SeaDrift = result  # type: ignore[assignment]
+        return {**super().spec(result), "depths_m": found.depths, "duration_s": found.step}
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        return str(spec["file"])
+
+    def write(self, result: "SeaDrift", out: Path) -> None:
+        from .. import record
+
+        record.save_deployment_csv(result, out / "deployment.csv")
+        record.save_deployment_geojson(result, out / "deployment.geojson")
+
+    def verify(self, result: "SeaDrift") -> "Sequence[Comparison]":
+        from ..verify import compare_drift
+
+        return compare_drift(result)
+
+    def _start(self, water: "Water") -> int | None:
+        place = _numbers("start", self.start, 2, '"lon,lat" in degrees')
+        if place is None:
+            return None
+        return int(_named(f"start {self.start}", lambda: water.cell(*place)))
+
+    def _goal(self, waters: "list[Water]") -> int | None:
+        """The number of the goal among the cells of all layers."""
+        place = _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
+        if place is None:
+            return None
+        lon, lat, depth = place
+        depths = [water.depth for water in waters]
+        near = [layer for layer, one in enumerate(depths) if abs(one - depth) < 0.005]
+        if not near:
+            listed = ", ".join(f"{one:g}" for one in depths)
+            raise ValueError(
+                f"goal {self.goal}: expected one of the depths {listed} m, got {depth:g}"
+            )
+        cell = _named(f"goal {self.goal}", lambda: waters[near[0]].cell(lon, lat))
+        return int(cell) + sum(water.cells for water in waters[: near[0]])
+
+
+# The currents are read once for the members of a sweep.
+@functools.lru_cache(maxsize=8)
+def _currents(
+    file: Path,
+    time: int | str | None,
+    depths: tuple[float, ...],
+    bounds: tuple[float, float, float, float] | None,
+    variables: tuple[str, str] | None,
+) -> "xr.Dataset":
+    from ..drift import open_currents
+
+    return open_currents(file, time=time, depths=depths or None, bounds=bounds, variables=variables)
+
+
+def _numbers(parameter: str, text: str | None, count: int, expected: str) -> list[float] | None:
+    """The numbers of a place.
+
+    **Raises:** `ValueError` that names the parameter.
+    """
+    if text is None:
+        return None
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != count or not all(map(math.isfinite, found)):
+        raise ValueError(f"{parameter} {text!r}: expected {expected}")
+    return found
+
+
+def _named(parameter: str, function: Any) -> Any:
+    """Call a function whose complaints are about a parameter."""
+    try:
+        return function()
+    except ValueError as error:
+        raise ValueError(f"{parameter}: {error}") from None
