@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from ..certificate import Certificate
     from ..mapping import Chain
     from ..optimize import Graph
-    from ..patrol.measures import Measures
-    from ..patrol.strategy_game import StrategyGame
+    from ..patrol.walks.game import StrategyGame
+    from ..patrol.walks.measures import Measures
 
 
 # The matrices of all pairs, and the eigenvalues, take minutes.
@@ -57,9 +57,9 @@ class PatrolGraph(OutputOptions):
 
     def run(self) -> int:
         with starting():
-            from ..patrol.graph_files import load_graph
-            from ..patrol.measures import measure
-            from ..patrol.strategy_game import strategy_game
+            from ..patrol.walks.game import strategy_game
+            from ..patrol.walks.graph_files import load_graph
+            from ..patrol.walks.measures import measure
         graph, names = load_graph(self.file)
         self._check(graph, names)
         began = time.perf_counter()
@@ -157,10 +157,10 @@ class PatrolGraph(OutputOptions):
         from ..optimize import minimum_commute
         from ..optimize.mixing import fastest_mixing
         from ..patrol import random_walk
-        from ..patrol.capture import maximin_capture
-        from ..patrol.speed import minimum_kemeny
-        from ..patrol.toward import toward
-        from ..patrol.unpredictable import maximum_entropy_rate, maximum_return_time_entropy
+        from ..patrol.walks.capture import maximin_capture
+        from ..patrol.walks.entropy import maximum_entropy_rate, maximum_return_time_entropy
+        from ..patrol.walks.kemeny import minimum_kemeny
+        from ..patrol.walks.paths import toward
 
         best: Any
         if self.strategy == "commute":

@@ -66,18 +66,9 @@ from .attack import (
     outside as outside,
     vulnerability as vulnerability,
 )
-from .capture import (
-    MaximinCapture as MaximinCapture,
-    maximin_capture as maximin_capture,
-    walk_capture_probabilities as walk_capture_probabilities,
-)
 from .cell_graph import cell_graph as cell_graph
-from .descent import Strategy as Strategy
-from .graph import random_walk as random_walk, walk_hitting_times as walk_hitting_times
-from .graph_files import load_graph as load_graph, save_graph as save_graph
 from .lambda_distribution import Gld as Gld
 from .lambda_fit import GldFit as GldFit, fit_gld as fit_gld
-from .measures import Measures as Measures, measure as measure
 from .perimeter import (
     Maximin as Maximin,
     Movement as Movement,
@@ -108,12 +99,21 @@ from .share_game import (
     contested as contested,
     share_game as share_game,
 )
-from .speed import minimum_kemeny as minimum_kemeny
-from .strategy_game import StrategyGame as StrategyGame, strategy_game as strategy_game
-from .toward import toward as toward
-from .unpredictable import (
+from .walks.capture import (
+    MaximinCapture as MaximinCapture,
+    maximin_capture as maximin_capture,
+    walk_capture_probabilities as walk_capture_probabilities,
+)
+from .walks.descent import OptimizedWalk as OptimizedWalk
+from .walks.entropy import (
     maximum_entropy_rate as maximum_entropy_rate,
     maximum_return_time_entropy as maximum_return_time_entropy,
     return_time_entropy as return_time_entropy,
     return_time_law as return_time_law,
 )
+from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
+from .walks.graph_files import load_graph as load_graph, save_graph as save_graph
+from .walks.kemeny import minimum_kemeny as minimum_kemeny
+from .walks.measures import Measures as Measures, measure as measure
+from .walks.paths import toward as toward
+from .walks.walk import random_walk as random_walk, walk_hitting_times as walk_hitting_times

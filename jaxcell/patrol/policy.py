@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float, Int
 from ..certificate import Certificate
 from ..mapping import Chain
 from ..optimize import Graph, greedy_cover, minimum_commute
-from .graph import random_walk
 from .region import Regions, check_visible
+from .walks.walk import random_walk
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

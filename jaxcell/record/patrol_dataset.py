@@ -6,8 +6,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from ..optimize import Graph
-from ..patrol.measures import Measures
-from ..patrol.strategy_game import StrategyGame
+from ..patrol.walks.game import StrategyGame
+from ..patrol.walks.measures import Measures
 from .chain_checks import patrol_graph_checks
 from .checks import with_checks
 from .provenance import provenance

@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..patrol.strategy_game import StrategyGame
+from ..patrol.walks.game import StrategyGame
 from .canvas.matrix import log_matrix, matrix_view
 from .canvas.page import log_tab
 from .canvas.palette import Color

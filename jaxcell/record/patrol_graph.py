@@ -8,8 +8,8 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
 from ..optimize import Graph
-from ..patrol.measures import Measures
-from ..patrol.strategy_game import StrategyGame
+from ..patrol.walks.game import StrategyGame
+from ..patrol.walks.measures import Measures
 from .blueprint import (
     legend_view,
     log_legend_style,

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..optimize import Graph
-from ..patrol.measures import Measures
+from ..patrol.walks.measures import Measures
 from .texts import made_with
 
 

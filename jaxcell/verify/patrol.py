@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 from ..optimize import Graph
 from ..patrol import Policy
 from ..patrol.attack import Vulnerability
-from ..patrol.measures import Measures
-from ..patrol.strategy_game import StrategyGame
+from ..patrol.walks.game import StrategyGame
+from ..patrol.walks.measures import Measures
 from ..space import CellSpace
 from .bounce import sample
 from .comparison import Comparison

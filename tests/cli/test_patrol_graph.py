@@ -12,7 +12,7 @@ import xarray as xr
 from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import random_walk, walk_hitting_times
-from jaxcell.patrol.graph_files import load_graph, save_graph
+from jaxcell.patrol.walks.graph_files import load_graph, save_graph
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
@@ -135,7 +135,7 @@ def test_the_game(capsys):
 
 
 def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
-    module = sys.modules["jaxcell.patrol.strategy_game"]
+    module = sys.modules["jaxcell.patrol.walks.game"]
     solve = module.stackelberg
 
     def speaks(*args, **options):

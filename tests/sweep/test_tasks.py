@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
-from jaxcell.patrol.graph_files import load_graph
+from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.tasks.rooms import place, random_room

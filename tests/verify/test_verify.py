@@ -22,9 +22,9 @@ from jaxcell.bounce import (
 from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.patrol.attack import Vulnerability
-from jaxcell.patrol.graph_files import load_graph
-from jaxcell.patrol.measures import measure
-from jaxcell.patrol.strategy_game import strategy_game
+from jaxcell.patrol.walks.game import strategy_game
+from jaxcell.patrol.walks.graph_files import load_graph
+from jaxcell.patrol.walks.measures import measure
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 

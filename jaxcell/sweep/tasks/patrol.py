@@ -66,7 +66,7 @@ def _rows(some: list[dict[str, Any]]) -> list[tuple[float | int, ...]]:
 
 @functools.lru_cache(maxsize=8)
 def _graph(file: str) -> Any:
-    from ...patrol.graph_files import load_graph
+    from ...patrol.walks.graph_files import load_graph
 
     return load_graph(Path(file))
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..optimize import Commitment, Graph, minimum_commute, payoffs, stackelberg
-from .graph import walk_hitting_times
-from .toward import toward
+from ...optimize import Commitment, Graph, minimum_commute, payoffs, stackelberg
+from .paths import toward
+from .walk import walk_hitting_times
 
 
 # Of the longest time: vertices that are as close by symmetry differ by rounding.

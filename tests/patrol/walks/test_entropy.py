@@ -11,13 +11,13 @@ from hypothesis import given, strategies as st
 from jaxcell.certificate import Outcome
 from jaxcell.markov import dense
 from jaxcell.optimize import Graph
-from jaxcell.patrol.strategies import Strategies
-from jaxcell.patrol.unpredictable import (
+from jaxcell.patrol.walks.entropy import (
     maximum_entropy_rate,
     maximum_return_time_entropy,
     return_time_entropy,
     return_time_law,
 )
+from jaxcell.patrol.walks.polytope import ChainPolytope
 
 
 TRIANGLE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
@@ -54,7 +54,7 @@ def test_given_entropy_rate_against_cvxpy(seed):
     share = np.random.default_rng(seed).dirichlet(np.full(6, 3.0))
     found = maximum_entropy_rate(graph, share, stay=True)
     np.testing.assert_allclose(share @ found.matrix, share, atol=1e-12)
-    among = Strategies.on(graph, share, stay=True)
+    among = ChainPolytope.on(graph, share, stay=True)
     chain = cvxpy.Variable(among.tails.size, nonneg=True)
     sums, sides = among.equalities()
     rate = share[among.tails] @ cvxpy.entr(chain)
@@ -126,7 +126,7 @@ def test_the_most_entropy_there_can_be():
 def test_no_chain_of_another_solver_is_better():
     found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
     assert found.value == pytest.approx(float(return_time_entropy(jnp.asarray(found.matrix), 12)))
-    among = Strategies.on(TRIANGLE)
+    among = ChainPolytope.on(TRIANGLE)
     sums, sides = among.equalities()
     rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
     entropy = jax.jit(lambda P: -return_time_entropy(P, 12))

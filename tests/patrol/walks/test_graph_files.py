@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.graph_files import load_graph, save_graph
+from jaxcell.patrol.walks.graph_files import load_graph, save_graph
 
 
-GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
+GRAPHS = Path(__file__).parents[3] / "data" / "graphs"
 SUFFIXES = (".json", ".graphml", ".edges", ".txt")
 NAMES = ("hall", "1", "Küche", "a&b<c>")
 
@@ -230,7 +230,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     (tmp_path / "latin.txt").write_bytes(b"\xe9 0 0\n")
     with pytest.raises(ValueError, match="expected UTF-8 text; byte 0 is not"):
         load_graph(tmp_path / "latin.txt")
-    monkeypatch.setattr("jaxcell.patrol.graph_files._MOST_BYTES", 10)
+    monkeypatch.setattr("jaxcell.patrol.walks.graph_files._MOST_BYTES", 10)
     with pytest.raises(ValueError, match="expected a graph of at most 10"):
         load_text(tmp_path, "a 0 0\nb 1 1\na b\n", ".txt")
 

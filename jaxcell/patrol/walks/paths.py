@@ -4,7 +4,7 @@ import operator
 import numpy as np
 from jaxtyping import Float
 
-from ..optimize import Graph
+from ...optimize import Graph
 
 
 # The longest edge is so many units long; what differs by less is equally long.

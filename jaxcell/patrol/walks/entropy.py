@@ -8,12 +8,12 @@ import numpy as np
 import scipy.special
 from jaxtyping import Array, Float
 
-from ..certificate import Certificate
-from ..markov import dense
-from ..optimize import Graph
-from .descent import Strategy, minimised
-from .scaling import scaled
-from .strategies import Strategies
+from ...certificate import Certificate
+from ...markov import dense
+from ...optimize import Graph
+from .descent import OptimizedWalk, minimize
+from .polytope import ChainPolytope
+from .sinkhorn import scale_to_stationary
 
 
 # Of an entropy, in nats.
@@ -24,7 +24,7 @@ _TAIL = 0.1
 
 def maximum_entropy_rate(
     graph: Graph, stationary: Any = None, *, stay: bool = False, throw: bool = True
-) -> Strategy:
+) -> OptimizedWalk:
     """The chain whose next step is hardest to predict.
 
     Without a stationary distribution that is `p_ij = A_ij v_j / (lambda v_i)`, with `lambda` and
@@ -40,8 +40,8 @@ def maximum_entropy_rate(
     - `stay`: whether the patroller may wait at a vertex.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`Strategy`][jaxcell.patrol.Strategy], with the entropy rate in nats a step. The
-    residual of its certificate is by how much, in nats, another chain can be above it.
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk], with the entropy rate in nats a
+    step. The residual of its certificate is by how much, in nats, another chain can be above it.
 
     **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
     no chain on the graph has, naming the vertices at which too much time would be spent;
@@ -55,7 +55,7 @@ def maximum_entropy_rate(
         >>> round(best.value, 6), best.matrix[0].round(6).tolist()
         (0.549306, [0.0, 0.333333, 0.333333, 0.333333])
     """
-    among = Strategies.on(graph, stationary, stay=stay)
+    among = ChainPolytope.on(graph, stationary, stay=stay)
     ways = among.matrix(np.ones(among.tails.size))
     if among.stationary is None:
         vector = np.abs(np.linalg.eigh(ways)[1][:, -1])
@@ -68,14 +68,14 @@ def maximum_entropy_rate(
         value = float(weight @ scipy.special.entr(matrix).sum(axis=1) / weight.sum())
         residual = math.log(growth.max()) - value
     else:
-        matrix = scaled(ways, among.stationary)
+        matrix = scale_to_stationary(ways, among.stationary)
         value = float(among.stationary @ scipy.special.entr(matrix).sum(axis=1))
         surprise = -np.log(matrix[among.tails, among.heads])
         gap = among.gap(matrix[among.tails, among.heads], among.stationary[among.tails] * surprise)
         residual = gap + float(np.abs(among.stationary @ matrix - among.stationary).sum())
     certificate = Certificate(1, max(0.0, residual), _TOLERANCE)
     certificate.check("maximum_entropy_rate", throw)
-    return Strategy(matrix, value, 0, certificate)
+    return OptimizedWalk(matrix, value, 0, certificate)
 
 
 def maximum_return_time_entropy(
@@ -88,7 +88,7 @@ def maximum_return_time_entropy(
     seed: int = 0,
     tolerance: float = 1e-5,
     throw: bool = True,
-) -> Strategy:
+) -> OptimizedWalk:
     """A chain whose times of return are hard to predict (Duan, George and Bullo 2020).
 
     The value is [`return_time_entropy`][jaxcell.patrol.return_time_entropy] up to the horizon. The
@@ -108,9 +108,9 @@ def maximum_return_time_entropy(
     - `tolerance`: of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`Strategy`][jaxcell.patrol.Strategy], with the entropy in nats. The residual of
-    its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is more: to first
-    order, no chain is better by a larger share.
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk], with the entropy in nats. The
+    residual of its certificate is the Frank-Wolfe gap relative to the value, or to 1 if that is
+    more: to first order, no chain is better by a larger share.
 
     **Raises:** as [`maximum_entropy_rate`][jaxcell.patrol.maximum_entropy_rate]; `ValueError` for a
     horizon of less than 1 step.
@@ -124,12 +124,12 @@ def maximum_return_time_entropy(
             ...
         ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
     """
-    among = Strategies.on(graph, stationary, stay=stay)
+    among = ChainPolytope.on(graph, stationary, stay=stay)
     if horizon is None:
         least = 1 / graph.vertices if among.stationary is None else float(among.stationary.min())
         horizon = math.ceil(1 / (_TAIL * least)) - 1
     _check_horizon(horizon)
-    found = minimised(
+    found = minimize(
         "maximum_return_time_entropy",
         _predictable,
         among,
@@ -139,7 +139,7 @@ def maximum_return_time_entropy(
         tolerance=tolerance,
         throw=throw,
     )
-    return Strategy(found.matrix, -found.value, found.start, found.certificate)
+    return OptimizedWalk(found.matrix, -found.value, found.start, found.certificate)
 
 
 def return_time_law(

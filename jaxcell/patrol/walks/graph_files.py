@@ -29,8 +29,8 @@ from typing import Any, NamedTuple, NoReturn
 from xml.etree.ElementTree import ParseError
 from xml.parsers import expat
 
-from ..files import replacing
-from ..optimize import Graph
+from ...files import replacing
+from ...optimize import Graph
 
 
 _LIST_SUFFIXES = (".edges", ".txt")

@@ -6,8 +6,8 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from ..optimize import Graph, shortest_tour
-from .scaling import scaled
+from ...optimize import Graph, shortest_tour
+from .sinkhorn import scale_to_stationary
 
 
 # Of all the time: what a linear program leaves of a flow that is 0.
@@ -15,7 +15,7 @@ _NOTHING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Strategies:
+class ChainPolytope:
     """The chains on a graph among which the best is sought: a convex polytope.
 
     A chain in it is the vector of the probabilities of its *moves*, the two directions of each edge
@@ -38,7 +38,7 @@ class Strategies:
     @classmethod
     def on(
         cls, graph: Graph, stationary: Any = None, *, stay: bool = False, reversible: bool = False
-    ) -> "Strategies":
+    ) -> "ChainPolytope":
         """All chains that move along the edges of a graph.
 
         **Arguments:**
@@ -85,7 +85,7 @@ class Strategies:
             return (matrix / matrix.sum(axis=1, keepdims=True))[self.tails, self.heads]
         if self.reversible:
             matrix = np.sqrt(matrix * matrix.T)
-        return scaled(matrix, self.stationary)[self.tails, self.heads]
+        return scale_to_stationary(matrix, self.stationary)[self.tails, self.heads]
 
     def starts(
         self, count: int, robots: int, seed: int

@@ -5,7 +5,7 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Float
 
-from .strategies import Strategies
+from .polytope import ChainPolytope
 
 
 _STEPS = 300
@@ -26,10 +26,10 @@ Law = Callable[
 ]
 
 
-def raised(
-    law: Law, strategies: Strategies, moves: Float[np.ndarray, "robots moves"], tolerance: float
+def maximize_least_capture(
+    law: Law, polytope: ChainPolytope, moves: Float[np.ndarray, "robots moves"], tolerance: float
 ) -> tuple[Float[np.ndarray, "robots moves"], float, float, int]:
-    """Raises the least probability of capture by linear programs, within a distance they can trust.
+    """Maximize the least probability of capture by linear programs, within a trusted distance.
 
     Near a maximum of a least of smooth functions, several are least at the same time, and often so
     many that they determine it. Linear programs then find it as fast as Newton's method, where
@@ -42,10 +42,10 @@ def raised(
     value = _value(probability)
     distance = _FIRST
     for programs in range(1, _STEPS):
-        trial, predicted = _program(strategies, moves, probability, slope, distance)
+        trial, predicted = _program(polytope, moves, probability, slope, distance)
         # No gain without a distance is less than one within it.
         if predicted <= tolerance / 10 or distance < _SHORTEST:
-            gain = _program(strategies, moves, probability, slope, 1.0)[1]
+            gain = _program(polytope, moves, probability, slope, 1.0)[1]
             if gain <= tolerance / 4 or distance < _SHORTEST:
                 return moves, value, gain, programs
         there = law(trial)
@@ -55,7 +55,7 @@ def raised(
             moves, (probability, slope), value = trial, there, _value(there[0])
         else:
             distance /= 3
-    return moves, value, _program(strategies, moves, probability, slope, 1.0)[1], _STEPS
+    return moves, value, _program(polytope, moves, probability, slope, 1.0)[1], _STEPS
 
 
 def _value(probability: Float[np.ndarray, "robots starts targets"]) -> float:
@@ -63,7 +63,7 @@ def _value(probability: Float[np.ndarray, "robots starts targets"]) -> float:
 
 
 def _program(
-    strategies: Strategies,
+    polytope: ChainPolytope,
     moves: Float[np.ndarray, "robots moves"],
     probability: Float[np.ndarray, "robots starts targets"],
     slope: Float[np.ndarray, "robots starts targets moves"],
@@ -101,7 +101,7 @@ def _program(
     line[:, -1] = 1
     lines.append(line)
     sides.append(captured / value - 1)
-    sums, totals = strategies.equalities()
+    sums, totals = polytope.equalities()
     equal = scipy.sparse.block_diag([sums] * robots)
     equal = scipy.sparse.hstack(
         [equal, scipy.sparse.csr_array((equal.shape[0], robots * targets + 1))], format="csr"
@@ -122,5 +122,5 @@ def _program(
         return moves, 0.0
     trial = np.maximum(0, found.x[: robots * count].reshape(robots, count))
     for robot in trial:
-        robot /= np.bincount(strategies.tails, robot, strategies.vertices)[strategies.tails]
+        robot /= np.bincount(polytope.tails, robot, polytope.vertices)[polytope.tails]
     return trial, max(0.0, float(found.x[-1]))

@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from ..mapping import Chain, persistent_groups
-from ..markov import limiting_distribution
-from ..markov.quantities import (
+from ...mapping import Chain, persistent_groups
+from ...markov import limiting_distribution
+from ...markov.quantities import (
     entropy_rate,
     hitting_matrix,
     kemeny_constant,

@@ -7,9 +7,9 @@ import scipy.optimize
 from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.descent import descend
-from jaxcell.patrol.scaling import scaled
-from jaxcell.patrol.strategies import Strategies
+from jaxcell.patrol.walks.descent import descend
+from jaxcell.patrol.walks.polytope import ChainPolytope
+from jaxcell.patrol.walks.sinkhorn import scale_to_stationary
 
 
 PATH = Graph([[0, 1], [1, 2], [2, 3]])
@@ -48,7 +48,7 @@ def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
     moves = all_moves(graph, stay)
     flows = [most_flow(moves, share, move) for move in range(len(moves))]
     try:
-        among = Strategies.on(graph, share, stay=stay)
+        among = ChainPolytope.on(graph, share, stay=stay)
     except ValueError as error:
         if flows[0] is None:
             assert "of the time, but" in str(error)
@@ -69,7 +69,7 @@ def test_moves_are_those_that_the_distribution_allows(graph, stay, seed):
 @given(connected_graphs(), st.integers(0, 1000), st.sampled_from(["free", "given", "reversible"]))
 def test_starts_are_inside(graph, seed, kind):
     share = np.random.default_rng(seed).dirichlet(np.full(graph.vertices, 3.0))
-    among = Strategies.on(
+    among = ChainPolytope.on(
         graph, None if kind == "free" else share, stay=True, reversible=kind == "reversible"
     )
     sums, sides = among.equalities()
@@ -90,7 +90,7 @@ def test_scaling_keeps_the_weights_up_to_rows_and_columns():
     share = random.dirichlet(np.ones(6))
     # Some flows almost vanish.
     weights = np.exp(random.normal(scale=6, size=(6, 6)))
-    matrix = scaled(weights, share)
+    matrix = scale_to_stationary(weights, share)
     np.testing.assert_allclose(share @ matrix, share, atol=1e-14)
     ratio = np.log(matrix / weights)
     ratio -= ratio[:1]
@@ -101,7 +101,7 @@ def test_scaling_keeps_the_weights_up_to_rows_and_columns():
 def test_gap_is_that_of_the_best_corner(graph, seed, kind):
     random = np.random.default_rng(seed)
     share = random.dirichlet(np.full(graph.vertices, 3.0))
-    among = Strategies.on(
+    among = ChainPolytope.on(
         graph, None if kind == "free" else share, stay=True, reversible=kind == "reversible"
     )
     here = among.starts(2, 1, seed)[1, 0]
@@ -122,7 +122,7 @@ def test_descent_to_the_nearest_chain(given_share):
     share = random.dirichlet(np.full(4, 3.0))
     # Far outside, so that the nearest is on the boundary.
     target = random.normal(size=(4, 4))
-    among = Strategies.on(SQUARE, share if given_share else None, stay=True)
+    among = ChainPolytope.on(SQUARE, share if given_share else None, stay=True)
     found, values, _ = descend(off_target, among, among.starts(3, 1, 0), (jnp.asarray(target),))
     chain = cvxpy.Variable(among.tails.size, nonneg=True)
     sums, sides = among.equalities()
@@ -137,7 +137,7 @@ def test_descent_to_the_nearest_chain(given_share):
 
 
 def test_starts_differ_and_the_first_is_not_random():
-    among = Strategies.on(SQUARE)
+    among = ChainPolytope.on(SQUARE)
     first, again = among.starts(2, 2, 0), among.starts(2, 2, 1)
     np.testing.assert_array_equal(first[0, 0], again[0, 0])
     assert np.abs(first[1] - again[1]).max() > 0.01
@@ -165,4 +165,4 @@ def test_starts_differ_and_the_first_is_not_random():
 )
 def test_refusals(graph, arguments, message):
     with pytest.raises(ValueError, match=message):
-        Strategies.on(graph, **arguments)
+        ChainPolytope.on(graph, **arguments)

@@ -6,8 +6,8 @@ import scipy.optimize
 from jaxcell.certificate import Outcome
 from jaxcell.markov import kemeny_constant
 from jaxcell.optimize import Graph
-from jaxcell.patrol.speed import minimum_kemeny
-from jaxcell.patrol.strategies import Strategies
+from jaxcell.patrol.walks.kemeny import minimum_kemeny
+from jaxcell.patrol.walks.polytope import ChainPolytope
 
 
 def graph_of(network):
@@ -70,7 +70,7 @@ def test_no_chain_of_another_solver_is_better():
     graph = graph_of(GRID)
     found = minimum_kemeny(graph, share, stay=True)
     np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
-    among = Strategies.on(graph, share, stay=True)
+    among = ChainPolytope.on(graph, share, stay=True)
     sums, sides = among.equalities()
     rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
     for start in among.starts(6, 1, 5)[:, 0]:

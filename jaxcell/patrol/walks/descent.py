@@ -10,10 +10,10 @@ import optax
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Certificate
-from ..mapping import Chain
-from ..precision import require_x64
-from .strategies import Strategies
+from ...certificate import Certificate
+from ...mapping import Chain
+from ...precision import require_x64
+from .polytope import ChainPolytope
 
 
 # The pressures of the barrier, for all moves together and relative to the value. They fall slowly
@@ -28,7 +28,7 @@ Measure = Callable[..., Float[Array, ""]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Strategy:
+class OptimizedWalk:
     """A chain for a patroller, and how good it is."""
 
     matrix: Float[np.ndarray, "vertices vertices"]
@@ -45,22 +45,23 @@ class Strategy:
         return Chain.from_scipy(scipy.sparse.csr_array(self.matrix))
 
 
-def minimised(
+def minimize(
     what: str,
     measure: Measure,
-    strategies: Strategies,
+    polytope: ChainPolytope,
     arguments: tuple[Any, ...],
     *,
     starts: int,
     seed: int,
     tolerance: float,
     throw: bool,
-) -> Strategy:
+) -> OptimizedWalk:
     """The best chain that the starts lead to.
 
-    **Returns:** [`Strategy`][]. The residual of its certificate is the Frank-Wolfe gap relative to
-    the value, or to 1 if that is more: to first order, no chain makes the value better by a larger
-    share. If the problem is convex, no chain does at all. The iterations are those from all starts.
+    **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
+    relative to the value, or to 1 if that is more: to first order, no chain makes the value better
+    by a larger share. If the problem is convex, no chain does at all. The iterations are those from
+    all starts.
 
     **Raises:** `ValueError` for fewer than 1 start, `RuntimeError` if the gap stays above the
     tolerance.
@@ -68,22 +69,22 @@ def minimised(
     require_x64(what)
     if starts < 1:
         raise ValueError(f"starts: expected at least 1, got {starts}")
-    begin = strategies.starts(starts, 1, seed)
-    found, values, steps = descend(measure, strategies, begin, arguments)
+    begin = polytope.starts(starts, 1, seed)
+    found, values, steps = descend(measure, polytope, begin, arguments)
     best = int(np.nanargmin(values))
     moves = found[best, 0]
-    matrix = strategies.matrix(moves)
+    matrix = polytope.matrix(moves)
     gradient = np.asarray(_gradient(measure, jnp.asarray(matrix[None]), arguments))[0]
-    gap = strategies.gap(moves, -gradient[strategies.tails, strategies.heads])
+    gap = polytope.gap(moves, -gradient[polytope.tails, polytope.heads])
     value = float(values[best])
     certificate = Certificate(steps, gap / max(1, abs(value)), tolerance)
     certificate.check(what, throw)
-    return Strategy(matrix, value, best, certificate)
+    return OptimizedWalk(matrix, value, best, certificate)
 
 
 def descend(
     measure: Measure,
-    strategies: Strategies,
+    polytope: ChainPolytope,
     starts: Float[np.ndarray, "starts robots moves"],
     arguments: tuple[Any, ...],
 ) -> tuple[
@@ -91,7 +92,7 @@ def descend(
     Float[np.ndarray, "starts"],
     int,
 ]:
-    """Follows the gradient within the polytope of the chains, from several starts.
+    """Follow the gradient within the polytope of the chains, from several starts.
 
     A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
     pressure, L-BFGS looks for the minimum in steps that are relative to the probabilities, and that
@@ -104,21 +105,21 @@ def descend(
 
     - `measure`: a function of the transition matrices `[robots, vertices, vertices]` and the
         arguments. It is compiled once for each shape, if it is the same object.
-    - `strategies`: the chains that each robot may have.
+    - `polytope`: the chains that each robot may have.
     - `starts`: chains inside the polytope.
     - `arguments`: arrays.
 
     **Returns:** the chains, what they measure, and the number of steps taken.
     """
     fixed = (
-        jnp.asarray(strategies.tails),
-        jnp.asarray(strategies.heads),
-        jnp.asarray(strategies.equalities()[0]),
+        jnp.asarray(polytope.tails),
+        jnp.asarray(polytope.heads),
+        jnp.asarray(polytope.equalities()[0]),
     )
     # Inside of optax, integers of 32 and 64 bits meet.
     with jax.numpy_dtype_promotion("standard"):
         paths = [
-            _path(measure, strategies.vertices, *fixed, jnp.asarray(start), arguments)
+            _path(measure, polytope.vertices, *fixed, jnp.asarray(start), arguments)
             for start in starts
         ]
     found, values, steps = (np.array(part) for part in zip(*paths, strict=True))

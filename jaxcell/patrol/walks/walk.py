@@ -4,8 +4,8 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Float
 
-from ..mapping import Chain
-from ..optimize import Graph
+from ...mapping import Chain
+from ...optimize import Graph
 
 
 def random_walk(graph: Graph, weights: Any) -> Chain:

@@ -8,13 +8,13 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Certificate
-from ..mapping import Chain
-from ..optimize import Graph
-from ..precision import require_x64
+from ...certificate import Certificate
+from ...mapping import Chain
+from ...optimize import Graph
+from ...precision import require_x64
 from .descent import descend
-from .linear_steps import raised
-from .strategies import Strategies
+from .polytope import ChainPolytope
+from .sequential_lp import maximize_least_capture
 
 
 # Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
@@ -106,7 +106,7 @@ def maximin_capture(
     attack = _attack_times(graph, attack_time)
     delays = _delays(graph, travel_times)
     _check_reach(delays, attack)
-    among = Strategies.on(graph, stationary, stay=stay)
+    among = ChainPolytope.on(graph, stationary, stay=stay)
     slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
     arguments = (jnp.asarray(delays), jnp.asarray(attack), *slots)
     begin = among.starts(starts, robots, seed)
@@ -118,7 +118,7 @@ def maximin_capture(
         probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
         return np.asarray(probability), np.asarray(slope)
 
-    moves, value, residual, programs = raised(law, among, found[best], tolerance)
+    moves, value, residual, programs = maximize_least_capture(law, among, found[best], tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices = np.stack([among.matrix(robot) for robot in moves])

@@ -10,7 +10,7 @@ _ROUNDING = 1e-15
 _CLOSE = 1e-9
 
 
-def scaled(
+def scale_to_stationary(
     weights: Float[np.ndarray, "vertices vertices"], share: Float[np.ndarray, "vertices"]
 ) -> Float[np.ndarray, "vertices vertices"]:
     """The chain `p_ij = a_i w_ij b_j` with a given stationary distribution.

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.patrol import Graph, random_walk, walk_hitting_times
-from jaxcell.patrol.toward import toward
+from jaxcell.patrol.walks.paths import toward
 
 
 # The small example of Boyd et al., "Convex optimization of graph Laplacian eigenvalues" (2006).

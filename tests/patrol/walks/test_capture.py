@@ -9,9 +9,9 @@ import scipy.optimize
 
 from jaxcell.certificate import Outcome
 from jaxcell.optimize import Graph
-from jaxcell.patrol import capture
-from jaxcell.patrol.capture import maximin_capture, walk_capture_probabilities
-from jaxcell.patrol.strategies import Strategies
+from jaxcell.patrol.walks import capture
+from jaxcell.patrol.walks.capture import maximin_capture, walk_capture_probabilities
+from jaxcell.patrol.walks.polytope import ChainPolytope
 
 
 PATH = Graph([[i, i + 1] for i in range(8)])
@@ -50,7 +50,7 @@ def delays_of(graph, times):
 @pytest.mark.parametrize("times", [None, TIMES])
 @pytest.mark.parametrize("attack", [6, np.array([3, 7, 1, 5])])
 def test_capture_against_all_walks(stay, times, attack):
-    among = Strategies.on(KITE, stay=stay)
+    among = ChainPolytope.on(KITE, stay=stay)
     matrix = among.matrix(among.starts(2, 1, 0)[1, 0])
     found = walk_capture_probabilities(KITE, matrix, attack, times)
     delays = delays_of(KITE, 1 if times is None else times)
@@ -89,7 +89,7 @@ def test_no_chain_of_another_solver_is_better():
     delays = delays_of(KITE, TIMES)
     least = by_walks(found.matrices[0], delays, attack).min()
     assert found.value == pytest.approx(least, rel=1e-9)
-    among = Strategies.on(KITE)
+    among = ChainPolytope.on(KITE)
     sums, sides = among.equalities()
     equal = {"type": "eq", "fun": lambda x: sums @ x[:-1] - sides}
     above = {
@@ -132,7 +132,7 @@ def test_a_given_distribution_is_met():
 
 
 def test_slopes_against_differences():
-    among = Strategies.on(KITE)
+    among = ChainPolytope.on(KITE)
     moves = among.starts(2, 2, 0)[1]
     attack = np.array([5, 6, 5, 7])
     arguments = (
@@ -152,7 +152,7 @@ def test_slopes_against_differences():
 
 
 def test_the_soft_minimum_is_nearly_the_least():
-    among = Strategies.on(KITE)
+    among = ChainPolytope.on(KITE)
     moves = among.starts(2, 2, 0)[1]
     matrices = np.stack([among.matrix(robot) for robot in moves])
     arguments = jnp.asarray(delays_of(KITE, 1)), jnp.full(4, 4), jnp.zeros(1), jnp.zeros(4)

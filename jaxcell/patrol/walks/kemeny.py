@@ -2,10 +2,10 @@ from typing import Any
 
 from jaxtyping import Array, Float
 
-from ..markov import dense
-from ..optimize import Graph
-from .descent import Strategy, minimised
-from .strategies import Strategies
+from ...markov import dense
+from ...optimize import Graph
+from .descent import OptimizedWalk, minimize
+from .polytope import ChainPolytope
 
 
 def minimum_kemeny(
@@ -18,7 +18,7 @@ def minimum_kemeny(
     seed: int = 0,
     tolerance: float = 1e-5,
     throw: bool = True,
-) -> Strategy:
+) -> OptimizedWalk:
     """A chain with a small Kemeny constant: the mean number of steps to a vertex drawn from `pi`.
 
     Among reversible chains with a given stationary distribution the problem is convex, and the
@@ -44,9 +44,9 @@ def minimum_kemeny(
     - `tolerance`: of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`Strategy`][jaxcell.patrol.Strategy]. The residual of its certificate is the
-    Frank-Wolfe gap relative to the value, or to 1 if that is more: for reversible chains, no chain
-    is better by a larger share; for others, that is so to first order.
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk]. The residual of its certificate is
+    the Frank-Wolfe gap relative to the value, or to 1 if that is more: for reversible chains, no
+    chain is better by a larger share; for others, that is so to first order.
 
     **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
     no chain on the graph has, naming the vertices at which too much time would be spent;
@@ -61,8 +61,8 @@ def minimum_kemeny(
             ...
         ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
     """
-    among = Strategies.on(graph, stationary, stay=stay, reversible=reversible)
-    return minimised(
+    among = ChainPolytope.on(graph, stationary, stay=stay, reversible=reversible)
+    return minimize(
         "minimum_kemeny",
         _kemeny,
         among,

@@ -1,0 +1,1 @@
+"""Random walks on a graph: what they measure, the best of them, and the game between them."""
