@@ -4,11 +4,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..optimize import Graph
-from ..patrol.attack import Vulnerability
-from ..patrol.policy import Policy
-from ..patrol.reassign import Reassignment
-from ..patrol.region import Regions
-from ..patrol.share_game import ShareGame, contested
+from ..patrol.map.attack import Vulnerability
+from ..patrol.map.game import ShareGame, contested
+from ..patrol.map.policies import Policy
+from ..patrol.map.reassignment import Reassignment
+from ..patrol.map.regions import Regions
 from ..space import CellSpace
 from .canvas.palette import Color
 

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from ..optimize import Graph
 from ..patrol import Policy
-from ..patrol.attack import Vulnerability
+from ..patrol.map.attack import Vulnerability
 from ..patrol.walks.game import StrategyGame
 from ..patrol.walks.measures import Measures
 from ..space import CellSpace

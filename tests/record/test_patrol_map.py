@@ -19,7 +19,7 @@ from jaxcell.patrol import (
     reassign,
     vulnerability,
 )
-from jaxcell.patrol.share_game import share_game
+from jaxcell.patrol.map.game import share_game
 from jaxcell.record import MapPatrol, patrol_map_dataset, save_dataset
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
 from jaxcell.record.canvas.plot import ticks

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
-from ..mapping import Chain
-from ..markov import Arrivals, first_arrival, simulate_arrival
-from ..optimize import Graph
-from ..precision import require_x64
-from .lambda_fit import GldFit, fit_gld
-from .policy import Policy
-from .region import check_visible
+from ...mapping import Chain
+from ...markov import Arrivals, first_arrival, simulate_arrival
+from ...optimize import Graph
+from ...precision import require_x64
+from ..law.fit import GldFit, fit_gld
+from .policies import Policy
+from .regions import check_visible
 
 
 # Targets that are gone through at once: their arrays, one number a cell and target, stay small.

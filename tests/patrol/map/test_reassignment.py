@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from jaxcell.patrol import Graph
-from jaxcell.patrol.policy import centralized_policies, distributed_policies
-from jaxcell.patrol.reassign import reassign, silence_limit
-from jaxcell.patrol.region import angular_regions
+from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
+from jaxcell.patrol.map.reassignment import reassign, silence_limit
+from jaxcell.patrol.map.regions import angular_regions
 
 
 SIDE = 7

@@ -5,10 +5,10 @@ import numpy as np
 import scipy.optimize
 from jaxtyping import Bool, Int
 
-from ..markov.passage import survivals
-from ..optimize import Graph
-from .policy import Policy, centralized_policies
-from .region import Regions, angular_regions
+from ...markov.passage import survivals
+from ...optimize import Graph
+from .policies import Policy, centralized_policies
+from .regions import Regions, angular_regions
 
 
 # Steps that are made at once.

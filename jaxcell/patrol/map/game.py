@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..optimize import Commitment, Graph, stackelberg
+from ...optimize import Commitment, Graph, stackelberg
 from .attack import capture_probabilities
-from .policy import Policy
-from .region import Regions
+from .policies import Policy
+from .regions import Regions
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

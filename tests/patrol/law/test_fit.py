@@ -7,8 +7,8 @@ import scipy.optimize
 import scipy.stats
 
 from jaxcell.certificate import Outcome
-from jaxcell.patrol.lambda_distribution import Gld
-from jaxcell.patrol.lambda_fit import fit_gld
+from jaxcell.patrol.law.distribution import Gld
+from jaxcell.patrol.law.fit import fit_gld
 
 
 SAMPLES = 5000
@@ -207,7 +207,7 @@ def test_refuses_fractions_that_are_censored():
 
 
 def test_a_search_that_does_not_settle_says_so(monkeypatch):
-    monkeypatch.setattr("jaxcell.patrol.lambda_fit._MOST_STEPS", 1)
+    monkeypatch.setattr("jaxcell.patrol.law.fit._MOST_STEPS", 1)
     samples = draw(LAWS[1])
     with pytest.raises(RuntimeError, match="fit_gld: the residual stayed above the tolerance"):
         fit_gld(samples)

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..certificate import Certificate
-from ..precision import require_x64
-from .lambda_distribution import Gld, standard_quantile
+from ...certificate import Certificate
+from ...precision import require_x64
+from .distribution import Gld, standard_quantile
 
 
 _FEWEST_SAMPLES = 8

@@ -4,11 +4,11 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
-from ..certificate import Certificate
-from ..mapping import Chain
-from ..optimize import Graph, greedy_cover, minimum_commute
-from .region import Regions, check_visible
-from .walks.walk import random_walk
+from ...certificate import Certificate
+from ...mapping import Chain
+from ...optimize import Graph, greedy_cover, minimum_commute
+from ..walks.walk import random_walk
+from .regions import Regions, check_visible
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 from hypothesis import example, given, strategies as st
 
-from jaxcell.patrol.lambda_distribution import Gld
+from jaxcell.patrol.law.distribution import Gld
 
 
 SHAPES = st.one_of(

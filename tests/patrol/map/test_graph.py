@@ -6,11 +6,11 @@ import pytest
 import shapely
 from hypothesis import given, strategies as st
 
-from jaxcell.patrol.cell_graph import cell_graph
+from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.space import CellSpace, Workspace
 
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
+MAPS = Path(__file__).parents[3] / "data" / "maps"
 
 
 def box(xmin, ymin, xmax, ymax):

@@ -5,9 +5,9 @@ import pytest
 from jaxcell.optimize import minimum_commute
 from jaxcell.optimize.cover import greedy_cover
 from jaxcell.patrol import Graph, random_walk
-from jaxcell.patrol.cell_graph import cell_graph
-from jaxcell.patrol.policy import centralized_policies, distributed_policies
-from jaxcell.patrol.region import angular_regions
+from jaxcell.patrol.map.graph import cell_graph
+from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
+from jaxcell.patrol.map.regions import angular_regions
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 

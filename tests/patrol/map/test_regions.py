@@ -6,12 +6,12 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.cell_graph import cell_graph
-from jaxcell.patrol.region import angular_regions, base_station
+from jaxcell.patrol.map.graph import cell_graph
+from jaxcell.patrol.map.regions import angular_regions, base_station
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
+MAPS = Path(__file__).parents[3] / "data" / "maps"
 
 
 def harbour():

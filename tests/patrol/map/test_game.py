@@ -6,12 +6,12 @@ import scipy.optimize
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol import angular_regions, capture_probabilities, distributed_policies
-from jaxcell.patrol.policy import centralized_policies
-from jaxcell.patrol.share_game import contested, share_game
+from jaxcell.patrol.map.game import contested, share_game
+from jaxcell.patrol.map.policies import centralized_policies
 
 
 # The package may have the function under this name.
-MODULE = sys.modules["jaxcell.patrol.share_game"]
+MODULE = sys.modules["jaxcell.patrol.map.game"]
 
 
 def corridor():

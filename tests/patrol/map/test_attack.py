@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.attack import (
+from jaxcell.patrol.map.attack import (
     boundary,
     capture_probabilities,
     outside,
     vulnerability,
 )
-from jaxcell.patrol.cell_graph import cell_graph
-from jaxcell.patrol.policy import centralized_policies, distributed_policies
-from jaxcell.patrol.region import angular_regions, base_station
+from jaxcell.patrol.map.graph import cell_graph
+from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
+from jaxcell.patrol.map.regions import angular_regions, base_station
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
+MAPS = Path(__file__).parents[3] / "data" / "maps"
 TIMES = [20, 30, 40, 50, 100, 500]
 
 
@@ -156,7 +156,7 @@ def test_refusals(change, said):
 def test_many_targets_are_gone_through_in_chunks(depot, monkeypatch):
     graph, visible, policies = depot
     whole = capture_probabilities(graph, visible, policies, [20])
-    monkeypatch.setattr("jaxcell.patrol.attack._TARGETS", 100)
+    monkeypatch.setattr("jaxcell.patrol.map.attack._TARGETS", 100)
     np.testing.assert_allclose(
         capture_probabilities(graph, visible, policies, [20]), whole, atol=1e-14
     )

@@ -4,7 +4,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Int
 
-from ..optimize import Graph
+from ...optimize import Graph
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

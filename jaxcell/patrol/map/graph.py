@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 
-from ..optimize import Graph
-from ..space import CellSpace, free_steps
+from ...optimize import Graph
+from ...space import CellSpace, free_steps
 
 
 def cell_graph(cells: CellSpace, neighbours: int = 8) -> Graph:
