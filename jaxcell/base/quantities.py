@@ -37,6 +37,7 @@ Kind: TypeAlias = Literal[
     "flag",
     "index",
     "number",
+    "position",
     "residual",
     "share",
     "time",
@@ -46,6 +47,7 @@ Kind: TypeAlias = Literal[
 - `share`: from 0 to 1. `distribution`: shares that sum to 1 over the last dimensions, those that
     the attribute `over` names (by default the last one).
 - `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
+- `position`: the index of a position on the cells of the result, shown with its place in metres.
 - `time`: not negative, or infinite. `flag`: true or false.
 - `residual`: what a solve leaves. `coordinate`: labels of a dimension. `number`: any other.
 """
@@ -62,7 +64,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    "Whether an array of one dimension is listed in the summary under its own name."
+    """Whether an array is listed in the summary: one of one dimension under its own name, one of
+    two in the rows of the table of its first dimension, without the -1 that pad an index."""
     attributes: Mapping[str, Any]
     "More attributes of its variable in datasets."
 
@@ -84,7 +87,7 @@ def quantity(
     - `meaning`: what it is, as a noun phrase.
     - `units`: as CF has them: `m`, `s`, `rad`; none for what has no dimension.
     - `kind`: a [`Kind`][].
-    - `listed`: whether a one-dimensional array is part of the summary.
+    - `listed`: whether an array that is not part of the summary anyway is listed there.
     - further keywords: attributes of its variable in datasets.
     """
     return Quantity(tuple(dims.split()), meaning, units, kind, listed, attributes)
@@ -108,7 +111,8 @@ class Result:
     """What a study gives: a base for dataclasses with described quantities.
 
     A field that is a result itself is a part of it: its summary stands below the name of the field,
-    and its variables begin with that name. A field `cells` gives datasets their coordinates.
+    and its variables begin with that name, those that label dimensions apart. A field `cells` gives
+    datasets their coordinates.
     """
 
     title: ClassVar[str] = ""
@@ -170,3 +174,28 @@ def parts(result: Any) -> dict[str, Any]:
     """The fields of a result that are results themselves."""
     fields = ((field.name, getattr(result, field.name)) for field in dataclasses.fields(result))
     return {name: value for name, value in fields if isinstance(value, Result)}
+
+
+def flat(result: Any, prefix: str = "") -> dict[str, tuple[Quantity, Any]]:
+    """The quantities of a result and of its parts, whose names begin with that of the part."""
+    found = {
+        name if about.kind == "coordinate" else prefix + name: (about, value)
+        for name, (about, value) in values(result).items()
+    }
+    for name, part in parts(result).items():
+        found |= flat(part, f"{prefix}{name}_")
+    return found
+
+
+def columns(result: Any, dim: str) -> dict[str, tuple[Quantity, Any]]:
+    """The quantities in the table over a dimension.
+
+    Labels in radians are not: programs need those, and people have degrees beside them.
+    """
+    return {
+        name: (about, value)
+        for name, (about, value) in values(result).items()
+        if about.dims[:1] == (dim,)
+        and (len(about.dims) == 2 if about.listed else len(about.dims) == 1)
+        and not (about.kind == "coordinate" and about.units == "rad")
+    }

@@ -18,13 +18,12 @@ from .localize import Localize
 from .navigate import Navigate
 from .options import check_out
 from .patrol_graph import PatrolGraph
-from .patrol_map import PatrolMap
 from .robot import RobotRun
 from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover
+from .studies import Cover, PatrolMap
 from .sweep import Sweep, SweepState
 from .sweep_view import SweepView
 from .team import Team

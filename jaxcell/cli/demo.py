@@ -7,8 +7,7 @@ from ..bundled import bundled
 from .drift import Drift
 from .localize import Localize
 from .navigate import Navigate
-from .patrol_map import PatrolMap
-from .studies import Cover
+from .studies import Cover, PatrolMap
 from .team import Team
 from .terminal import note, note_results
 
@@ -76,7 +75,7 @@ def tour(out: Path) -> list[tuple[str, Any]]:
         ),
         (
             "Two robots that see 6 m patrol a depot against an adversary (chapter 4)",
-            PatrolMap(map=bundled("maps/depot.json"), robots=2, reach=6.0, out=out / "patrol"),
+            PatrolMap(map=bundled("maps/depot.json"), robots=2, range=6.0, out=out / "patrol"),
         ),
         (
             "Where a current carries drifters, and how to steer one by its depth (chapter 5)",

@@ -5,3 +5,4 @@ from .study import command
 
 
 Cover = command(study.Cover)
+PatrolMap = command(study.PatrolMap)

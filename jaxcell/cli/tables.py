@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, parts, values
+from ..base.quantities import Quantity, Result, columns, parts, values
+from ..space import CellSpace
 from .terminal import table
 
 
@@ -13,7 +14,9 @@ _MAX_ROWS = 30
 _MAX_TEXT = 60
 
 
-def show(result: Result, heading: str, seconds: float | None = None) -> None:
+def show(
+    result: Result, heading: str, seconds: float | None = None, cells: CellSpace | None = None
+) -> None:
     """Print the numbers of a result: a table for each of its tables, and one for single numbers.
 
     **Arguments:**
@@ -21,44 +24,52 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `result`: what a study gave.
     - `heading`: the line above.
     - `seconds`: how long it took.
+    - `cells`: those on which its positions are; by default its own.
     """
-    described = values(result)
+    cells = getattr(result, "cells", None) if cells is None else cells
     single = [
-        (about.meaning, written(value, about))
-        for about, value in described.values()
-        if not about.dims or about.listed
+        (about.meaning, written(value, about, cells))
+        for about, value in values(result).values()
+        if not about.dims or (about.listed and len(about.dims) == 1)
     ]
     if seconds is not None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
     for dim, name in result.tables.items():
-        columns = {
-            about.meaning: [written(one, about) for one in np.asarray(value)[:_MAX_ROWS].tolist()]
-            for key, (about, value) in described.items()
-            if about.dims == (dim,) and key != dim and not about.listed
+        shown = {
+            about.meaning: [
+                written(one, about, cells) for one in np.asarray(value)[:_MAX_ROWS].tolist()
+            ]
+            for about, value in columns(result, dim).values()
+            if not about.listed
         }
-        if columns:
-            rows = list(zip(*columns.values(), strict=True))
-            table(name.replace("_", " ").capitalize(), tuple(columns), rows)
+        if shown:
+            rows = list(zip(*shown.values(), strict=True))
+            table(name.replace("_", " ").capitalize(), tuple(shown), rows)
     for name, part in parts(result).items():
-        show(part, name.replace("_", " ").capitalize())
+        show(part, name.replace("_", " ").capitalize(), cells=cells)
 
 
-def written(value: Any, about: Quantity) -> str:
-    """A value as people read it, with its unit."""
+def written(value: Any, about: Quantity, cells: CellSpace | None = None) -> str:
+    """A value as people read it, with its unit; positions with their places on the cells."""
     if isinstance(value, np.ndarray | list | tuple):
-        text = ", ".join(written(one, about) for one in np.asarray(value).tolist()) or "none"
+        text = ", ".join(written(one, about, cells) for one in np.asarray(value).tolist()) or "none"
         return text if len(text) <= _MAX_TEXT else f"{text[: _MAX_TEXT - 3]}..."
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
     if isinstance(value, str):
         return value
     number = float(value)
+    if math.isnan(number) or (about.kind == "position" and number < 0):
+        return "none"
+    if about.kind == "position" and cells is not None:
+        x, y, _ = cells.centre(int(number))
+        return f"({float(x):g}, {float(y):g})"
     if not math.isfinite(number):
         return "never" if about.kind == "time" else f"{number}"
     if about.kind in ("share", "distribution"):
-        return f"{100 * number:.4g} %"
+        return f"{round(100 * number, 9):.4g} %"
     if about.kind == "residual":
         return f"{number:.1e}"
     text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"

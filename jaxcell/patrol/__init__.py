@@ -74,6 +74,7 @@ from .map.game import (
     share_game as share_game,
 )
 from .map.graph import cell_graph as cell_graph
+from .map.patrolled import PatrolledMap as PatrolledMap
 from .map.policies import (
     Policy as Policy,
     centralized_policies as centralized_policies,

@@ -23,7 +23,6 @@ writes these as NetCDF-4. What they guarantee:
 | coverage by a mixture | `coverage_dataset` | `log_coverage` |
 | teams | `team_dataset` | `log_team` |
 | patrols on a graph | `patrol_graph_dataset` | `log_patrol_graph` |
-| patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
 | drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
@@ -57,10 +56,8 @@ from .deployment_files import (
     save_deployment_geojson as save_deployment_geojson,
 )
 from .drift_dataset import drift_dataset as drift_dataset
-from .map_patrol import MapPatrol as MapPatrol
 from .navigation_dataset import navigation_dataset as navigation_dataset
 from .patrol_dataset import patrol_graph_dataset as patrol_graph_dataset
-from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
 from .recordings import save_recording as save_recording
 from .sea_drift import SeaDrift as SeaDrift
 from .team_dataset import team_dataset as team_dataset
@@ -72,7 +69,6 @@ if TYPE_CHECKING:
     from .localization import log_localization as log_localization
     from .navigation import log_navigation as log_navigation
     from .patrol_graph import log_patrol_graph as log_patrol_graph
-    from .patrol_map import log_patrol_map as log_patrol_map
     from .robot import RobotRecording as RobotRecording
     from .robot_track import RecordedRobot as RecordedRobot
     from .sweep import log_sweep as log_sweep
@@ -85,7 +81,6 @@ _LOGGED = (
     "localization",
     "navigation",
     "patrol_graph",
-    "patrol_map",
     "sweep",
     "team",
 )

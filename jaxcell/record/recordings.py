@@ -11,6 +11,7 @@ from ..base.quantities import Result
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
     "CoveragePolicy": "bounce.coverage:log_coverage",
+    "PatrolledMap": "patrol.map:log_patrolled_map",
 }
 
 

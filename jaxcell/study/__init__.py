@@ -20,7 +20,8 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 """
 
 from .cover import Cover as Cover
-from .map_study import MapStudy as MapStudy
+from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
+from .patrol_map import PatrolMap as PatrolMap
 from .study import (
     Degrees as Degrees,
     Metres as Metres,

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import xarray as xr
 
-from ..base.quantities import Quantity, values
+from ..base.quantities import Quantity, flat
 from ..study import Study
 
 
@@ -98,9 +98,9 @@ def _rows(alike: Sequence[Study]) -> list[dict[str, tuple[Quantity, Any]]]:
     """The single numbers of each of some members that are answered together."""
     batch = alike[0].batch
     if batch is None:
-        return [_numbers(values(one.run()), ()) for one in alike]
+        return [_numbers(flat(one.run()), ()) for one in alike]
     several = tuple(value for one in alike for value in getattr(one, batch))
-    found = values(dataclasses.replace(alike[0], **{batch: several}).run())
+    found = flat(dataclasses.replace(alike[0], **{batch: several}).run())
     return [
         {
             name: (about, value[i] if about.dims else value)

@@ -19,7 +19,7 @@ from .drift import compare_drift as compare_drift
 from .navigation import compare_plan as compare_plan
 from .patrol import (
     compare_game as compare_game,
-    compare_patrol as compare_patrol,
     compare_walk as compare_walk,
 )
+from .patrolled_map import compare_patrolled_map as compare_patrolled_map
 from .team import compare_team as compare_team

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.record import checks
-from jaxcell.record.chain_checks import drift_checks, patrol_graph_checks, patrol_map_checks
+from jaxcell.record.chain_checks import drift_checks, patrol_graph_checks
 
 
 def dataset(variables, **attributes):
@@ -84,18 +84,6 @@ WALK = dataset(
         "mixture": ("strategy", [0.5, 0.5]),
     }
 )
-PATROL = dataset(
-    {
-        "attack_time": ("attack_time", [2, 1]),
-        "capture": ("attack_time position", [[0.9, 1.0], [0.5, 1.0]]),
-        "exact": ("attack_time", [0.9, 0.5]),
-        "simulated": ("attack_time", [0.91, 0.5]),
-        "law": ("step", [0.2, 0.3, 0.4]),
-        "arrival": ("run", [1.0] * 100),
-        "probability": ("robot branch position", [[[0.5, 1.0], [0.5, 0.0]]]),
-        "mixture": ("share", [1.0]),
-    }
-)
 # Cell 0 stays; 1 goes there, to itself, or off the grid; one square is land.
 DRIFT = dataset(
     {
@@ -117,7 +105,6 @@ CHECKS = {
     "navigation": (PLAN, checks.navigation_checks),
     "team": (TEAM, lambda data: checks.team_checks(data, 2, 3)),
     "patrol graph": (WALK, patrol_graph_checks),
-    "patrol map": (PATROL, patrol_map_checks),
     "drift": (DRIFT, drift_checks),
 }
 
@@ -154,11 +141,6 @@ def test_what_is_right_passes(family):
         ("patrol graph", "hitting_time", [[0, 2.1], [0.9, 0]], {"hitting_time_residual"}),
         ("patrol graph", "commute_time", [[0, 3], [4, 0]], {"commute_is_there_and_back"}),
         ("patrol graph", "mixture", [0.5, 0.6], {"mixture_sums_to_1"}),
-        ("patrol map", "capture", [[0.4, 1.0], [0.5, 1.0]], {"capture_falls_with_time"}),
-        ("patrol map", "capture", [[0.9, 1.1], [0.5, 1.1]], {"capture_beyond_0_to_1"}),
-        ("patrol map", "exact", [0.9, 0.6], {"exact_is_of_law"}),
-        ("patrol map", "law", [0.2, 0.3, 0.6], {"law_beyond_1", "exact_is_of_law"}),
-        ("patrol map", "probability", [[[0.5, 1.0], [0.4, 0.0]]], {"rows_sum_to_1"}),
         ("drift", "transition", [1.0, 0.6, 0.5], {"rows_sum_to_more_than_1"}),
         ("drift", "transition", [0.9, 0.25, 0.5], {"ways_out_of_persistent_groups"}),
         ("drift", "to_cell", [1, 0, 1], {"ways_out_of_persistent_groups"}),

@@ -206,15 +206,10 @@ def test_patrols_of_a_map():
         failure="not asked for",
     )
 
+    right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, capture)
+
     def compare(**other):
-        values = {
-            "visible": visible,
-            "policies": policies,
-            "attack": attack,
-            "capture": capture,
-            **other,
-        }
-        return disagreeing(verify.compare_patrol(cells, reach, graph, **values))
+        return disagreeing(verify.compare_patrolled_map(dataclasses.replace(right, **other)))
 
     assert compare() == []
     assert compare(capture=0.999 * capture) == ["capture of some cells"]

@@ -1,13 +1,14 @@
 import dataclasses
 import itertools
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.quantities import Result, derived, quantity
 from ...certificate import Certificate
 from ...precision import require_x64
 from .distribution import Gld, standard_quantile
@@ -37,18 +38,34 @@ _FLATTEST = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class GldFit:
+class GldFit(Result):
     """The generalized lambda distribution that makes some samples most likely."""
 
     law: Gld
-    log_likelihood: float
+    log_likelihood: Annotated[float, quantity("", "log-likelihood of the samples")]
     "Of all samples: of their probabilities if censored, else of their densities."
-    distance: float
+    distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
     """Kolmogorov and Smirnov's: the largest difference of the distribution functions of the law and
     of the samples; if censored, over the whole numbers and a half."""
     censored: bool
     "Whether samples stand for intervals of length 1."
     certificate: Certificate
+
+    @derived("", "l1, the place of the law")
+    def l1(self) -> float:
+        return float(self.law.l1)
+
+    @derived("", "l2, the inverse of its scale")
+    def l2(self) -> float:
+        return float(self.law.l2)
+
+    @derived("", "l3, the shape of its lower tail")
+    def l3(self) -> float:
+        return float(self.law.l3)
+
+    @derived("", "l4, the shape of its upper tail")
+    def l4(self) -> float:
+        return float(self.law.l4)
 
 
 def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -> GldFit:

@@ -1,6 +1,7 @@
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...mapping import Chain
 from ...markov import Arrivals, first_arrival, simulate_arrival
 from ...optimize import Graph
@@ -22,31 +24,80 @@ _TARGETS = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Vulnerability:
+class Vulnerability(Result):
     """How likely robots catch an adversary that attacks one cell, found in three ways."""
 
-    target: int
-    "The cell that is attacked."
-    view: Bool[np.ndarray, "cells"]
-    "The cells from which it is seen: as in the source, those that are wholly visible from it."
-    boundary: Bool[np.ndarray, "cells"]
-    "Those of them in which a robot from outside arrives first."
+    title: ClassVar[str] = "Vulnerability of a cell"
+    tables: ClassVar[Mapping[str, str]] = {"attack_time": "probabilities"}
+
+    target: Annotated[int, quantity("", "cell that is attacked", kind="position")]
+    view: Annotated[
+        Bool[np.ndarray, "cells"],
+        quantity("position", "whether the target is seen from there", kind="flag"),
+    ]
+    "As in the source, these are the cells that are wholly visible from the target."
+    boundary: Annotated[
+        Bool[np.ndarray, "cells"],
+        quantity("position", "whether a robot from outside first sees it there", kind="flag"),
+    ]
     attack_times: Int[np.ndarray, "times"]
     "The steps that an attack takes."
-    exact: Float[np.ndarray, "times"]
-    "The probability that a robot is there within that time."
-    simulated: Float[np.ndarray, "times"]
-    "The share of the simulated runs in which one was."
-    fitted: Float[np.ndarray, "times"]
+    exact: Annotated[
+        Float[np.ndarray, "times"],
+        quantity("attack_time", "probability of capture, exactly", "1", kind="share"),
+    ]
+    "The probability that a robot is in view of the target within that time."
+    simulated: Annotated[
+        Float[np.ndarray, "times"],
+        quantity("attack_time", "share of simulated runs", "1", kind="share"),
+    ]
+    fitted: Annotated[
+        Float[np.ndarray, "times"], quantity("attack_time", "by the law that is fitted", "1")
+    ]
     "What the generalized lambda distribution that fits these runs says; NaN without one."
-    law: Float[np.ndarray, "steps"]
-    "The probability that the first robot is there after `0, 1, ...` steps, to the longest attack."
+    law: Annotated[
+        Float[np.ndarray, "steps"],
+        quantity("step", "probability that the first robot is in view then", "1", kind="share"),
+    ]
+    "After `0, 1, ...` steps, to the longest attack."
     arrivals: Arrivals
     "The simulated runs."
     fit: GldFit | None
     "The fit to them."
-    failure: str | None
-    "Why there is none."
+    failure: Annotated[str | None, quantity("", "why no law is fitted")]
+
+    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
+    def attack_time(self) -> Int[np.ndarray, "times"]:
+        return self.attack_times
+
+    @derived("attack_time", "fitted less exact", "1")
+    def fit_gap(self) -> Float[np.ndarray, "times"]:
+        return self.fitted - self.exact
+
+    @derived("run", "time until a robot is in view; infinite if given up", "steps", kind="time")
+    def arrival(self) -> Float[np.ndarray, "runs"]:
+        return np.asarray(self.arrivals.time)
+
+    @derived("", "cells from which it is seen", kind="count")
+    def cells_in_view(self) -> int:
+        return int(self.view.sum())
+
+    @derived("", "cells where a robot from outside first sees it", kind="count")
+    def cells_of_boundary(self) -> int:
+        return int(self.boundary.sum())
+
+    def checks(self) -> Checks:
+        runs = self.arrival.size
+        spread = np.sqrt(np.maximum(self.exact * (1 - self.exact), 1 / runs) / runs)
+        off = np.abs(np.cumsum(self.law)[self.attack_times] - self.exact)
+        return {
+            "exact_is_of_law": (float(off.max()), PROBABILITY),
+            "law_beyond_1": (float(max(self.law.sum() - 1, 0.0)), PROBABILITY),
+            "simulated_standard_deviations": (
+                float((np.abs(self.simulated - self.exact) / spread).max()),
+                np.inf,
+            ),
+        }
 
 
 def vulnerability(

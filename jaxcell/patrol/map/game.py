@@ -1,9 +1,11 @@
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.quantities import Result, derived, quantity
 from ...optimize import Commitment, Graph, stackelberg
 from .attack import capture_probabilities
 from .policies import Policy
@@ -11,34 +13,55 @@ from .regions import Regions
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ShareGame:
+class ShareGame(Result):
     """Robots that mix policies of several shares against an adversary that attacks a cell."""
+
+    title: ClassVar[str] = "Mixture of shares against an adversary"
+    tables: ClassVar[Mapping[str, str]] = {"share": "strategies"}
 
     shares: Float[np.ndarray, "shares"]
     "How much each strategy emphasises the covers."
-    attack_time: int
-    "The steps that an attack takes."
+    attack_time: Annotated[int, quantity("", "steps of the attack", "steps", kind="count")]
     targets: Int[np.ndarray, "targets"]
     "The cells that the adversary chooses from."
-    capture: Float[np.ndarray, "shares cells"]
-    "The probability that the robots catch an adversary that attacks a cell."
+    capture: Annotated[
+        Float[np.ndarray, "shares cells"],
+        quantity("share position", "probability of capture by the share", "1", kind="share"),
+    ]
     commitment: Commitment
     "The best mixture of the shares; its answer is a place in `targets`."
 
-    @property
-    def mixed(self) -> Float[np.ndarray, "cells"]:
-        """The probability of capture by the mixture."""
-        return np.asarray(self.commitment.weights) @ self.capture
+    @derived("share", "share of steps on the tours", "1", kind="coordinate")
+    def share(self) -> Float[np.ndarray, "shares"]:
+        return self.shares
 
-    @property
-    def least(self) -> Float[np.ndarray, "shares"]:
-        """The probability of capture by each share alone, at the cell that is worst for it."""
+    @derived("share", "how often it is drawn", "1", kind="distribution")
+    def probability(self) -> Float[np.ndarray, "shares"]:
+        return np.asarray(self.commitment.weights)
+
+    @derived("share", "capture by it alone, at its weakest cell", "1", kind="share")
+    def capture_alone(self) -> Float[np.ndarray, "shares"]:
         return self.capture[:, self.targets].min(axis=1)
 
-    @property
+    @derived("position", "probability of capture by the mixture", "1", kind="share")
+    def mixed(self) -> Float[np.ndarray, "cells"]:
+        return self.probability @ self.capture
+
+    @derived("", "probability of capture where the adversary attacks", "1", kind="share")
+    def value(self) -> float:
+        return self.commitment.value
+
+    @derived("", "more than by the best share alone", "1")
+    def improvement(self) -> float:
+        return self.value - float(self.capture_alone.max())
+
+    @derived("", "cell that the adversary attacks", kind="position")
     def attacked(self) -> int:
-        """The cell that the adversary attacks."""
         return int(self.targets[int(self.commitment.answer[0])])
+
+    @derived("", "residual of the linear programs", kind="residual")
+    def residual(self) -> float:
+        return self.commitment.certificate.residual
 
 
 def share_game(
@@ -81,7 +104,7 @@ def share_game(
         >>> def policies(share):
         ...     return patrol.distributed_policies(graph, visible, 1, share)
         >>> game = patrol.share_game(graph, visible, policies, [0.0, 0.9], 6)
-        >>> game.least.round(3).tolist(), game.commitment.weights.round(3).tolist(), game.attacked
+        >>> game.capture_alone.round(3).tolist(), game.probability.round(3).tolist(), game.attacked
         ([0.61, 0.793], [0.0, 1.0], 4)
     """
     if not shares:

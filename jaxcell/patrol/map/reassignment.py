@@ -1,10 +1,12 @@
 import dataclasses
+from typing import Annotated, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
+from ...base.quantities import Result, derived, quantity
 from ...markov.passage import survivals
 from ...optimize import Graph
 from .policies import Policy, centralized_policies
@@ -17,16 +19,32 @@ _MOST_STEPS = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Reassignment:
+class Reassignment(Result):
     """Who patrols where when a robot has stopped reporting."""
 
-    after: int
-    "The steps without a report after which the base station may conclude that it has."
+    title: ClassVar[str] = "Regions without a robot"
+
+    after: Annotated[int, quantity("", "steps of silence that mean a loss", "steps", kind="count")]
+    "The steps without a report after which the base station may conclude that a robot is lost."
     regions: Regions
-    robot: Int[np.ndarray, "regions"]
-    "The robot that takes each region, by its number before."
+    robot: Annotated[
+        Int[np.ndarray, "regions"],
+        quantity("region", "robot that takes the region", kind="index", listed=True),
+    ]
     policies: tuple[Policy, ...]
     "The policy in each region."
+
+    @derived("region", "cells of each region", kind="count", listed=True)
+    def sizes(self) -> Int[np.ndarray, "regions"]:
+        return np.array([policy.cells.size for policy in self.policies])
+
+    @derived("region", "mean commute time between cells", "steps", kind="time", listed=True)
+    def commute_times(self) -> Float[np.ndarray, "regions"]:
+        return np.array([policy.commute_time for policy in self.policies])
+
+    @derived("region edge", "share of steps on the edge", "1", kind="share")
+    def weight(self) -> Float[np.ndarray, "regions edges"]:
+        return np.stack([policy.weights for policy in self.policies])
 
 
 def silence_limit(policy: Policy, alpha: float = 0.01) -> int:

@@ -1,26 +1,40 @@
 import dataclasses
+from typing import Annotated, ClassVar
 
 import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Int
 
+from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Regions:
+class Regions(Result):
     """Who patrols where, around a base station."""
 
-    base: int
-    "The cell of the base station."
-    view: Bool[np.ndarray, "cells"]
-    "The cells that the base station sees."
-    region: Int[np.ndarray, "cells"]
-    "The region of each cell, -1 where nobody patrols."
-    count: int
-    "Number of regions."
+    title: ClassVar[str] = "Regions around a base station"
+
+    base: Annotated[int, quantity("", "base station", kind="position")]
+    view: Annotated[
+        Bool[np.ndarray, "cells"],
+        quantity("position", "whether the base station sees the cell", kind="flag"),
+    ]
+    region: Annotated[
+        Int[np.ndarray, "cells"],
+        quantity("position", "region of the cell, -1 where nobody patrols", kind="index"),
+    ]
+    count: Annotated[int, quantity("", "regions", kind="count")]
     sectors: str
     'How the cells were divided, `"equal"` or `"balanced"`.'
+
+    @derived("", "cells that the base station sees", kind="count")
+    def cells_in_view(self) -> int:
+        return int(self.view.sum())
+
+    @derived("", "cells that nobody patrols", kind="count")
+    def patrolled_by_nobody(self) -> int:
+        return int((self.region < 0).sum())
 
     def cells(self, region: int) -> Int[np.ndarray, "vertices"]:
         """The cells of one region, in order."""

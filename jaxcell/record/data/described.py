@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import Checks, Quantity, Result, parts, values
+from ...base.quantities import Checks, Quantity, Result, columns, flat, parts, values
+from ...space import CellSpace
 from ..checks import PROBABILITY, with_checks
 from ..provenance import cell_coordinates, provenance
 
@@ -33,7 +34,7 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
     found = xr.Dataset(attrs=provenance(result.title, cells, spec))
     if cells is not None:
         found = found.assign_coords(cell_coordinates(cells))
-    for name, (described, value) in _flat(result, "").items():
+    for name, (described, value) in flat(result).items():
         array = np.asarray(value)
         attributes = {"long_name": described.meaning, **described.attributes}
         if described.units is not None:
@@ -44,40 +45,64 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
         else:
             variable.attrs["kind"] = described.kind
             found[name] = variable
-    return with_checks(found, {**_checks_of_kinds(found), **result.checks()})
+    return with_checks(found, {**_checks_of_kinds(found), **_checks(result, "")})
 
 
-def summary(result: Result) -> dict[str, Any]:
+def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
     """The numbers of a result that a person or a script wants, as JSON has them.
 
     Single numbers and texts, listed arrays, and a list of rows for each of `result.tables`; a part
     has an object of its own. What is not finite is `None`.
+
+    **Arguments:**
+
+    - `result`: what a study gave.
+    - `cells`: those on which its positions are; by default its own.
     """
-    found: dict[str, Any] = {}
-    rows: dict[str, list[dict[str, Any]]] = {}
-    for name, (described, value) in values(result).items():
-        plain = _plain(value)
-        if not described.dims or described.listed:
-            found[name] = plain
-        elif len(described.dims) == 1 and described.dims[0] in set(result.tables) - {name}:
-            table = rows.setdefault(result.tables[described.dims[0]], [{} for _ in plain])
-            for row, cell in zip(table, plain, strict=True):
-                row[name] = cell
-    return {**found, **rows, **{name: summary(part) for name, part in parts(result).items()}}
+    cells = getattr(result, "cells", None) if cells is None else cells
+    found = {
+        name: _plain(value, about, cells)
+        for name, (about, value) in values(result).items()
+        if not about.dims or (about.listed and len(about.dims) == 1)
+    }
+    for dim, table in result.tables.items():
+        rows = {
+            name: _plain(value, about, cells)
+            for name, (about, value) in columns(result, dim).items()
+        }
+        if rows:
+            found[table] = [
+                dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)
+            ]
+    return found | {name: summary(part, cells) for name, part in parts(result).items()}
 
 
-def _flat(result: Result, prefix: str) -> dict[str, tuple[Quantity, Any]]:
-    found = {prefix + name: one for name, one in values(result).items()}
+def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
+    """A position with its place in metres; none for -1."""
+    if position < 0:
+        return None
+    x, y, _ = cells.centre(position)
+    return {"cell": position, "x": float(x), "y": float(y)}
+
+
+def _checks(result: Result, prefix: str) -> Checks:
+    """The relations that a result and its parts name."""
+    found = {prefix + name: one for name, one in result.checks().items()}
     for name, part in parts(result).items():
-        found |= _flat(part, f"{prefix}{name}_")
+        found |= _checks(part, f"{prefix}{name}_")
     return found
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
     """Numbers and texts as JSON has them."""
-    if isinstance(value, str | bool | int | None):
+    if isinstance(value, str | bool | None):
         return value
     array = np.asarray(value)
+    if about.kind == "position" and cells is not None:
+        places = [place(cells, one) for one in array.ravel().tolist()]
+        return places if array.ndim else places[0]
+    if about.kind == "index" and array.ndim == 2:
+        return [[one for one in row if one >= 0] for row in array.tolist()]
     if array.dtype.kind == "f":
         return _finite(array.tolist())
     return array.tolist()
@@ -102,7 +127,7 @@ def _checks_of_kinds(found: xr.Dataset) -> Checks:
             checks[f"{name}_sums_to_1"] = (_most(np.abs(sums - 1)), PROBABILITY)
         if kind in ("count", "time") and array.size:
             checks[f"{name}_below_0"] = (_most(-array.astype(float)), 0)
-        if kind == "index" and array.size:
+        if kind in ("index", "position") and array.size:
             checks[f"{name}_below_minus_1"] = (_most(-1 - array.astype(float)), 0)
     return checks
 

@@ -49,8 +49,8 @@ def test_the_mixture_is_a_maximin_strategy():
     # What an adversary may choose from all cells is no better than what it chooses.
     assert game.mixed.min() == pytest.approx(game.commitment.value, abs=1e-7)
     assert game.mixed[game.attacked] == pytest.approx(game.commitment.value, abs=1e-7)
-    np.testing.assert_allclose(game.least, game.capture.min(axis=1))
-    assert game.commitment.value >= game.least.max() - 1e-7
+    np.testing.assert_allclose(game.capture_alone, game.capture.min(axis=1))
+    assert game.commitment.value >= game.capture_alone.max() - 1e-7
     assert float(game.commitment.follower_value[0]) == pytest.approx(1 - game.commitment.value)
 
 
