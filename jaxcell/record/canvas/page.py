@@ -1,5 +1,6 @@
 """A tab of a recording: its views, a legend of their colours, and a text."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +18,7 @@ def log_tab(
     stream: rr.RecordingStream,
     path: str,
     name: str,
-    views: rrb.Container | rrb.View,
+    views: rrb.Container | rrb.View | Sequence[rrb.View],
     text: str,
     legend: Sequence[tuple[str, Color]],
     *,
@@ -31,7 +32,7 @@ def log_tab(
 
     - `path`: what the text and the legend are under; empty for the recording as a whole.
     - `name`: what the tab is called.
-    - `views`: what is on its left.
+    - `views`: what is on its left; several make a grid, and the legend fills a hole in it.
     - `text`: what one sees, in Markdown.
     - `legend`: what the colours mean; none for no legend.
     - `timeline`: one that the recording has.
@@ -41,9 +42,16 @@ def log_tab(
     below = f"{path}/" if path else ""
     log_text(stream, f"{below}text", text)
     about: rrb.Container | rrb.View = text_view(f"{below}text")
+    key = legend_view(f"{below}legend", len(legend))
     if legend:
         log_legend(stream, f"{below}legend", legend, timeline)
-        key = legend_view(f"{below}legend", len(legend))
+    if isinstance(views, Sequence):
+        columns = math.ceil(math.sqrt(len(views)))
+        if legend and len(views) % columns:
+            grid = rrb.Grid(*views, key, grid_columns=columns)
+            return rrb.Horizontal(grid, about, column_shares=list(shares), name=name)
+        views = rrb.Grid(*views, grid_columns=columns)
+    if legend:
         about = rrb.Vertical(about, key, row_shares=list(rows))
     return rrb.Horizontal(views, about, column_shares=list(shares), name=name)
 

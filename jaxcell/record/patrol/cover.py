@@ -1,7 +1,5 @@
 """The cells from which each robot sees all that it walks on, one by one."""
 
-import math
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -50,8 +48,7 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     legend.append(("a cell of the cover, and all that is seen from the last", robot_color(0)[1]))
     legend += base_legend(patrol)
     log_legend(map.stream, "cover/legend", legend, "cover")
-    grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
-    return log_tab(map.stream, "cover", "Cover", grid, _text(patrol), legend, rows=(5, 4))
+    return log_tab(map.stream, "cover", "Cover", views, _text(patrol), legend, rows=(5, 4))
 
 
 def _classes(robot: int) -> list[PictureClass]:

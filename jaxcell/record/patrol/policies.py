@@ -1,7 +1,5 @@
 """How often each robot takes each edge."""
 
-import math
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -46,8 +44,7 @@ def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
         for level, (red, green, blue) in zip(levels.tolist(), ramp(levels).tolist(), strict=True)
     ]
     legend += [("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
-    grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
-    return log_tab(map.stream, "policies", "Policies", grid, _text(patrol), legend, rows=(5, 4))
+    return log_tab(map.stream, "policies", "Policies", views, _text(patrol), legend, rows=(5, 4))
 
 
 def _text(patrol: PatrolledMap) -> str:

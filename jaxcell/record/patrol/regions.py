@@ -78,9 +78,7 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
         log_contacts(map, f"map/{name}_contacts", policies)
         views.append(map.view(title, [picture, f"{name}_contacts", "base/station", "base/label"]))
     text = _text(patrol, regions)
-    return log_tab(
-        map.stream, "regions", "Base and regions", rrb.Horizontal(*views), text, legend, rows=(5, 4)
-    )
+    return log_tab(map.stream, "regions", "Base and regions", views, text, legend, rows=(5, 4))
 
 
 def _lost(patrol: PatrolledMap) -> int:
