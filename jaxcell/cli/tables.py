@@ -12,6 +12,8 @@ from .terminal import table
 
 _MAX_ROWS = 30
 _MAX_TEXT = 60
+# Columns of a table whose meanings are in its head; beyond, their names are.
+_MAX_LONG = 8
 
 
 def show(
@@ -36,17 +38,19 @@ def show(
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
-    for dim, name in result.tables.items():
+    for dim, heading in result.tables.items():
+        found = columns(result, dim)
         shown = {
-            about.meaning: [
+            # There is no space for many that are long.
+            name.replace("_", " ") if len(found) > _MAX_LONG else about.meaning: [
                 written(one, about, cells) for one in np.asarray(value)[:_MAX_ROWS].tolist()
             ]
-            for about, value in columns(result, dim).values()
+            for name, (about, value) in found.items()
             if not about.listed
         }
         if shown:
             rows = list(zip(*shown.values(), strict=True))
-            table(name.replace("_", " ").capitalize(), tuple(shown), rows)
+            table(heading.replace("_", " ").capitalize(), tuple(shown), rows)
     for name, part in parts(result).items():
         show(part, name.replace("_", " ").capitalize(), cells=cells)
 

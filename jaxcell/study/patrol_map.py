@@ -138,6 +138,9 @@ class PatrolMap(CellStudy):
         spec = super().spec(result)
         if self.base is not None and self.base_range is None:
             spec["base_range_m"] = self.range
+        if self.target is None:
+            x, y = result.xy[result.attack.target]  # type: ignore[attr-defined]
+            spec["target"] = f"{x:g},{y:g}"
         return spec
 
     def write(self, result: Any, out: Path) -> None:

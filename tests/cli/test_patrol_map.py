@@ -110,7 +110,7 @@ def test_a_base_and_a_robot_that_is_lost(capsys, hall):
     before, meanwhile, _ = found["when_a_robot_is_lost"]
     assert meanwhile["phase_mean"] < before["phase_mean"]
     assert before["phase_weakest"] == found["attacks"][0]["weakest_capture"]
-    assert after["after"] > 1
+    assert after["silence_limit"] > 1
     x, y = base["base"]["x"], base["base"]["y"]
     there = run(capsys, *NEAR, *args[:2], "--base", f"{x},{y}", "--base-range", 2, map=hall)[1]
     assert there["regions"] == base

@@ -162,7 +162,7 @@ def test_the_dataset_holds_the_regions(based, tmp_path):
         np.testing.assert_array_equal(found.reassignment_regions_region, after.regions.region)
         assert found.reassignment_robot.values.tolist() == after.robot.tolist() == [0, 2]
         np.testing.assert_array_equal(found.reassignment_weight[0], after.policies[0].weights)
-        assert int(found.reassignment_after) == after.after
+        assert int(found.reassignment_silence_limit) == after.after
 
 
 def changed(patrol, **changes):

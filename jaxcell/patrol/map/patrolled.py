@@ -141,7 +141,7 @@ class PatrolledMap(Result):
     def robot(self) -> Int[np.ndarray, "robots"]:
         return np.arange(self.robots)
 
-    @derived("robot", "cells", kind="count")
+    @derived("robot", "cells that it patrols", kind="count")
     def cells_patrolled(self) -> Int[np.ndarray, "robots"]:
         return np.array([policy.cells.size for policy in self.policies])
 
@@ -149,36 +149,36 @@ class PatrolledMap(Result):
     def cover(self) -> Int[np.ndarray, "robots stops"]:
         return _padded([policy.cover for policy in self.policies])
 
-    @derived("robot", "cover", kind="count")
+    @derived("robot", "cells of its cover", kind="count")
     def cover_size(self) -> Int[np.ndarray, "robots"]:
         return np.array([policy.cover.size for policy in self.policies])
 
-    @derived("robot", "smallest")
+    @derived("robot", "cells of the smallest cover")
     def minimum_cover(self) -> Float[np.ndarray, "robots"] | None:
         return self.smallest_covers
 
-    @derived("robot", "ratio")
+    @derived("robot", "cells of its cover to those of the smallest")
     def cover_ratio(self) -> Float[np.ndarray, "robots"] | None:
         return None if self.smallest_covers is None else self.cover_size / self.smallest_covers
 
-    @derived("robot", "unseen", kind="count")
+    @derived("robot", "cells that it cannot see", kind="count")
     def uncovered(self) -> Int[np.ndarray, "robots"]:
         return np.array([policy.uncovered.size for policy in self.policies])
 
-    @derived("robot", "tour", kind="count")
+    @derived("robot", "steps of its tour, 0 for none", kind="count")
     def tour_steps(self) -> Int[np.ndarray, "robots"]:
         tours = (policy.tour for policy in self.policies)
         return np.array([0 if tour is None else tour.size for tour in tours])
 
-    @derived("robot", "commute", "steps", kind="time")
+    @derived("robot", "mean time there and back over pairs of cells", "steps", kind="time")
     def commute_time(self) -> Float[np.ndarray, "robots"]:
         return np.array([policy.commute_time for policy in self.policies])
 
-    @derived("robot", "gap", kind="residual")
+    @derived("robot", "duality gap of its weights, relative", kind="residual")
     def duality_gap(self) -> Float[np.ndarray, "robots"]:
         return np.array([policy.certificate.residual for policy in self.policies])
 
-    @derived("robot", "reports at", kind="position")
+    @derived("robot", "cell where it reports", kind="position")
     def contact(self) -> Int[np.ndarray, "robots"] | None:
         contacts = [policy.contact for policy in self.policies]
         return None if None in contacts else np.array(contacts)
@@ -211,7 +211,7 @@ class PatrolledMap(Result):
     def mean_capture(self) -> Float[np.ndarray, "times"]:
         return self.capture[:, self.contested].mean(axis=1)
 
-    @derived("phase", "caught in a short attack by", kind="coordinate")
+    @derived("phase", "caught in the first attack time by", kind="coordinate")
     def phase(self) -> np.ndarray | None:
         """The phases of the loss of a robot."""
         named = ("all robots", "the others in their old regions", "the others in new regions")

@@ -24,7 +24,7 @@ class Reassignment(Result):
 
     title: ClassVar[str] = "Regions without a robot"
 
-    after: Annotated[int, quantity("", "steps of silence that mean a loss", "steps", kind="count")]
+    after: int
     "The steps without a report after which the base station may conclude that a robot is lost."
     regions: Regions
     robot: Annotated[
@@ -33,6 +33,10 @@ class Reassignment(Result):
     ]
     policies: tuple[Policy, ...]
     "The policy in each region."
+
+    @derived("", "steps of silence that mean a loss", "steps", kind="count")
+    def silence_limit(self) -> int:
+        return self.after
 
     @derived("region", "cells of each region", kind="count", listed=True)
     def sizes(self) -> Int[np.ndarray, "regions"]:
