@@ -20,9 +20,9 @@ writes these as NetCDF-4. What they guarantee:
 | filters | `filter_dataset` | |
 | runs of filters | `localization_dataset` | `log_localization` |
 | plans | `navigation_dataset` | `log_navigation` |
-| coverage by a mixture | `coverage_dataset` | `log_coverage` |
 | teams | `team_dataset` | `log_team` |
 | patrols on a graph | `patrol_graph_dataset` | `log_patrol_graph` |
+| patrols on a map, coverage, and any other result of a study | `dataset` | `save_recording` |
 | drifters, `SeaDrift` | `drift_dataset` | `log_drift` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |

@@ -393,7 +393,7 @@ def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
     assert "/target/times/fitted" not in found.entities
     assert "/map/grid/mixed" not in found.entities
     assert "No generalized lambda" in found.static("/target/text", "TextDocument:text")[0]
-    assert not [name for name in dataset(patrol) if name.startswith("attack_fit")]
+    assert "attack_fit_l1" not in dataset(patrol)
     curve = found.over("step", "/attacks/caught", "Scalars:scalars")
     assert set(map(tuple, curve.values())) == {(0,)}
 
