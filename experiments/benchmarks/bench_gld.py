@@ -17,8 +17,8 @@ import scipy.stats
 from rows import Row, options, write_rows
 from timing import Timing, begin, line, take_turns, timed
 
-from jaxcell.patrol.lambda_distribution import Gld
-from jaxcell.patrol.lambda_fit import fit_gld
+from jaxcell.patrol.law.distribution import Gld
+from jaxcell.patrol.law.fit import fit_gld
 
 
 try:

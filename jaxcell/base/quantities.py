@@ -39,6 +39,7 @@ Kind: TypeAlias = Literal[
     "flag",
     "index",
     "number",
+    "place",
     "position",
     "residual",
     "share",
@@ -51,6 +52,7 @@ Kind: TypeAlias = Literal[
     the attribute `over` names (by default the last one).
 - `count`: whole numbers from 0. `index`: whole numbers from -1, which stands for none.
 - `cell`, `position`: an `index` of a cell or a position of the result's `cells`.
+- `place`: a position that a summary gives with its place in metres.
 - `time`: not negative, or infinite. `flag`: true or false.
 - `residual`: what a solve leaves. `coordinate`: labels of a dimension. `text`: words, or an
     enumeration. `number`: any other.
@@ -68,8 +70,8 @@ class Quantity:
     units: str | None
     kind: Kind
     listed: bool
-    """Whether an array of one dimension is listed in the summary under its own name; one of more
-    dimensions is listed in the rows of the table of its first."""
+    """Whether an array of one dimension is listed in the summary under its own name; one of two in
+    the rows of the table of its first, without the -1 that pad an index."""
     attributes: Mapping[str, Any]
     "More attributes of its variable in datasets."
 
@@ -116,9 +118,10 @@ class Result:
     """What a study gives: a base for dataclasses with described quantities.
 
     A field that is a result itself is a part of it: its summary stands below the name of the field,
-    and its variables begin with that name. A field that is a tuple of results, `layers` say, is a
-    list in the summary, and the single numbers of its parts are variables `layer_...` along a
-    dimension `layer`. A field `cells` gives datasets their coordinates.
+    and its variables begin with that name, those that label dimensions apart. A field that is a
+    tuple of results, `layers` say, is a list in the summary, and the single numbers of its parts
+    are variables `layer_...` along a dimension `layer`. A field `cells` gives datasets their
+    coordinates.
     """
 
     title: ClassVar[str] = ""
@@ -229,12 +232,13 @@ def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
     """The columns of the tables of a result, by the dimension of the table.
 
     Labels of the dimension itself are a column if they are texts; numbers often stand there in
-    another unit too.
+    another unit too, as angles in radians do.
     """
     found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():
         dim = about.dims[0] if about.dims else ""
         label = name == dim and not all(isinstance(one, str) for one in value)
+        label = label or (about.kind == "coordinate" and about.units == "rad")
         if dim in found and (len(about.dims) == 1) != about.listed and not label:
             found[dim][name] = (about, value)
     return found

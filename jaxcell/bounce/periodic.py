@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
+from ..mapping import GroupTotals
 from ..space import CellSpace
 from .dynamics import Collision, bounce_map, bounce_shift, moves
 from .filter_size import heading_filter_sizes
-from .grid_groups import GridGroups, wall_groups
+from .grid_groups import wall_groups
 from .groups import bounce_groups, group_summary
 from .walls import cell_walls, walls
 
@@ -197,10 +198,10 @@ class BounceGroups(Result):
 
 
 def _of_each(
-    groups: GridGroups | BounceGroups, which: Int[np.ndarray, "angles"] | slice
+    groups: GroupTotals | BounceGroups, which: Int[np.ndarray, "angles"] | slice
 ) -> list[Int[np.ndarray, "angles"]]:
     """The six numbers of the groups of the angles of one grid."""
-    names = [field.name for field in dataclasses.fields(GridGroups)]
+    names = [field.name for field in dataclasses.fields(GroupTotals)]
     numbers = (np.atleast_2d(getattr(groups, name))[0] for name in names)
     return [number[which] for number in numbers]
 

@@ -13,13 +13,12 @@ from .demo import Demo
 from .export import Export
 from .info import Info
 from .options import check_out
-from .patrol_map import PatrolMap
 from .robot import RobotRun
 from .robot_check import RobotCheck
 from .robot_replay import RobotReplay
 from .robot_sketch import RobotSketch
 from .run import Run
-from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Team
+from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, PatrolMap, Team
 from .sweep import Sweep, SweepState
 from .sweep_verify import SweepVerify
 from .sweep_view import SweepView

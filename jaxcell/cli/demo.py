@@ -4,8 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from ..bundled import bundled
-from .patrol_map import PatrolMap
-from .studies import Cover, Drift, Localize, Navigate, Team
+from .studies import Cover, Drift, Localize, Navigate, PatrolMap, Team
 from .terminal import note, note_results
 
 
@@ -72,7 +71,7 @@ def tour(out: Path) -> list[tuple[str, Any]]:
         ),
         (
             "Two robots that see 6 m patrol a depot against an adversary (chapter 4)",
-            PatrolMap(map=bundled("maps/depot.json"), robots=2, reach=6.0, out=out / "patrol"),
+            PatrolMap(map=bundled("maps/depot.json"), robots=2, range=6.0, out=out / "patrol"),
         ),
         (
             "Where a current carries drifters, and how to steer one by its depth (chapter 5)",

@@ -86,7 +86,7 @@ def _netcdf(path: Path) -> dict[str, Any]:
     import netCDF4
     from scipy.io import netcdf_file
 
-    from ..drift.netcdf import netcdf_engine
+    from ..drift.currents.netcdf import netcdf_engine
 
     try:
         if netcdf_engine(path) == "scipy":

@@ -15,9 +15,13 @@ if TYPE_CHECKING:
 
 _MAX_ROWS = 30
 _MAX_TEXT = 60
+# Columns of a table whose meanings are in its head; beyond, their names are.
+_MAX_LONG = 8
 
 
-def show(result: Result, heading: str, seconds: float | None = None) -> None:
+def show(
+    result: Result, heading: str, seconds: float | None = None, cells: "CellSpace | None" = None
+) -> None:
     """Print the numbers of a result: a table for each of its tables, and one for single numbers.
 
     **Arguments:**
@@ -25,8 +29,10 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
     - `result`: what a study gave.
     - `heading`: the line above.
     - `seconds`: how long it took.
+    - `cells`: those on which its positions are; by default its own.
     """
-    described, cells = summarized(result), getattr(result, "cells", None)
+    described = summarized(result)
+    cells = getattr(result, "cells", None) if cells is None else cells
     # Those along the dimension of a table are columns of it.
     single = [
         (about.meaning, written(value, about, cells))
@@ -37,25 +43,29 @@ def show(result: Result, heading: str, seconds: float | None = None) -> None:
         single.append(("seconds", f"{seconds:g}"))
     if single:
         table(heading, ("quantity", "value"), single)
-    _tables(result, "")
+    _tables(result, "", cells)
     for name, part in parts(result).items():
         title = name.replace("_", " ").capitalize()
         if isinstance(part, tuple):
             _side_by_side(part, title)
         else:
-            show(part, title)
+            show(part, title, cells=cells)
 
 
-def _tables(result: Result, of: str) -> None:
+def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
     """Print the tables of a result."""
-    described, cells = summarized(result), cells_of(result)
+    described = summarized(result)
     for dim, found in columns(result).items():
         listed = {
             key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
         }
+        several = found | listed
         shown = {
-            about.meaning: [written(one, about, cells) for one in np.asarray(value).tolist()]
-            for about, value in (found | listed).values()
+            # There is no space for many that are long.
+            name.replace("_", " ") if len(several) > _MAX_LONG else about.meaning: [
+                written(one, about, cells) for one in np.asarray(value).tolist()
+            ]
+            for name, (about, value) in several.items()
         }
         if shown and dim not in described:
             count = len(next(iter(shown.values())))
@@ -79,7 +89,7 @@ def _side_by_side(several: tuple[Result, ...], title: str) -> None:
     numbers = map(str, range(len(several)))
     table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
     for number, part in enumerate(several):
-        _tables(part, f"{title.removesuffix('s')} {number}: ")
+        _tables(part, f"{title.removesuffix('s')} {number}: ", None)
 
 
 def written(value: Any, about: Quantity, cells: "CellSpace | None" = None) -> str:
@@ -94,13 +104,16 @@ def written(value: Any, about: Quantity, cells: "CellSpace | None" = None) -> st
         return "yes" if value else "no"
     if isinstance(value, str):
         return value
-    if about.kind in ("cell", "position") and cells is not None:
-        return configuration(cells, int(value), heading=about.kind == "cell")
     number = float(value)
+    located = about.kind in ("cell", "place", "position")
+    if math.isnan(number) or (located and number < 0):
+        return "none"
+    if located and cells is not None:
+        return configuration(cells, int(number), heading=about.kind == "cell")
     if not math.isfinite(number):
         return "never" if about.kind == "time" else f"{number}"
     if about.kind in ("share", "distribution"):
-        return f"{100 * number:.4g} %"
+        return f"{round(100 * number, 9):.4g} %"
     if about.kind == "residual":
         return f"{number:.1e}"
     text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"

@@ -60,16 +60,37 @@ Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=
 """
 
 from ..optimize import Graph as Graph
-from .attack import (
+from .law.distribution import Gld as Gld
+from .law.fit import GldFit as GldFit, fit_gld as fit_gld
+from .map.attack import (
     Vulnerability as Vulnerability,
     boundary as boundary,
     capture_probabilities as capture_probabilities,
     outside as outside,
     vulnerability as vulnerability,
 )
-from .cell_graph import cell_graph as cell_graph
-from .lambda_distribution import Gld as Gld
-from .lambda_fit import GldFit as GldFit, fit_gld as fit_gld
+from .map.game import (
+    ShareGame as ShareGame,
+    contested as contested,
+    share_game as share_game,
+)
+from .map.graph import cell_graph as cell_graph
+from .map.patrolled import PatrolledMap as PatrolledMap
+from .map.policies import (
+    Policy as Policy,
+    centralized_policies as centralized_policies,
+    distributed_policies as distributed_policies,
+)
+from .map.reassignment import (
+    Reassignment as Reassignment,
+    reassign as reassign,
+    silence_limit as silence_limit,
+)
+from .map.regions import (
+    Regions as Regions,
+    angular_regions as angular_regions,
+    base_station as base_station,
+)
 from .perimeter import (
     Maximin as Maximin,
     Movement as Movement,
@@ -79,26 +100,6 @@ from .perimeter import (
     maximin as maximin,
     mean_hitting_times as mean_hitting_times,
     simulate as simulate,
-)
-from .policy import (
-    Policy as Policy,
-    centralized_policies as centralized_policies,
-    distributed_policies as distributed_policies,
-)
-from .reassign import (
-    Reassignment as Reassignment,
-    reassign as reassign,
-    silence_limit as silence_limit,
-)
-from .region import (
-    Regions as Regions,
-    angular_regions as angular_regions,
-    base_station as base_station,
-)
-from .share_game import (
-    ShareGame as ShareGame,
-    contested as contested,
-    share_game as share_game,
 )
 from .walks.capture import (
     MaximinCapture as MaximinCapture,

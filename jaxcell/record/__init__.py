@@ -18,10 +18,7 @@ writes these as NetCDF-4. What they guarantee:
 | --- | --- | --- |
 | periodic groups, `BounceGroups` | `dataset` | `save_recording` |
 | filters, `LocalizationFilter` | `dataset` | |
-| runs of filters, `Localized` | `dataset` | `save_recording` |
-| coverage by a mixture | `coverage_dataset` | `log_coverage` |
-| patrols on a map, `MapPatrol` | `patrol_map_dataset` | `log_patrol_map` |
-| drifters, `jaxcell.drift.SeaDrift` | `dataset` | `save_recording` |
+| any other result of a study | `dataset` | `save_recording` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
 
@@ -48,24 +45,22 @@ from .drift.files import (
     save_deployment_csv as save_deployment_csv,
     save_deployment_geojson as save_deployment_geojson,
 )
-from .map_patrol import MapPatrol as MapPatrol
-from .patrol_map_dataset import patrol_map_dataset as patrol_map_dataset
 from .recordings import save_recording as save_recording
-    from .patrol_map import log_patrol_map as log_patrol_map
+
+
+if TYPE_CHECKING:
     from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
     from .sweep import log_sweep as log_sweep
 
 
-_LOGGED = (
-    "patrol_map",
-    "sweep",
-)
+_LATER = {
+    "RecordedRobot": "robot",
+    "RobotRecording": "robot",
+    "log_sweep": "sweep",
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("RecordedRobot", "RobotRecording"):
-        return getattr(importlib.import_module(f"{__name__}.robot"), name)
-    family = name.removeprefix("log_")
-    if name.startswith("log_") and family in _LOGGED:
-        return getattr(importlib.import_module(f"{__name__}.{family}"), name)
+    if name in _LATER:
+        return getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

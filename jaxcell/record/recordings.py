@@ -15,6 +15,7 @@ _FAMILIES = {
     "CoveragePolicy": "bounce.coverage:log_coverage",
     "GraphPatrol": "patrol.graph:log_graph_patrol",
     "Localized": "bounce.localization:log_localization",
+    "PatrolledMap": "patrol.map:log_patrolled_map",
     "Plan": "bounce.navigation:log_plan",
     "SeaDrift": "drift.sea:log_drift",
     "TeamTrajectory": "bounce.team:log_team",

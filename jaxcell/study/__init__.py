@@ -23,9 +23,10 @@ from .cover import Cover as Cover
 from .drift import Drift as Drift
 from .groups import Groups as Groups
 from .localize import Localize as Localize
-from .map_study import MapStudy as MapStudy
+from .map_study import CellStudy as CellStudy, MapStudy as MapStudy
 from .navigate import Navigate as Navigate, Plans as Plans
 from .patrol_graph import PatrolGraph as PatrolGraph
+from .patrol_map import PatrolMap as PatrolMap
 from .rooms import Rooms as Rooms
 from .study import (
     Degrees as Degrees,

@@ -16,27 +16,16 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MapStudy(Study):
-    """A question about a robot on a map: what the cells and their images depend on."""
+class CellStudy(Study):
+    """A question about the cells of a map."""
 
     map: tyro.conf.Positional[Path]
     """Map file: our .json, a ROS map_server .yaml, or an ASCII grid .txt."""
-    directions: int | None = None
-    """Number of directions; by default what the map suggests, or 8."""
     cell: Metres | None = None
     """Side of a cell in metres; by default what the map suggests."""
-    robot_radius: Metres | None = None
-    """Radius of a disc robot in metres; by default what the map says."""
-    step: Metres | None = None
-    """Length of a step in metres; by default one cell."""
-    collision: Literal["swept", "endpoint"] = "swept"
-    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
 
     def __post_init__(self) -> None:
         require("cell", self.cell, "more than 0 m", lambda x: x > 0)
-        require("robot_radius", self.robot_radius, "0 m or more", lambda x: x >= 0)
-        require("step", self.step, "more than 0 m", lambda x: x > 0)
-        require("directions", self.directions, "at least 1", lambda x: x >= 1)
 
     def needed(self, extent: "Extent") -> float | int:
         """The bytes that the answer takes on cells of such an extent."""
@@ -51,7 +40,7 @@ class MapStudy(Study):
         extent = Extent.about(*_chosen(*self._cut))
         if extent is None:
             return 0
-        return estimates.check(extent, self.needed, self.name, self.step)
+        return estimates.check(extent, self.needed, self.name, getattr(self, "step", None))
 
     def cells(self) -> "CellSpace":
         """Read the map and cut it into cells.
@@ -60,6 +49,43 @@ class MapStudy(Study):
         """
         self.memory()
         return _cells(*self._cut)
+
+    @property
+    def _cut(self) -> tuple[Path, float | None, int | None, float | None]:
+        return self.map, self.cell, None, None
+
+    def spec(self, result: Result) -> dict[str, Any]:
+        cells: CellSpace = result.cells  # type: ignore[attr-defined]
+        assert cells.workspace is not None
+        return {
+            **super().spec(result),
+            "name": cells.workspace.name,
+            "cell_m": cells.cell,
+            "positions": cells.positions,
+        }
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        return f"{spec['name'] or spec['map']}: {spec['positions']:,} cells"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MapStudy(CellStudy):
+    """A question about a robot on a map: what the cells and their images depend on."""
+
+    directions: int | None = None
+    """Number of directions; by default what the map suggests, or 8."""
+    robot_radius: Metres | None = None
+    """Radius of a disc robot in metres; by default what the map says."""
+    step: Metres | None = None
+    """Length of a step in metres; by default one cell."""
+    collision: Literal["swept", "endpoint"] = "swept"
+    """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("robot_radius", self.robot_radius, "0 m or more", lambda x: x >= 0)
+        require("step", self.step, "more than 0 m", lambda x: x > 0)
+        require("directions", self.directions, "at least 1", lambda x: x >= 1)
 
     @property
     def _cut(self) -> tuple[Path, float | None, int | None, float | None]:
@@ -75,11 +101,8 @@ class MapStudy(Study):
         assert cells.workspace is not None
         return {
             **super().spec(result),
-            "name": cells.workspace.name,
             "robot_radius_m": cells.workspace.robot_radius,
-            "cell_m": cells.cell,
             "directions": cells.directions,
-            "positions": cells.positions,
             "cells": cells.size,
             "pieces": cells.workspace.pieces,
             "step_m": cells.cell if self.step is None else self.step,

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import importlib
 import json
 import os
 import socket
@@ -122,18 +121,13 @@ def study_of(task: str) -> type[Study] | None:
 
 
 def check_parameters(spec: Spec) -> None:
-    """Looks at the task and the parameters of the first chunk before anything is run.
+    """Look at the task and the parameters of the first chunk before anything is run.
 
-    **Raises:** `ValueError` for an unknown task, and for parameters that a built-in task does not
-    take or lacks, or values that it cannot have.
+    **Raises:** `ValueError` for an unknown task, and for parameters that a study does not take or
+    lacks, or values that it cannot have.
     """
-    known = _parameters(spec.task)
     if (study := study_of(spec.task)) is not None:
         studies(study, spec.batch(spec.chunk(0)), spec.fixed, spec.seed)
-    elif known is not None:
-        from .tasks.parameters import members
-
-        members(spec.task, known, spec.batch(spec.chunk(0)), spec.fixed)
 
 
 def prepared(spec: Spec) -> Spec:
@@ -164,11 +158,9 @@ def with_files_found(spec: Spec) -> Spec:
 
     **Raises:** `ValueError` if there is no such file; it says where it was looked for.
     """
-    if (study := study_of(spec.task)) is not None:
-        names = [name for name, kind in parameters(study).items() if "Path" in str(kind)]
-    else:
-        known = _parameters(spec.task) or {}
-        names = [name for name, parameter in known.items() if parameter.file]
+    study = study_of(spec.task)
+    kinds = {} if study is None else parameters(study)
+    names = [name for name, kind in kinds.items() if "Path" in str(kind)]
     fixed = {
         name: _found(spec, name, value) if name in names else value
         for name, value in spec.fixed.items()
@@ -182,13 +174,6 @@ def with_files_found(spec: Spec) -> Spec:
         for one in spec.parameters
     ]
     return dataclasses.replace(spec, fixed=fixed, parameters=tuple(changed))
-
-
-def _parameters(task: str) -> Mapping[str, Any] | None:
-    """Those of a built-in task."""
-    if ":" in task or study_of(task) is not None:
-        return None
-    return importlib.import_module(find_task(task).__module__).PARAMETERS
 
 
 def _found(spec: Spec, name: str, value: Any) -> Any:

@@ -5,8 +5,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from ..bounce import TeamTrajectory, bounce_map, squares_of
+from ..bounce import TeamTrajectory, bounce_map
 from ..bounce.dynamics import Collision
+from ..bounce.joint import squares_of
 from ..mapping import SimpleMap
 from .bounce import compare_images, sample
 from .comparison import Comparison

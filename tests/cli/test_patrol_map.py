@@ -37,6 +37,11 @@ def map_args(args):
     return [str(arg) for arg in args]
 
 
+def probabilities(found):
+    """What is known of the attacks on the target."""
+    return found["attack"]["probabilities"]
+
+
 @pytest.fixture
 def hall(tmp_path):
     """A hall with a wall that does not reach across, which has room for a base station."""
@@ -54,7 +59,7 @@ def test_a_patrol_without_a_base(capsys):
     policies = distributed_policies(graph, visible, 2)
     capture = capture_probabilities(graph, visible, policies, [4, 9])
     assert found["positions"] == 19
-    assert found["sight"]["mean_cells_seen"] == pytest.approx(visible.sum() / 19)
+    assert found["mean_cells_seen"] == pytest.approx(visible.sum() / 19)
     for one, policy in zip(found["policies"], policies, strict=True):
         assert one["cover"] == policy.cover.tolist()
         # No fewer cells see all, which there are few enough to try.
@@ -62,18 +67,21 @@ def test_a_patrol_without_a_base(capsys):
         assert 1 <= one["minimum_cover"] <= len(one["cover"])
         assert one["cover_ratio"] == len(one["cover"]) / one["minimum_cover"]
         assert one["commute_time"] == pytest.approx(policy.commute_time)
-        assert one["contact"] is None
-    target = found["target"]["cell"]
+        assert "contact" not in one
+    target = found["attack"]["target"]["cell"]
     assert target == capture[0].argmin()
-    for row, one in zip(capture, found["attacks"], strict=True):
-        assert one["exact"] == pytest.approx(row[target])
-        assert abs(one["simulated"] - one["exact"]) < 0.15
+    for row, one, at_target in zip(
+        capture, found["attacks"], found["attack"]["probabilities"], strict=True
+    ):
         assert one["weakest"]["cell"] == row.argmin()
         assert one["weakest_capture"] == pytest.approx(row.min())
         assert one["mean_capture"] == pytest.approx(row.mean())
-        told = one["fitted"] is not None
-        assert told == (found["fit"] is not None) == (found["fit_failure"] is None)
-        if told:
+        one = at_target
+        assert one["exact"] == pytest.approx(row[target])
+        assert abs(one["simulated"] - one["exact"]) < 0.15
+        fitted = one["fitted"] is not None
+        assert fitted == ("fit" in found["attack"]) == ("failure" not in found["attack"])
+        if fitted:
             assert one["fit_gap"] == pytest.approx(one["fitted"] - one["exact"])
     game = found["game"]
     assert [one["share"] for one in game["strategies"]] == [0, 0.2, 0.5, 0.8, 0.95]
@@ -83,7 +91,7 @@ def test_a_patrol_without_a_base(capsys):
     best = max(one["capture_alone"] for one in game["strategies"])
     assert game["improvement"] == pytest.approx(game["value"] - best)
     assert game["improvement"] >= -1e-6
-    assert (found["base_station"], found["reassignment"]) == (None, None)
+    assert not {"regions", "reassignment", "when_a_robot_is_lost"} & found.keys()
 
 
 @pytest.mark.slow
@@ -91,27 +99,27 @@ def test_a_base_and_a_robot_that_is_lost(capsys, hall):
     args = ("--robots", 3, "--base", "auto", "--base-range", 2, "--lost", 2)
     status, found, _ = run(capsys, *NEAR, *args, map=hall)
     assert status == 0
-    base = found["base_station"]
-    assert len(base["regions"]) == 3
-    assert base["view"] >= base["patrolled_by_nobody"] > 0
-    assert sum(base["regions"]) + base["patrolled_by_nobody"] == found["positions"]
-    for one, size in zip(found["policies"], base["regions"], strict=True):
-        assert one["cells"] == size
-        assert one["contact"] is not None
+    base = found["regions"]
+    assert base["count"] == len(found["policies"]) == 3
+    assert base["cells_in_view"] >= base["patrolled_by_nobody"] > 0
+    patrolled = [one["cells_patrolled"] for one in found["policies"]]
+    assert sum(patrolled) + base["patrolled_by_nobody"] == found["positions"]
+    assert all(one["contact"] is not None for one in found["policies"])
     after = found["reassignment"]
-    assert after["robots"] == [0, 1] or after["robots"] == [1, 0]
-    assert after["meanwhile"]["mean"] < after["before"]["mean"]
-    assert after["before"]["least"] == found["attacks"][0]["weakest_capture"]
+    assert after["robot"] == [0, 1] or after["robot"] == [1, 0]
+    before, meanwhile, _ = found["when_a_robot_is_lost"]
+    assert meanwhile["phase_mean"] < before["phase_mean"]
+    assert before["phase_weakest"] == found["attacks"][0]["weakest_capture"]
     assert after["silence_limit"] > 1
-    x, y = base["cell"]["x"], base["cell"]["y"]
+    x, y = base["base"]["x"], base["base"]["y"]
     there = run(capsys, *NEAR, *args[:2], "--base", f"{x},{y}", "--base-range", 2, map=hall)[1]
-    assert there["base_station"] == base
-    assert there["reassignment"] is None
+    assert there["regions"] == base
+    assert "reassignment" not in there
 
 
 def test_a_target_and_a_share_of_choice(capsys):
     _, found, _ = run(capsys, *NEAR, "--target", "5.5,3.5", "--share", 0.6, "--robots", 1)
-    assert (found["target"]["x"], found["target"]["y"]) == (5.5, 3.5)
+    assert (found["attack"]["target"]["x"], found["attack"]["target"]["y"]) == (5.5, 3.5)
     assert [one["share"] for one in found["game"]["strategies"]] == [0, 0.2, 0.5, 0.6, 0.8, 0.95]
     assert len(found["policies"]) == 1
 
@@ -119,7 +127,7 @@ def test_a_target_and_a_share_of_choice(capsys):
 @pytest.mark.slow
 def test_the_same_seed_says_the_same(capsys):
     simulated = [
-        [one["simulated"] for one in run(capsys, *NEAR, "--seed", seed)[1]["attacks"]]
+        [one["simulated"] for one in probabilities(run(capsys, *NEAR, "--seed", seed)[1])]
         for seed in (1, 1, 2)
     ]
     assert simulated[0] == simulated[1] != simulated[2]
@@ -130,23 +138,25 @@ def test_tables_for_people(capsys, hall):
     assert main([*args, "--robots", "3", "--lost", "0"]) == 0
     out = capsys.readouterr().out
     assert "57 cells" in out
-    assert re.search(r"Robot 0 is lost, as [\d,]+ silent steps tell", out)
-    assert re.search(r"│ +4 │ +0\.\d{4} │ +0\.\d{4} │", out)
-    assert "where the adversary chooses" in out
-    assert "more than the best share alone." in out
+    assert re.search(r"When a robot is lost *\n", out)
+    assert re.search(r"│ steps of silence that mean a loss +│ [\d,]+ steps +│", out)
+    assert re.search(r"│ all robots +│ [\d.]+ % +│ [\d.]+ % +│", out)
+    assert re.search(r"│ 4 steps +│ \([\d.]+, [\d.]+\) +│ [\d.]+ % +│", out)
+    assert "more than by the best share alone" in out
 
 
 def test_where_all_is_in_view_there_is_nothing_to_fit(capsys, tmp_path):
     (tmp_path / "two.txt").write_text("; cell 1\n..\n")
     status, found, _ = run(capsys, "--attack-times", 3, map=tmp_path / "two.txt")
     assert status == 0
-    assert found["fit"] is None
-    assert "different values" in found["fit_failure"]
-    assert found["attacks"][0]["exact"] == found["game"]["value"] == 1
-    assert found["attacks"][0]["fitted"] is None
-    assert found["policies"][0]["tour_steps"] is None
+    assert "fit" not in found["attack"]
+    assert "different values" in found["attack"]["failure"]
+    (one,) = probabilities(found)
+    assert one["exact"] == found["game"]["value"] == 1
+    assert one["fitted"] is None
+    assert found["policies"][0]["tour_steps"] == 0
     assert main(["patrol", "map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
-    assert "No law was fitted: samples" in capsys.readouterr().out
+    assert "why no law is fitted" in capsys.readouterr().out
 
 
 def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
@@ -176,9 +186,9 @@ def test_writes_its_results(capsys, tmp_path):
     assert json.loads((out / "summary.json").read_text()) == found
     with xr.open_dataset(out / "patrol_map.nc") as dataset:
         np.testing.assert_allclose(
-            dataset.exact, [one["exact"] for one in found["attacks"]], atol=1e-12
+            dataset.attack_exact, [one["exact"] for one in probabilities(found)], atol=1e-12
         )
-        assert dataset.attrs["target"] == found["target"]["cell"]
+        assert dataset.attack_target == found["attack"]["target"]["cell"]
         spec = json.loads(dataset.attrs["spec"])
         assert (spec["robots"], spec["range_m"], spec["attack_times"]) == (2, 2.5, [4, 9])
 
@@ -186,13 +196,13 @@ def test_writes_its_results(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (("--range", 0), "--range: expected more than 0 m, and finite, got 0.0"),
+        (("--range", 0), "--range: expected more than 0 m, and finite, got 0"),
         (("--range", "nan"), "--range: .* got nan"),
         (("--range", "inf"), "--range: .* got inf"),
         (("--range", 0.3), "--range: with 0.3 m no robot ever sees the whole of a cell"),
         (("--robots", 0), "--robots: expected at least 1, got 0"),
         (("--robots", 20), "--robots: 20 robots are more than the 19 cells of .*lab_b.json"),
-        (("--share", 1), "--share: expected 0 or more and less than 1, got 1.0"),
+        (("--share", 1), "--share: expected 0 or more and less than 1, got 1"),
         (("--attack-times", 5, 0), "--attack-times: expected at least 1 step, got 0"),
         (("--runs", 1), "--runs: expected 2 or more, up to 10,000,000, got 1"),
         (("--target", "3.5,2.5"), r"--target '3.5,2.5': the point \(3.5, 2.5\) lies in an obst"),
@@ -201,8 +211,8 @@ def test_writes_its_results(capsys, tmp_path):
         (("--base", "3.5,2.5"), "--base '3.5,2.5': .* lies in an obstacle"),
         (("--base", "auto", "--base-range", 0.4), "--base: .* sees no other cell"),
         (("--base", "auto", "--base-range", -1), "--base-range: expected more than 0 m"),
-        (("--base-range", 3), "--base-range has no meaning without --base"),
-        (("--lost", 0), "--lost has no meaning without --base"),
+        (("--base-range", 3), "--base-range has no meaning without a base"),
+        (("--lost", 0), "--lost has no meaning without a base"),
         (("--base", "auto", "--lost", 2), "--lost: there is no robot 2; robots are 0 to 1"),
         (("--base", "auto", "--lost", 0, "--robots", 1), "--lost: robot 0 is the only one"),
     ],
@@ -230,7 +240,7 @@ def test_bad_maps_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, map=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol map: .*{name}: .*{message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.cli.patrol_map._MOST_CELLS", 18)
+    monkeypatch.setattr("jaxcell.study.patrol_map._MAX_CELLS", 18)
     status, _, error = run(capsys)
     assert status == 2
     assert "cells of 1 m are 19; policies are computed for at most 18" in error

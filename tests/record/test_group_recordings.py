@@ -210,7 +210,7 @@ def test_bad_arguments_to_rerun_raise(tmp_path):
     code = """
 import pathlib, sys
 import rerun as rr
-from jaxcell.record.blueprint import recording
+from jaxcell.record.canvas.stream import recording
 
 assert "beartype" not in sys.modules
 try:

@@ -302,7 +302,7 @@ def test_what_does_not_belong_together_is_refused(eight, weights, patrol, game, 
 
 
 def test_a_matrix_of_one_number(tmp_path, read):
-    from jaxcell.record.blueprint import recording
+    from jaxcell.record.canvas.stream import recording
 
     with recording(tmp_path / "one.rrd", "test") as stream:
         legend = log_matrix(stream, "m", np.array([[2.0, np.nan]]), ["a"], ["b", "c"], "steps")

@@ -10,6 +10,7 @@ import xarray as xr
 
 from jaxcell.optimize import Graph
 from jaxcell.patrol import (
+    PatrolledMap,
     angular_regions,
     base_station,
     capture_probabilities,
@@ -19,18 +20,17 @@ from jaxcell.patrol import (
     reassign,
     vulnerability,
 )
-from jaxcell.patrol.share_game import share_game
-from jaxcell.record import MapPatrol, patrol_map_dataset, save_dataset
+from jaxcell.patrol.map.game import share_game
+from jaxcell.record import dataset, save_dataset, save_recording
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
 from jaxcell.record.canvas.plot import ticks
-from jaxcell.record.patrol_attacks import (
+from jaxcell.record.patrol.attacks import (
     ATTACKING,
     CAUGHT,
     SUCCEEDED,
     WAITING,
     simulate_attacks,
 )
-from jaxcell.record.patrol_map import log_patrol_map
 from jaxcell.space import CellSpace, Workspace, visibility_polygon, visible_cells
 
 
@@ -62,7 +62,7 @@ def make(robots, *, base=False, lost=None):
     key = jax.random.key(1)
     attack = vulnerability(key, graph, visible, found, target, TIMES, runs=400)
     open_ = np.flatnonzero(~watched).astype(np.int32)
-    return MapPatrol(
+    return PatrolledMap(
         cells=cells,
         reach=2.5,
         graph=graph,
@@ -73,6 +73,7 @@ def make(robots, *, base=False, lost=None):
         regions=regions,
         reassignment=after,
         game=share_game(graph, visible, policies, [0.2, 0.9], TIMES[0], open_),
+        seed=4,
     )
 
 
@@ -89,7 +90,7 @@ def based():
 @pytest.fixture(scope="module")
 def recorded(alone, tmp_path_factory):
     path = tmp_path_factory.mktemp("alone") / "patrol.rrd"
-    log_patrol_map(path, alone, seed=4, spec={"map": "a|b"})
+    save_recording(alone, path, spec={"map": "a|b"})
     return path
 
 
@@ -114,7 +115,7 @@ def places(patrol, found, entity):
 
 def test_the_dataset_holds_the_patrol(alone, tmp_path):
     file = tmp_path / "patrol.nc"
-    save_dataset(patrol_map_dataset(alone, spec={"robots": 2}), file)
+    save_dataset(dataset(alone, spec={"robots": 2}), file)
     with xr.open_dataset(file) as found:
         assert found.visible.dtype == bool
         np.testing.assert_array_equal(found.visible, alone.visible)
@@ -122,45 +123,64 @@ def test_the_dataset_holds_the_patrol(alone, tmp_path):
         assert found.attack_time.values.tolist() == TIMES
         np.testing.assert_array_equal(found.capture, alone.capture)
         for robot, policy in enumerate(alone.policies):
-            stop = found.stop.values[robot]
-            cover = np.argsort(np.where(stop < 0, 999, stop))[: (stop >= 0).sum()]
-            np.testing.assert_array_equal(cover, policy.cover)
+            cover = found.cover.values[robot]
+            np.testing.assert_array_equal(cover[cover >= 0], policy.cover)
             np.testing.assert_array_equal(found.weight[robot], policy.weights)
             # The walk can be rebuilt from its branches.
             P = np.zeros((alone.cells.positions,) * 2)
             for image, chance in zip(found.image[robot], found.probability[robot], strict=True):
-                np.add.at(P, (np.arange(len(P)), image.values), chance.values)
+                some = image.values >= 0
+                np.add.at(P, (np.flatnonzero(some), image.values[some]), chance.values[some])
             np.testing.assert_allclose(P, policy.chain.to_scipy().toarray(), atol=1e-15)
         attack = alone.attack
         for name in ("view", "boundary", "exact", "simulated", "fitted", "law"):
-            np.testing.assert_array_equal(found[name], getattr(attack, name))
-        np.testing.assert_array_equal(found.arrival, attack.arrivals.time)
-        assert found.gld.values.tolist() == pytest.approx(
+            np.testing.assert_array_equal(found[f"attack_{name}"], getattr(attack, name))
+        np.testing.assert_array_equal(found.attack_arrival, attack.arrivals.time)
+        assert [float(found[f"attack_fit_l{i}"]) for i in (1, 2, 3, 4)] == pytest.approx(
             [float(one) for one in jax.tree.leaves(attack.fit.law)]
         )
         np.testing.assert_allclose(
-            found.mixture @ found.share_capture, alone.game.mixed, atol=1e-15
+            found.game_probability @ found.game_capture, alone.game.mixed, atol=1e-15
         )
-        assert float(found.value) == alone.game.commitment.value
+        assert found.share.values.tolist() == [0.2, 0.9]
+        assert float(found.game_value) == alone.game.commitment.value
         assert json.loads(found.attrs["spec"]) == {"robots": 2}
-        assert found.attrs["target"] == attack.target
-        assert "region" not in found
+        assert found.attack_target == attack.target
+        assert "regions_region" not in found
         picture = found.capture.set_index(position=("y", "x")).unstack()
         assert float(picture.sel(attack_time=6, x=1.5, y=1.5)) == alone.capture[0, 0]
 
 
 def test_the_dataset_holds_the_regions(based, tmp_path):
     file = tmp_path / "patrol.nc"
-    save_dataset(patrol_map_dataset(based), file)
+    save_dataset(dataset(based), file)
     with xr.open_dataset(file) as found:
-        np.testing.assert_array_equal(found.region, based.regions.region)
-        np.testing.assert_array_equal(found.base_view, based.regions.view)
+        np.testing.assert_array_equal(found.regions_region, based.regions.region)
+        np.testing.assert_array_equal(found.regions_view, based.regions.view)
         assert found.contact.values.tolist() == [one.contact for one in based.policies]
         after = based.reassignment
-        np.testing.assert_array_equal(found.region_after, after.regions.region)
-        assert found.robot_after.values.tolist() == after.robot.tolist() == [0, 2]
-        np.testing.assert_array_equal(found.weight_after[0], after.policies[0].weights)
-        assert int(found.silence_limit) == after.after
+        np.testing.assert_array_equal(found.reassignment_regions_region, after.regions.region)
+        assert found.reassignment_robot.values.tolist() == after.robot.tolist() == [0, 2]
+        np.testing.assert_array_equal(found.reassignment_weight[0], after.policies[0].weights)
+        assert int(found.reassignment_silence_limit) == after.after
+
+
+def changed(patrol, **changes):
+    return dataclasses.replace(patrol, attack=dataclasses.replace(patrol.attack, **changes))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "check"),
+    [
+        (lambda p: dataclasses.replace(p, capture=p.capture[::-1]), "capture_falls_with_time"),
+        (lambda p: dataclasses.replace(p, capture=p.capture + 0.9), "capture_out_of_0_to_1"),
+        (lambda p: changed(p, exact=p.attack.exact / 2), "attack_exact_is_of_law"),
+        (lambda p: changed(p, law=p.attack.law + 0.5), "attack_law_beyond_1|exact_is_of_law"),
+    ],
+)
+def test_a_patrol_that_contradicts_itself_is_refused(alone, wrong, check):
+    with pytest.raises(RuntimeError, match=check):
+        dataset(wrong(alone))
 
 
 def test_nobody_cheats(alone):
@@ -261,9 +281,9 @@ def test_the_recording_shows_the_policies(alone, recorded, read):
     ends = alone.xy[alone.graph.edges]
     for robot, policy in enumerate(alone.policies):
         some = policy.weights > 0
-        lines = np.array(found.static(f"/map/policy_{robot}/ways", "LineStrips2D:strips"))
+        lines = np.array(found.static(f"/map/policy_{robot}/edges", "LineStrips2D:strips"))
         np.testing.assert_allclose(lines, ends[some])
-        radii = np.array(found.static(f"/map/policy_{robot}/ways", "LineStrips2D:radii"))
+        radii = np.array(found.static(f"/map/policy_{robot}/edges", "LineStrips2D:radii"))
         # The width grows with the weight.
         steps = np.diff(radii[np.argsort(policy.weights[some])])
         assert (steps >= -1e-7).all()
@@ -314,8 +334,8 @@ def test_the_recording_shows_the_vulnerability(alone, recorded, read):
     found = read(recorded)
     for name, caught in (("capture", alone.capture[0]), ("mixed", alone.game.mixed)):
         kind = still(alone, found, f"/map/grid/{name}").astype(int)
-        assert kind.min() >= 1
-        assert kind.max() <= 32
+        assert kind.min() >= 3
+        assert kind.max() <= 34
         assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
         frame = found.static(f"/map/worst_{name}/frame", "Boxes2D:centers")
         np.testing.assert_allclose(frame, alone.xy[[caught.argmin()]])
@@ -331,7 +351,7 @@ def test_the_recording_shows_the_vulnerability(alone, recorded, read):
 
 def test_the_recording_shows_the_regions(based, tmp_path, read):
     path = tmp_path / "based.rrd"
-    log_patrol_map(path, based)
+    save_recording(based, path)
     found = read(path)
     xy, regions, after = based.xy, based.regions, based.reassignment
     for name, one, owner, policies in (
@@ -350,8 +370,8 @@ def test_the_recording_shows_the_regions(based, tmp_path, read):
     np.testing.assert_allclose(
         found.static("/map/base/station", "Boxes2D:centers"), xy[[regions.base]]
     )
-    heat = still(based, found, "/map/grid/capture")
-    np.testing.assert_array_equal(heat == 33, regions.view)
+    heat = np.array(found.classes("/map/grid/capture"))[still(based, found, "/map/grid/capture")]
+    np.testing.assert_array_equal(heat == "always in view of the base station", regions.view)
     last = list(found.pictures("cover", "/map/grid/cover_2").values())[-1]
     np.testing.assert_array_equal(on_cells(based, last) == 4, regions.region != 2)
     text = found.static("/regions/text", "TextDocument:text")[0]
@@ -368,12 +388,12 @@ def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
     patrol = dataclasses.replace(
         alone, visible=everything, attack=attack, capture=capture, game=None
     )
-    log_patrol_map(tmp_path / "all.rrd", patrol)
+    save_recording(patrol, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert "/target/times/fitted" not in found.entities
     assert "/map/grid/mixed" not in found.entities
     assert "No generalized lambda" in found.static("/target/text", "TextDocument:text")[0]
-    assert "gld" not in patrol_map_dataset(patrol)
+    assert "attack_fit_l1" not in dataset(patrol)
     curve = found.over("step", "/attacks/caught", "Scalars:scalars")
     assert set(map(tuple, curve.values())) == {(0,)}
 

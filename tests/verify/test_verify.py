@@ -21,8 +21,7 @@ from jaxcell.bounce import (
 )
 from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
-from jaxcell.optimize import minimum_commute
-from jaxcell.patrol.attack import Vulnerability
+from jaxcell.patrol.map.attack import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace, visible_cells
@@ -217,15 +216,10 @@ def test_patrols_of_a_map():
         failure="not asked for",
     )
 
+    right = patrol.PatrolledMap(cells, reach, graph, visible, policies, attack, capture)
+
     def compare(**other):
-        values = {
-            "visible": visible,
-            "policies": policies,
-            "attack": attack,
-            "capture": capture,
-            **other,
-        }
-        return disagreeing(verify.compare_patrol(cells, reach, graph, **values))
+        return disagreeing(verify.compare_patrolled_map(dataclasses.replace(right, **other)))
 
     assert compare() == []
     assert compare(capture=0.999 * capture) == ["capture of some cells"]

@@ -1,5 +1,6 @@
 """A tab of a recording: its views, a legend of their colours, and a text."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +18,7 @@ def log_tab(
     stream: rr.RecordingStream,
     path: str,
     name: str,
-    views: rrb.Container | rrb.View,
+    views: rrb.Container | rrb.View | Sequence[rrb.View],
     text: str,
     legend: Sequence[tuple[str, Color]],
     *,
@@ -44,7 +45,7 @@ def log_tab(
 def lay_out_tab(
     path: str,
     name: str,
-    views: rrb.Container | rrb.View,
+    views: rrb.Container | rrb.View | Sequence[rrb.View],
     legend: int,
     *,
     text: bool = True,
@@ -57,7 +58,7 @@ def lay_out_tab(
 
     - `path`: what the text and the legend are under; empty for the recording as a whole.
     - `name`: what the tab is called.
-    - `views`: what is on its left.
+    - `views`: what is on its left; several make a grid, and the legend fills a hole in it.
     - `text`: whether it has a text; without one it has a legend.
     - `legend`: how many rows the legend has; 0 for no legend.
     - `shares`: how much of the width the views and the rest have.
@@ -65,8 +66,14 @@ def lay_out_tab(
     """
     below = f"{path}/" if path else ""
     about: list[rrb.View] = [text_view(f"{below}text")] if text else []
-    if legend:
-        about.append(legend_view(f"{below}legend", legend))
+    key = [legend_view(f"{below}legend", legend)] if legend else []
+    if isinstance(views, Sequence):
+        columns = math.ceil(math.sqrt(len(views)))
+        if text and len(views) % columns:
+            views, key = rrb.Grid(*views, *key, grid_columns=columns), []
+        else:
+            views = rrb.Grid(*views, grid_columns=columns)
+    about += key
     side = rrb.Vertical(*about, row_shares=list(rows)) if len(about) > 1 else about[0]
     return rrb.Horizontal(views, side, column_shares=list(shares), name=name)
 

@@ -58,7 +58,7 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
         else:
             variable.attrs["kind"] = described.kind
             found[name] = variable
-    return with_checks(found, {**_checks_of_kinds(found, cells), **result.checks()})
+    return with_checks(found, {**_checks_of_kinds(found, cells), **_checks(result, "")})
 
 
 def cells_of(result: Result) -> CellSpace | None:
@@ -67,27 +67,36 @@ def cells_of(result: Result) -> CellSpace | None:
     return cells if isinstance(cells, CellSpace) else None
 
 
-def summary(result: Result) -> dict[str, Any]:
+def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
     """The numbers of a result that a person or a script wants, as JSON has them.
 
     Single numbers and texts, listed arrays, and a list of rows for each of `result.tables`; a part
     has an object of its own. What is not finite is `None`.
+
+    **Arguments:**
+
+    - `result`: what a study gave.
+    - `cells`: those on which its positions are; by default its own.
     """
+    cells = cells_of(result) if cells is None else cells
     found = {
-        name: _plain(value)
+        name: _plain(value, about, cells)
         for name, (about, value) in summarized(result).items()
         if is_single(about)
     }
     for dim, table in columns(result).items():
         title = result.tables[dim]
         plain = {
-            name.removeprefix(f"{title}_"): _plain(value) for name, (_, value) in table.items()
+            name.removeprefix(f"{title}_"): _plain(value, about, cells)
+            for name, (about, value) in table.items()
         }
         if plain:
             rows = zip(*plain.values(), strict=True)
             found[title] = [dict(zip(plain, row, strict=True)) for row in rows]
     below = {
-        name: list(map(summary, part)) if isinstance(part, tuple) else summary(part)
+        name: [summary(one, cells) for one in part]
+        if isinstance(part, tuple)
+        else summary(part, cells)
         for name, part in parts(result).items()
     }
     return {**found, **below}
@@ -105,9 +114,7 @@ def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
     return found
 
 
-def _along(
-    dim: str, several: tuple[Result, ...]
-) -> dict[str, tuple[Quantity, np.ndarray]]:
+def _along(dim: str, several: tuple[Result, ...]) -> dict[str, tuple[Quantity, np.ndarray]]:
     """The single numbers that all of several parts have, along a dimension."""
     rows = [values(one, lambda about: not about.dims) for one in several]
     return {
@@ -120,11 +127,33 @@ def _along(
     }
 
 
-def _plain(value: Any) -> Any:
+def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
+    """A position with its place in metres; none for -1."""
+    if position < 0:
+        return None
+    x, y, _ = cells.centre(position)
+    return {"cell": position, "x": float(x), "y": float(y)}
+
+
+def _checks(result: Result, prefix: str) -> Checks:
+    """The relations that a result and its parts name."""
+    found = {prefix + name: one for name, one in result.checks().items()}
+    for name, part in parts(result).items():
+        if not isinstance(part, tuple):
+            found |= _checks(part, f"{prefix}{name}_")
+    return found
+
+
+def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
     """Numbers and texts as JSON has them."""
-    if isinstance(value, str | bool | int | None):
+    if isinstance(value, str | bool | None):
         return value
     array = np.asarray(value)
+    if about.kind == "place" and cells is not None:
+        places = [place(cells, one) for one in array.ravel().tolist()]
+        return places if array.ndim else places[0]
+    if about.kind == "index" and array.ndim == 2:
+        return [[one for one in row if one >= 0] for row in array.tolist()]
     if array.dtype.kind == "f":
         return _finite(array.tolist())
     return array.tolist()
@@ -154,7 +183,7 @@ def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:
             array = _without(array, math.nan)
         if kind in ("count", "time") and array.size:
             checks[f"{name}_below_0"] = (_most(-array.astype(float)), 0)
-        if kind in ("cell", "index", "position") and array.size:
+        if kind in ("cell", "index", "place", "position") and array.size:
             checks[f"{name}_below_minus_1"] = (_most(-1 - array.astype(float)), 0)
         if kind in ("cell", "position") and cells is not None:
             size = cells.size if kind == "cell" else cells.positions

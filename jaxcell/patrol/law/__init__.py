@@ -1,0 +1,1 @@
+"""Generalized lambda distributions, and their fit to samples."""

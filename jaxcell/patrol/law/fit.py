@@ -1,0 +1,391 @@
+import dataclasses
+import itertools
+import math
+from typing import Annotated, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ...base.quantities import Result, derived, quantity
+from ...certificate import Certificate
+from ...precision import require_x64
+from .distribution import Gld, standard_quantile
+
+
+_MIN_SAMPLES = 8
+_MIN_VALUES = 5
+# Of the log-likelihood of all samples.
+_TOLERANCE = 1e-4
+# The grid of the package gld of R, which Alam 2018 uses, with two more for narrow peaks.
+_SHAPES = (-0.9, -0.5, -0.1, 0.0, 0.1, 0.2, 0.4, 0.8, 1.0, 1.5, 3.0, 10.0)
+# Values to rank laws by, and laws to go on with.
+_RANKED = 400
+_POLISHED = 3
+# Between these, laws look alike: with a tail, with an edge, and with a peak at an edge.
+_KINDS = (0.5, 2.0)
+_MAX_SHAPE = 50.0
+# The support may end where the least of n samples has a distribution function of exp(-_BEYOND) / n,
+# and no nearer: less than n times that is left to gain in log-likelihood.
+_BEYOND = 5.0
+_MAX_STEPS = 60
+_MAX_HALVINGS = 20
+# Of a step, in the number that changes most.
+_MAX_CHANGE = 2.0
+# Curvatures below this are rounding.
+_FLATTEST = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class GldFit(Result):
+    """The generalized lambda distribution that makes some samples most likely."""
+
+    law: Gld
+    log_likelihood: Annotated[float, quantity("", "log-likelihood of the samples")]
+    "Of all samples: of their probabilities if censored, else of their densities."
+    distance: Annotated[float, quantity("", "largest difference of distribution functions", "1")]
+    """Kolmogorov and Smirnov's: the largest difference of the distribution functions of the law and
+    of the samples; if censored, over the whole numbers and a half."""
+    censored: bool
+    "Whether samples stand for intervals of length 1."
+    certificate: Certificate
+
+    @derived("", "l1, the place of the law")
+    def l1(self) -> float:
+        return float(self.law.l1)
+
+    @derived("", "l2, the inverse of its scale")
+    def l2(self) -> float:
+        return float(self.law.l2)
+
+    @derived("", "l3, the shape of its lower tail")
+    def l3(self) -> float:
+        return float(self.law.l3)
+
+    @derived("", "l4, the shape of its upper tail")
+    def l4(self) -> float:
+        return float(self.law.l4)
+
+
+def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -> GldFit:
+    """Fit a generalized lambda distribution by maximum likelihood (Alam 2018, section 4.4.6).
+
+    Times counted in steps are whole numbers, and with those the likelihood of a density grows
+    without bound as the law gathers around one of them. For them, `censored`, a sample `t` stands
+    for `t - 1/2 < X <= t + 1/2`, and its likelihood is the probability of that.
+
+    The best few of a grid of shapes are polished by Newton's method, with exact derivatives of the
+    inverted quantile function. Laws that give a sample no chance are not searched, so the
+    likelihood is smooth. What is found is the best of several local maxima, with shapes from -50
+    to 50. A density of huge shapes that peaks at one sample can be likelier than any of them, and
+    is of no use.
+
+    **Arguments:**
+
+    - `samples`: array `[samples]`, in any order and unit.
+    - `censored`: whether the samples are whole numbers that stand for intervals. If not given, they
+        do if all are whole and some are equal.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`GldFit`][]. The residual of its certificate is what another step promises to add
+    to the log-likelihood.
+
+    **Raises:** `ValueError` that names the sample for one that is not finite, or not whole although
+    censored; for less than 8 samples or 5 different values. `RuntimeError` if the search does not
+    settle, or where JAX is set to 32 bits.
+
+    Four parameters take more than a few samples:
+
+        >>> from jaxcell import patrol
+        >>> patrol.fit_gld([3, 4, 4, 7])
+        Traceback (most recent call last):
+            ...
+        ValueError: samples: expected at least 8, with 5 different values, got 4 with 3
+    """
+    require_x64("fit_gld")
+    given = _checked(samples)
+    value, count = np.unique(given, return_counts=True)
+    whole = value == np.round(value)
+    if censored is None:
+        censored = value.size < given.size and bool(whole.all())
+    elif censored and not whole.all():
+        index = np.flatnonzero(given != np.round(given))[0]
+        raise ValueError(
+            f"samples[{index}] is {given[index]}; expected a whole number, as samples are censored"
+        )
+    if given.size < _MIN_SAMPLES or value.size < _MIN_VALUES:
+        raise ValueError(
+            f"samples: expected at least {_MIN_SAMPLES}, with {_MIN_VALUES} different "
+            f"values, got {given.size} with {value.size}"
+        )
+    # Counted from the least, so that samples far from 0 lose no digits.
+    origin = value[0]
+    problem = _Problem.of(value - origin, count, censored)
+    maxima = [_maximum(problem, *start) for start in _starts(problem)]
+    best = min(maxima, key=lambda maximum: maximum.loss)
+    certificate = Certificate(sum(maximum.steps for maximum in maxima), best.gain, _TOLERANCE)
+    certificate.check("fit_gld", throw)
+    l1, l2, l3, l4 = (float(x) for x in jax.tree.leaves(best.law()))
+    law = Gld(float(l1 + origin), l2, l3, l4)
+    distance = _distance(law, value, count, censored)
+    return GldFit(law, -best.loss * given.size, distance, censored, certificate)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Data:
+    """Distinct values, filled up with some of weight 0 so that few sizes are compiled."""
+
+    lower: Float[Array, "values"]
+    upper: Float[Array, "values"]
+    weight: Float[Array, "values"]
+    "The share of the samples."
+    censored: bool = dataclasses.field(metadata={"static": True})
+
+    @staticmethod
+    def of(
+        value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
+    ) -> "_Data":
+        half = 0.5 if censored else 0.0
+        # Multiples of 512 up to 8192, and then eight sizes for every doubling.
+        pad = (0, -value.size % 2 ** max(9, value.size.bit_length() - 4))
+        padded = jnp.asarray(np.pad(value, pad, mode="edge"))
+        weight = jnp.asarray(np.pad(count / count.sum(), pad))
+        return _Data(padded - half, padded + half, weight, censored)
+
+    def loss(self, law: Gld) -> Float[Array, ""]:
+        """The negative mean log-likelihood."""
+        if self.censored:
+            return -jnp.sum(self.weight * law.log_probability(self.lower, self.upper))
+        return -jnp.sum(self.weight * law.log_pdf(self.lower))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Problem:
+    """Samples, and the points whose log-odds determine their laws."""
+
+    data: _Data
+    few: _Data
+    "Some hundreds of the values, which are enough to rank laws."
+    inner: Float[np.ndarray, "2"]
+    "Points near the quartiles."
+    log_odds: Float[np.ndarray, "2"]
+    "Those of the samples there."
+    outer: Float[np.ndarray, "2"]
+    "What the support must reach: both ends of all samples."
+    narrow: Float[np.ndarray, "2"]
+    "What it must reach, so that all samples have a chance."
+    size: int
+    "The number of samples."
+
+    @staticmethod
+    def of(
+        value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
+    ) -> "_Problem":
+        upto = np.cumsum(count)
+        size = int(upto[-1])
+        if censored:
+            at, share = value[:-1] + 0.5, upto[:-1] / size
+        else:
+            at, share = value, (upto - count / 2) / size
+        # Not the same point for both quartiles, where many samples are equal.
+        first = min(int(np.abs(share - 0.25).argmin()), share.size - 2)
+        second = max(int(np.abs(share - 0.75).argmin()), first + 1)
+        share = share[[first, second]]
+        beyond = np.array([-0.5, 0.5]) * censored
+        some = np.unique(np.linspace(0, value.size - 1, _RANKED).astype(int))
+        return _Problem(
+            _Data.of(value, count, censored),
+            _Data.of(value[some], count[some], censored),
+            at[[first, second]],
+            np.log(share) - np.log1p(-share),
+            value[[0, -1]] + beyond,
+            value[[0, -1]] - beyond,
+            size,
+        )
+
+
+def _through(numbers: Float[Array, "4"], point: Float[Array, "2"]) -> Gld:
+    """The law with given log-odds of the distribution function at two points, and two shapes."""
+    l3, l4 = numbers[2:]
+    low, high = standard_quantile(numbers[:2], l3, l4)
+    l2 = (high - low) / (point[1] - point[0])
+    return Gld(point[0] - low / l2, l2, l3, l4)
+
+
+@jax.jit
+def _at(
+    numbers: Float[Array, "4"], point: Float[Array, "2"], other: Float[Array, "2"]
+) -> Float[Array, "2"]:
+    """The log-odds of a law at other points."""
+    return _through(numbers, point).log_odds(other)
+
+
+def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.ndarray, "2"]]]:
+    """The best laws of the grid, of which no two are of the same kind."""
+    farthest = math.log(2 * problem.size)
+    numbers, point, loss = jax.device_get(
+        _grid(problem.few, problem.inner, problem.log_odds, problem.outer, farthest)
+    )
+    kind = np.searchsorted(_KINDS, numbers[:, 2:])
+    chosen: dict[tuple[int, ...], int] = {}
+    possible = np.flatnonzero(np.isfinite(loss))
+    for index in possible[np.argsort(loss[possible])]:
+        chosen.setdefault(tuple(kind[index]), index)
+    return [(numbers[index], point[index]) for index in list(chosen.values())[:_POLISHED]]
+
+
+@jax.jit
+def _grid(
+    data: _Data,
+    inner: Float[Array, "2"],
+    log_odds: Float[Array, "2"],
+    outer: Float[Array, "2"],
+    farthest: float | Float[Array, ""],
+) -> tuple[Float[Array, "starts 4"], Float[Array, "starts 2"], Float[Array, "starts"]]:
+    """Laws with the quartiles of the samples, but widened to reach them all where bounded."""
+
+    def start(shapes):  # type: ignore[no-untyped-def]
+        law = _through(jnp.concatenate([log_odds, shapes]), inner)
+        bounded = shapes > 0
+        point = jnp.where(bounded, outer, inner)
+        reaching = jnp.clip(law.log_odds(outer), -farthest, farthest)
+        numbers = jnp.concatenate([jnp.where(bounded, reaching, log_odds), shapes])
+        return numbers, point, data.loss(_through(numbers, point))
+
+    shapes = jnp.asarray(list(itertools.product(_SHAPES, repeat=2)))
+    return jax.lax.map(start, shapes)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Maximum:
+    numbers: Float[np.ndarray, "4"]
+    point: Float[np.ndarray, "2"]
+    loss: float
+    gain: float
+    "What another step promises in log-likelihood."
+    edge: Bool[np.ndarray, "2"]
+    "Whether the support ends at the point."
+    steps: int
+
+    def law(self) -> Gld:
+        return _through(jnp.asarray(self.numbers), jnp.asarray(self.point))
+
+
+def _maximum(
+    problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
+) -> _Maximum:
+    """The maximum that a start leads to.
+
+    The likelihood of a censored sample has a kink where the support ends at the outer end of its
+    interval, and often that is the maximum. So it is found as a bound of supports that hold the
+    whole interval, and then left for those that end within it if that is better.
+    """
+    wide = _maximise(problem, numbers, point)
+    narrowed = wide.edge & (problem.narrow != problem.outer)
+    if not narrowed.any():
+        return wide
+    point = np.where(narrowed, problem.narrow, wide.point)
+    log_odds = np.where(narrowed, _at(wide.numbers, wide.point, point), wide.numbers[:2])
+    outer = np.where(narrowed, problem.narrow, problem.outer)
+    numbers = np.concatenate([log_odds, wide.numbers[2:]])
+    narrow = _maximise(dataclasses.replace(problem, outer=outer), numbers, point)
+    best = narrow if narrow.loss < wide.loss and narrow.gain <= _TOLERANCE else wide
+    return dataclasses.replace(best, steps=wide.steps + narrow.steps)
+
+
+def _maximise(
+    problem: _Problem, numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]
+) -> _Maximum:
+    """Maximize the likelihood by Newton's method within bounds.
+
+    Curvatures of the loss count as positive, so that steps lower it.
+
+    `scipy.optimize` has no such method: `trust-exact` takes no bounds, `trust-constr` needs two to
+    three times the evaluations and stops with 0.003 to gain in log-likelihood, and L-BFGS-B stops
+    with more than 1 to gain.
+
+    A law is given by its log-odds at two points and its shapes. Where its support is bounded, the
+    point is the outer one, with which no change of the others takes the chance from a sample; else
+    the inner one, which hardly depends on the shape.
+    """
+    farthest = math.log(problem.size) + _BEYOND
+    bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])
+    loss, slope, hessian = _expansion(numbers, point, problem.data)
+    steps = 0
+    while True:
+        free = np.flatnonzero((np.abs(numbers) < bound) | (slope * numbers > 0))
+        curvature, axes = np.linalg.eigh(hessian[np.ix_(free, free)])
+        along = axes.T @ slope[free]
+        curvature = np.maximum(np.abs(curvature), _FLATTEST)
+        gain = float(problem.size * along @ (along / curvature) / 2)
+        if gain <= _TOLERANCE or steps == _MAX_STEPS:
+            break
+        change = np.zeros(4)
+        change[free] = -axes @ (along / curvature)
+        change *= min(1.0, _MAX_CHANGE / np.abs(change).max())
+        for _ in range(_MAX_HALVINGS):
+            moved = np.clip(numbers + change, -bound, bound)
+            found = _expansion(moved, point, problem.data)
+            # A law that gives a sample no chance has an infinite loss, or none.
+            if found[0] < loss and np.isfinite(found[1]).all() and np.isfinite(found[2]).all():
+                break
+            change /= 2
+        else:
+            break
+        numbers, (loss, slope, hessian) = moved, found
+        steps += 1
+        suited = np.where(numbers[2:] > 0, problem.outer, problem.inner)
+        if (suited != point).any():
+            log_odds = np.clip(_at(numbers, point, suited), -farthest, farthest)
+            numbers, point = np.concatenate([log_odds, numbers[2:]]), suited
+            loss, slope, hessian = _expansion(numbers, point, problem.data)
+    edge = np.abs(numbers[:2]) == farthest
+    return _Maximum(numbers, point, loss, gain, edge, steps)
+
+
+def _expansion(
+    numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"], data: _Data
+) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
+    """The loss, its derivatives, and its second ones."""
+    loss, slope, hessian = jax.device_get(_derivatives(numbers, point, data))
+    return float(loss), slope, hessian
+
+
+@jax.jit
+def _derivatives(
+    numbers: Float[Array, "4"], point: Float[Array, "2"], data: _Data
+) -> tuple[Float[Array, ""], Float[Array, "4"], Float[Array, "4 4"]]:
+    def slope(numbers):  # type: ignore[no-untyped-def]
+        loss, slope = jax.value_and_grad(lambda n: data.loss(_through(n, point)))(numbers)
+        return slope, (loss, slope)
+
+    hessian, (loss, first) = jax.jacfwd(slope, has_aux=True)(numbers)
+    return loss, first, hessian
+
+
+def _distance(
+    law: Gld, value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
+) -> float:
+    """The largest difference of distribution functions, which is beside one of the values."""
+    half = 0.5 if censored else 0.0
+    upto = np.cumsum(count)
+    below = np.asarray(law.cdf(value - half)) - (upto - count) / upto[-1]
+    above = np.asarray(law.cdf(value + half)) - upto / upto[-1]
+    return float(np.abs([below, above]).max())
+
+
+def _checked(samples: Any) -> Float[np.ndarray, "samples"]:
+    given = np.asarray(samples)
+    if given.ndim != 1 or not (
+        np.issubdtype(given.dtype, np.floating) or np.issubdtype(given.dtype, np.integer)
+    ):
+        raise ValueError(
+            f"samples: expected a list of numbers, got {given.dtype} of shape {given.shape}"
+        )
+    given = given.astype(np.float64)
+    wrong = np.flatnonzero(~np.isfinite(given))
+    if wrong.size:
+        raise ValueError(f"samples[{wrong[0]}] is {given[wrong[0]]}; expected a finite number")
+    return given

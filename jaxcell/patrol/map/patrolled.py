@@ -1,0 +1,256 @@
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...optimize import Graph
+from ...space import CellSpace
+from .attack import Vulnerability, capture_probabilities
+from .game import ShareGame, contested
+from .policies import Policy
+from .reassignment import Reassignment
+from .regions import Regions
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PatrolledMap(Result):
+    """How robots patrol a map, and how vulnerable it is then.
+
+    One robot in a corridor of four cells, each of which sees its neighbours:
+
+        >>> import jax
+        >>> from jaxcell import patrol, space
+        >>> room = space.Workspace([(0, 0), (4, 0), (4, 1), (0, 1)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 1.6)
+        >>> policies = patrol.distributed_policies(graph, visible, 1)
+        >>> problem = graph, visible, policies
+        >>> attack = patrol.vulnerability(jax.random.key(0), *problem, 0, [2], runs=5)
+        >>> capture = patrol.capture_probabilities(*problem, [2])
+        >>> found = patrol.PatrolledMap(cells, 1.6, *problem, attack, capture)
+        >>> found.robots, found.contested.tolist(), found.capture.round(3).tolist()
+        (1, [0, 1, 2, 3], [[0.889, 1.0, 1.0, 0.889]])
+    """
+
+    title: ClassVar[str] = "Patrol of a map with limited visibility"
+    tables: ClassVar[Mapping[str, str]] = {
+        "robot": "policies",
+        "attack_time": "attacks",
+        "phase": "when_a_robot_is_lost",
+    }
+
+    cells: CellSpace
+    reach: Annotated[float, quantity("", "range of sight of a robot", "m")]
+    graph: Graph
+    "The cells and the edges between them, [`jaxcell.patrol.cell_graph`][]."
+    visible: Annotated[
+        Bool[np.ndarray, "cells cells"],
+        quantity("position other", "whether other is wholly seen from position", kind="flag"),
+    ]
+    "See [`jaxcell.space.visible_cells`][]."
+    policies: tuple[Policy, ...]
+    "How each robot walks."
+    attack: Vulnerability
+    "An attack on one cell."
+    capture: Annotated[
+        Float[np.ndarray, "times attacked"],
+        quantity("attack_time position", "probability of capture", "1", kind="share"),
+    ]
+    "For each attack time of `attack` and each cell attacked."
+    regions: Regions | None = None
+    "Who patrols where, if there is a base station."
+    reassignment: Reassignment | None = None
+    "What the robots do when one has stopped reporting."
+    game: ShareGame | None = None
+    "The mixture of policies that is best against an adversary."
+    smallest_covers: Float[np.ndarray, "robots"] | None = None
+    "The number of cells of the smallest cover of each robot's cells; NaN where it is not known."
+    seed: int = 0
+    "Of the patrol that a recording shows."
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` for parts that are not of the same cells and attack times."""
+        positions = self.cells.positions
+        sizes = {
+            "graph": self.graph.vertices,
+            "visible": len(self.visible),
+            "attack": self.attack.view.size,
+            "capture": self.capture.shape[1],
+            **{f"policies[{i}]": one.chain.cells for i, one in enumerate(self.policies)},
+        }
+        if self.regions is not None:
+            sizes["regions"] = self.regions.region.size
+        if self.game is not None:
+            sizes["game"] = self.game.capture.shape[1]
+        for name, size in sizes.items():
+            if size != positions:
+                raise ValueError(f"{name}: expected that of {positions} cells, got {size}")
+        if self.cells.workspace is None:
+            raise ValueError("cells: expected those of a map, got those of a grid")
+        if len(self.capture) != self.attack.attack_times.size:
+            raise ValueError(
+                f"capture: expected {self.attack.attack_times.size} rows, one an attack time, got "
+                f"{len(self.capture)}"
+            )
+        if self.reassignment is not None and self.regions is None:
+            raise ValueError("reassignment: expected regions too")
+
+    @property
+    def contested(self) -> Int[np.ndarray, "targets"]:
+        """The cells that an adversary may choose from, [`jaxcell.patrol.contested`][]."""
+        return contested(self.visible, self.policies, self.regions)
+
+    @property
+    def xy(self) -> Float[np.ndarray, "cells 2"]:
+        """The centre of each cell, in metres."""
+        x, y, _ = self.cells.centre(np.arange(self.cells.positions))
+        return np.stack([x, y], axis=1)
+
+    @derived("", "robots", kind="count")
+    def robots(self) -> int:
+        return len(self.policies)
+
+    @derived("", "edges between cells", kind="count")
+    def edges(self) -> int:
+        return len(self.graph.edges)
+
+    @derived("", "cells seen from a cell, on average")
+    def mean_cells_seen(self) -> float:
+        return float(self.visible.sum(axis=1).mean())
+
+    @derived("", "fewest cells seen from a cell", kind="count")
+    def least_cells_seen(self) -> int:
+        return int(self.visible.sum(axis=1).min())
+
+    @derived("", "most cells seen from a cell", kind="count")
+    def most_cells_seen(self) -> int:
+        return int(self.visible.sum(axis=1).max())
+
+    @derived("unseen", "cells that nobody can see", kind="index", listed=True)
+    def seen_by_nobody(self) -> Int[np.ndarray, "unseen"]:
+        return np.flatnonzero(~self.visible.any(axis=0))
+
+    @derived("edge side", "cells at the ends of the edge", kind="index")
+    def end(self) -> Int[np.ndarray, "edges 2"]:
+        return self.graph.edges
+
+    @derived("robot", "robot", kind="coordinate")
+    def robot(self) -> Int[np.ndarray, "robots"]:
+        return np.arange(self.robots)
+
+    @derived("robot", "cells that it patrols", kind="count")
+    def cells_patrolled(self) -> Int[np.ndarray, "robots"]:
+        return np.array([policy.cells.size for policy in self.policies])
+
+    @derived("robot stop", "cells of the cover in their order", kind="index", listed=True)
+    def cover(self) -> Int[np.ndarray, "robots stops"]:
+        return _padded([policy.cover for policy in self.policies])
+
+    @derived("robot", "cells of its cover", kind="count")
+    def cover_size(self) -> Int[np.ndarray, "robots"]:
+        return np.array([policy.cover.size for policy in self.policies])
+
+    @derived("robot", "cells of the smallest cover")
+    def minimum_cover(self) -> Float[np.ndarray, "robots"] | None:
+        return self.smallest_covers
+
+    @derived("robot", "cells of its cover to those of the smallest")
+    def cover_ratio(self) -> Float[np.ndarray, "robots"] | None:
+        return None if self.smallest_covers is None else self.cover_size / self.smallest_covers
+
+    @derived("robot", "cells that it cannot see", kind="count")
+    def uncovered(self) -> Int[np.ndarray, "robots"]:
+        return np.array([policy.uncovered.size for policy in self.policies])
+
+    @derived("robot", "steps of its tour, 0 for none", kind="count")
+    def tour_steps(self) -> Int[np.ndarray, "robots"]:
+        tours = (policy.tour for policy in self.policies)
+        return np.array([0 if tour is None else tour.size for tour in tours])
+
+    @derived("robot", "mean time there and back over pairs of cells", "steps", kind="time")
+    def commute_time(self) -> Float[np.ndarray, "robots"]:
+        return np.array([policy.commute_time for policy in self.policies])
+
+    @derived("robot", "duality gap of its weights, relative", kind="residual")
+    def duality_gap(self) -> Float[np.ndarray, "robots"]:
+        return np.array([policy.certificate.residual for policy in self.policies])
+
+    @derived("robot", "cell where it reports", kind="place")
+    def contact(self) -> Int[np.ndarray, "robots"] | None:
+        contacts = [policy.contact for policy in self.policies]
+        return None if None in contacts else np.array(contacts)
+
+    @derived("robot edge", "share of steps on the edge", "1", kind="share")
+    def weight(self) -> Float[np.ndarray, "robots edges"]:
+        return np.stack([policy.weights for policy in self.policies])
+
+    @derived("robot branch position", "cell that a step may lead to", kind="index")
+    def image(self) -> Int[np.ndarray, "robots branches cells"]:
+        return _padded([np.asarray(policy.chain.image) for policy in self.policies])
+
+    @derived("robot branch position", "its probability", "1", kind="distribution", over="branch")
+    def probability(self) -> Float[np.ndarray, "robots branches cells"]:
+        return _padded([np.asarray(policy.chain.probability) for policy in self.policies], 0.0)
+
+    @derived("attack_time", "steps of an attack", "steps", kind="coordinate")
+    def attack_time(self) -> Int[np.ndarray, "times"]:
+        return self.attack.attack_times
+
+    @derived("attack_time", "weakest cell", kind="place")
+    def weakest(self) -> Int[np.ndarray, "times"]:
+        return self.contested[self.capture[:, self.contested].argmin(axis=1)]
+
+    @derived("attack_time", "probability of capture there", "1", kind="share")
+    def weakest_capture(self) -> Float[np.ndarray, "times"]:
+        return self.capture[:, self.contested].min(axis=1)
+
+    @derived("attack_time", "mean over cells", "1", kind="share")
+    def mean_capture(self) -> Float[np.ndarray, "times"]:
+        return self.capture[:, self.contested].mean(axis=1)
+
+    @derived("phase", "caught in the first attack time by", kind="coordinate")
+    def phase(self) -> np.ndarray | None:
+        """The phases of the loss of a robot."""
+        named = ("all robots", "the others in their old regions", "the others in new regions")
+        return None if self.reassignment is None else np.array(named)
+
+    @derived("phase position", "probability of capture, first attack time", "1", kind="share")
+    def phase_capture(self) -> Float[np.ndarray, "phases cells"] | None:
+        after = self.reassignment
+        if after is None:
+            return None
+        left = [self.policies[robot] for robot in sorted(after.robot.tolist())]
+        steps = [int(self.attack.attack_times[0])]
+        caught = [
+            capture_probabilities(self.graph, self.visible, policies, steps)[0]
+            for policies in (left, after.policies)
+        ]
+        return np.stack([self.capture[0], *caught])
+
+    @derived("phase", "at the weakest cell", "1", kind="share")
+    def phase_weakest(self) -> Float[np.ndarray, "phases"] | None:
+        caught = self.phase_capture
+        return None if caught is None else caught[:, self.contested].min(axis=1)
+
+    @derived("phase", "mean over cells", "1", kind="share")
+    def phase_mean(self) -> Float[np.ndarray, "phases"] | None:
+        caught = self.phase_capture
+        return None if caught is None else caught[:, self.contested].mean(axis=1)
+
+    def checks(self) -> Checks:
+        order = np.argsort(self.attack.attack_times, kind="stable")
+        later = np.diff(self.capture[order], axis=0)
+        return {"capture_falls_with_time": (float(np.max(-later, initial=0.0)), PROBABILITY)}
+
+
+def _padded(rows: list[np.ndarray], fill: float | int = -1) -> np.ndarray:
+    """Arrays of different lengths as one, with what stands for nothing at their ends."""
+    longest = max(map(len, rows))
+    shape = (len(rows), longest, *rows[0].shape[1:])
+    padded = np.full(shape, fill, rows[0].dtype)
+    for line, row in zip(padded, rows, strict=True):
+        line[: len(row)] = row
+    return padded

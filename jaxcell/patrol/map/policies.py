@@ -1,0 +1,176 @@
+import dataclasses
+
+import numpy as np
+import scipy.sparse.csgraph
+from jaxtyping import Bool, Float, Int
+
+from ...certificate import Certificate
+from ...mapping import Chain
+from ...optimize import Graph, greedy_cover, minimum_commute
+from ..walks.walk import random_walk
+from .regions import Regions, check_visible
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Policy:
+    """How one robot walks on the cells of a map, or on some of them."""
+
+    cells: Int[np.ndarray, "visited"]
+    "The cells that it walks on, in order."
+    weights: Float[np.ndarray, "edges"]
+    "The weight of each edge of the graph; they sum to 1 and are 0 where the robot does not walk."
+    chain: Chain
+    "The walk that takes an edge in proportion to its weight; it stays in cells without edges."
+    cover: Int[np.ndarray, "stops"]
+    "The cells from which all those that it walks on are seen, in the order of their choice."
+    uncovered: Int[np.ndarray, "unseen"]
+    "Those that cannot be seen from any of them."
+    contact: int | None
+    "The cell where it reports to a base station, if there is one."
+    tour: Int[np.ndarray, "steps"] | None
+    "The closed walk through the cover and the contact; none through a single cell."
+    commute_time: float
+    "The mean over pairs of these cells of the expected number of steps there and back."
+    certificate: Certificate
+    "That of the weights, of [`jaxcell.optimize.minimum_commute`][]."
+
+
+def distributed_policies(
+    graph: Graph, visible: Bool[np.ndarray, "cells cells"], robots: int, share: float = 0.8
+) -> tuple[Policy, ...]:
+    """A walk for each robot, that sees all cells and needs no other robot (Alam 2018, 4.4.4).
+
+    Robot `i` has the cover of choice `i`, [`jaxcell.optimize.greedy_cover`][], and walks with the
+    minimum average expected commute time with an emphasis on it,
+    [`jaxcell.optimize.minimum_commute`][]. Where one cell sees all there is no tour to emphasise.
+
+    **Arguments:**
+
+    - `graph`: the cells and the ways between them, a connected graph.
+    - `visible`: which cells are seen from each.
+    - `robots`: how many.
+    - `share`: the least weight of the tour through the cover, 0 to 1.
+
+    **Returns:** a [`Policy`][] for each robot.
+
+    **Raises:** `ValueError` for fewer than 1 robot or more than there are cells, for an array that
+    does not match the graph, and what `minimum_commute` refuses; `RuntimeError` where JAX is set
+    to 32 bits.
+
+    A corridor of five cells, each of which sees its neighbours; all are seen from cells 1 and 3:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> (policy,) = patrol.distributed_policies(graph, visible, 1)
+        >>> policy.cover.tolist(), policy.tour.tolist(), policy.weights.round(3).tolist()
+        ([1, 3], [1, 2, 3, 2], [0.1, 0.4, 0.4, 0.1])
+    """
+    check_visible(graph, visible)
+    if not 1 <= robots <= graph.vertices:
+        raise ValueError(
+            f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
+        )
+    cells = np.arange(graph.vertices, dtype=np.int32)
+    return tuple(_policy(graph, cells, visible, share, choice=i) for i in range(robots))
+
+
+def centralized_policies(
+    graph: Graph, visible: Bool[np.ndarray, "cells cells"], regions: Regions, share: float = 0.8
+) -> tuple[Policy, ...]:
+    """A walk for each region, that sees all of it and reports (Alam 2018, section 4.4.5).
+
+    A robot stays in its region, and its cover holds the cells of the region. The source leaves the
+    choice of the *contact cell* open: here it is that of the region's cells in view of the base
+    station with the shortest ways to the cells of the cover, summed.
+
+    **Arguments:**
+
+    - `graph`: the cells and the ways between them.
+    - `visible`: which cells are seen from each, by a robot.
+    - `regions`: who patrols where.
+    - `share`: the least weight of the tour through the cover and the contact cell, 0 to 1.
+
+    **Returns:** a [`Policy`][] for each region, in order.
+
+    **Raises:** as [`distributed_policies`][]; `ValueError` if the regions are those of another
+    graph.
+
+    A corridor of five cells with the base station in the middle. Each robot has two cells, sees
+    both from one of them, and reports at 3 or at 1:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> [(policy.contact, policy.cells.tolist(), policy.cover.tolist()) for policy in policies]
+        [(3, [3, 4], [3]), (1, [0, 1], [0])]
+    """
+    check_visible(graph, visible)
+    if regions.region.size != graph.vertices:
+        raise ValueError(
+            f"regions: expected those of the {graph.vertices} cells of the graph, got those of "
+            f"{regions.region.size}"
+        )
+    return tuple(
+        _policy(graph, regions.cells(k), visible, share, view=regions.view)
+        for k in range(regions.count)
+    )
+
+
+def _policy(
+    graph: Graph,
+    cells: Int[np.ndarray, "visited"],
+    visible: Bool[np.ndarray, "cells cells"],
+    share: float,
+    *,
+    choice: int = 0,
+    view: Bool[np.ndarray, "cells"] | None = None,
+) -> Policy:
+    """The policy on some cells, with a contact cell if there is a view to report in."""
+    number = np.full(graph.vertices, -1, np.int32)
+    number[cells] = np.arange(cells.size, dtype=np.int32)
+    ends = number[graph.edges]
+    inside = (ends >= 0).all(axis=1)
+    part = Graph(ends[inside], cells.size, None if graph.xy is None else graph.xy[cells])
+    cover = greedy_cover(visible[np.ix_(cells, cells)], choice)
+    stops, contact = cover.chosen, None
+    if view is not None:
+        contact = _contact(part, stops, view[cells])
+        stops = np.union1d(stops, contact)
+    walk = minimum_commute(part, stops.tolist() if stops.size > 1 else None, share)
+    weights = np.zeros(len(graph.edges))
+    weights[inside] = walk.weights
+    return Policy(
+        cells=cells,
+        weights=weights,
+        chain=_among(cells, random_walk(part, walk.weights), graph.vertices),
+        cover=cells[cover.chosen],
+        uncovered=cells[cover.uncovered],
+        contact=None if contact is None else int(cells[contact]),
+        tour=None if walk.tour is None else cells[walk.tour],
+        commute_time=walk.commute_time,
+        certificate=walk.certificate,
+    )
+
+
+def _contact(
+    graph: Graph, stops: Int[np.ndarray, "stops"], view: Bool[np.ndarray, "vertices"]
+) -> int:
+    """The vertex in view with the shortest ways to the stops; the first of equals."""
+    lengths = graph.matrix(graph.lengths)
+    ways = scipy.sparse.csgraph.dijkstra(lengths, directed=False, indices=stops).sum(axis=0)
+    return int(np.argmin(np.where(view, ways.round(9), np.inf)))
+
+
+def _among(cells: Int[np.ndarray, "visited"], chain: Chain, count: int) -> Chain:
+    """A chain on some cells as one on all of them, that stays where it is in the others."""
+    image = np.tile(np.arange(count, dtype=np.int32), (len(chain.image), 1))
+    probability = np.zeros(image.shape)
+    probability[0] = 1
+    image[:, cells] = cells[np.asarray(chain.image)]
+    probability[:, cells] = chain.probability
+    return Chain(image, probability)

@@ -1,0 +1,167 @@
+import dataclasses
+from typing import Annotated, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import scipy.optimize
+from jaxtyping import Bool, Float, Int
+
+from ...base.quantities import Result, derived, quantity
+from ...markov.passage import survivals
+from ...optimize import Graph
+from .policies import Policy, centralized_policies
+from .regions import Regions, angular_regions
+
+
+# Steps that are made at once.
+_CHUNK = 256
+_MOST_STEPS = 2**20
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reassignment(Result):
+    """Who patrols where when a robot has stopped reporting."""
+
+    title: ClassVar[str] = "Regions without a robot"
+
+    after: int
+    "The steps without a report after which the base station may conclude that a robot is lost."
+    regions: Regions
+    robot: Annotated[
+        Int[np.ndarray, "regions"],
+        quantity("region", "robot that takes the region", kind="index", listed=True),
+    ]
+    policies: tuple[Policy, ...]
+    "The policy in each region."
+
+    @derived("", "steps of silence that mean a loss", "steps", kind="count")
+    def silence_limit(self) -> int:
+        return self.after
+
+    @derived("region", "cells of each region", kind="count", listed=True)
+    def sizes(self) -> Int[np.ndarray, "regions"]:
+        return np.array([policy.cells.size for policy in self.policies])
+
+    @derived("region", "mean commute time between cells", "steps", kind="time", listed=True)
+    def commute_times(self) -> Float[np.ndarray, "regions"]:
+        return np.array([policy.commute_time for policy in self.policies])
+
+    @derived("region edge", "share of steps on the edge", "1", kind="share")
+    def weight(self) -> Float[np.ndarray, "regions edges"]:
+        return np.stack([policy.weights for policy in self.policies])
+
+
+def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
+    """The number of steps without a report that a robot at work hardly ever exceeds.
+
+    That is the least `t` for which the robot, wherever it is in its region, fails to come to its
+    contact cell in the next `t` steps with a probability of at most `alpha`. A robot that is at the
+    contact cell has to come back. The law is exact, by the recursion of
+    [`jaxcell.markov.survival`][].
+
+    **Arguments:**
+
+    - `policy`: that of a robot with a contact cell.
+    - `alpha`: the probability of a false alarm, more than 0 and less than 1.
+
+    **Returns:** the number of steps.
+
+    **Raises:** `ValueError` for a policy without a contact cell, and a probability out of range;
+    `RuntimeError` if a million steps are not enough.
+
+    A robot that goes to and fro between two cells reports every other step:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> patrol.silence_limit(policies[0])
+        2
+    """
+    if policy.contact is None:
+        raise ValueError("policy: expected one with a contact cell, where the robot reports")
+    if not 0 < alpha < 1:
+        raise ValueError(f"alpha: expected a probability, more than 0 and less than 1, got {alpha}")
+    there = np.arange(policy.chain.cells) == policy.contact
+    value = jnp.asarray(~there, jnp.float64)
+    first = policy.chain.to_scipy()[[policy.contact]]
+    for steps in range(0, _MOST_STEPS, _CHUNK):
+        values, value = survivals(policy.chain, jnp.asarray(there), value, _CHUNK)
+        before = np.asarray(values)
+        after = np.concatenate([before[1:], np.asarray(value)[None]])
+        back = before[:, first.indices] @ first.data
+        late = np.maximum(after[:, policy.cells].max(axis=1), back)
+        if late[-1] <= alpha:
+            return steps + int(np.argmax(late <= alpha)) + 1
+    raise RuntimeError(
+        f"silence_limit: after {_MOST_STEPS} steps the robot has still not come to cell "
+        f"{policy.contact} with probability {late[-1]:.3g}; expected at most {alpha}"
+    )
+
+
+def reassign(
+    graph: Graph,
+    visible: Bool[np.ndarray, "cells cells"],
+    regions: Regions,
+    policies: tuple[Policy, ...],
+    lost: int,
+    *,
+    share: float = 0.8,
+    alpha: float = 0.01,
+) -> Reassignment:
+    """New regions and policies for the robots that are left when one stops reporting.
+
+    This is what Alam 2018, section 6.3, leaves to the future. The base station stays where it is,
+    and divides the map among one robot less. Robots take regions so that together they keep as many
+    of their cells as possible; each learns of it when it next reports.
+
+    **Arguments:**
+
+    - `graph`: the cells and the ways between them.
+    - `visible`: which cells are seen from each, by a robot.
+    - `regions`, `policies`: who patrolled where, and how: robot `i` in region `i`.
+    - `lost`: the robot that has stopped reporting.
+    - `share`: as in [`centralized_policies`][].
+    - `alpha`: as in [`silence_limit`][].
+
+    **Returns:** [`Reassignment`][].
+
+    **Raises:** `ValueError` for a robot that does not exist, if it is the only one, if the policies
+    are not one for each region, and as [`angular_regions`][], [`centralized_policies`][] and
+    [`silence_limit`][].
+
+    Two robots around a base station at cell 2 of a room of 5 x 2 cells; robot 1 falls silent, and
+    robot 0 gets the only region that is left:
+
+        >>> from jaxcell import patrol, space
+        >>> room = space.Workspace([(0, 0), (5, 0), (5, 2), (0, 2)])
+        >>> cells = space.CellSpace.of(room, 1.0, 1)
+        >>> graph, visible = patrol.cell_graph(cells), space.visible_cells(cells, 2.2)
+        >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
+        >>> policies = patrol.centralized_policies(graph, visible, regions)
+        >>> new = patrol.reassign(graph, visible, regions, policies, lost=1)
+        >>> regions.count, new.regions.count, new.robot.tolist()
+        (2, 1, [0])
+    """
+    if len(policies) != regions.count:
+        raise ValueError(f"policies: expected {regions.count}, one a region, got {len(policies)}")
+    if not 0 <= lost < regions.count:
+        raise ValueError(f"lost: robot {lost} does not exist; robots are 0 to {regions.count - 1}")
+    if regions.count == 1:
+        raise ValueError("lost: robot 0 is the only one; none is left to patrol")
+    after = silence_limit(policies[lost], alpha)
+    left = np.delete(np.arange(regions.count), lost)
+    new = angular_regions(graph, regions.base, regions.view, left.size, regions.sectors)
+    kept = [
+        [np.count_nonzero((new.region == k) & (regions.region == i)) for i in left]
+        for k in range(new.count)
+    ]
+    _, taken = scipy.optimize.linear_sum_assignment(kept, maximize=True)
+    return Reassignment(
+        after,
+        new,
+        left[taken].astype(np.int32),
+        centralized_policies(graph, visible, new, share),
+    )

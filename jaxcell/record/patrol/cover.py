@@ -1,0 +1,86 @@
+"""The cells from which each robot sees all that it walks on, one by one."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...patrol import PatrolledMap
+from ..canvas.map import CellMap
+from ..canvas.page import log_legend, log_tab
+from ..canvas.palette import CLEAR, FREE, PLAIN, PictureClass, mix, robot_color
+from .regions import base_legend, log_contacts
+from .sight import MAX_MAPS, log_sight, only_some, robot_table
+
+
+# Steps of the patrol for each step of the covers.
+_STRIDE = 20
+
+
+def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
+    """Log the tab of the covers, over the timelines `cover` and `step`."""
+    views = []
+    for robot, policy in enumerate(patrol.policies[:MAX_MAPS]):
+        name, color, stops = f"cover_{robot}", robot_color(robot)[1], policy.cover
+        patrolled = np.isin(np.arange(patrol.cells.positions), policy.cells)
+        sees = patrol.visible[stops] & patrolled
+        before = np.cumsum(sees, axis=0) - sees > 0
+        kind = np.select([~patrolled & ~sees, before, sees], [4, 2, 3], 1)
+        every = np.arange(stops.size)
+        timelines = (("cover", 1 + every), ("step", _STRIDE * every))
+        for timeline, times in timelines:
+            map.picture(name, _classes(robot), kind, timeline, times)
+            so_far = [map.xy(stops[: k + 1]) for k in every]
+            dots = rr.Points2D.columns(positions=np.concatenate(so_far))
+            map.stream.send_columns(
+                f"map/{name}/stops",
+                [rr.TimeColumn(timeline, sequence=times)],
+                dots.partition(1 + every),
+            )
+        log_sight(map, patrol, f"map/{name}/outline", stops, color, *timelines)
+        radius = 0.25 * patrol.cells.cell
+        style = rr.Points2D.from_fields(colors=color, radii=radius, draw_order=40)
+        map.stream.log(f"map/{name}/stops", style, static=True)
+        log_contacts(map, f"map/{name}/contact", [policy])
+        title = f"Robot {robot}: {stops.size} cells"
+        views.append(map.view(title, [f"grid/{name}", f"{name}/**", "base/**"]))
+    kinds = _classes(0)[1:] if patrol.regions is not None else _classes(0)[1:-1]
+    legend = [(one.label, one.color) for one in kinds]
+    legend.append(("a cell of the cover, and all that is seen from the last", robot_color(0)[1]))
+    legend += base_legend(patrol)
+    log_legend(map.stream, "cover/legend", legend, "cover")
+    return log_tab(map.stream, "cover", "Cover", views, _text(patrol), legend, rows=(5, 4))
+
+
+def _classes(robot: int) -> list[PictureClass]:
+    color = robot_color(robot)[1]
+    return [
+        PictureClass("not free", CLEAR),
+        PictureClass("not seen yet", FREE),
+        PictureClass("seen from a cell before", mix(color, FREE, 0.75)),
+        PictureClass("seen first from the last cell", mix(color, FREE, 0.4)),
+        PictureClass("not for this robot", mix(PLAIN, FREE, 0.5)),
+    ]
+
+
+def _text(patrol: PatrolledMap) -> str:
+    rows = [(policy.cover.size, policy.uncovered.size) for policy in patrol.policies]
+    if patrol.regions is None:
+        how = (
+            "Robot 0 takes, again and again, the cell from which most is seen that is not seen "
+            "yet; robot 1 takes the second best one, and so on, so that their covers differ."
+        )
+    else:
+        how = (
+            "Each robot takes, again and again, the cell of its region from which most of it is "
+            "seen that is not seen yet."
+        )
+    return f"""# Cells from which all is seen
+
+{how} The slider `step` goes through them, and faster the slider `cover`: choose it at the bottom
+left, in the place of `step`.{only_some(patrol)}
+
+A square counts as seen if all that is free of it is within {patrol.reach:g} m and behind no wall:
+it can lie partly in the outline and yet not be seen.
+
+{robot_table(("cells of its cover", "seen from none"), rows)}
+"""

@@ -1,0 +1,68 @@
+"""How often each robot takes each edge."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...patrol import PatrolledMap
+from ..canvas.map import CellMap
+from ..canvas.marks import log_dots
+from ..canvas.page import log_tab
+from ..canvas.palette import Color, ramp, robot_color
+from .regions import base_legend, log_contacts
+from .sight import MAX_MAPS, only_some, robot_table
+
+
+_SHADES = 6
+
+
+def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
+    """Log the tab of the policies: edges are wide and yellow where a robot often takes them."""
+    side = patrol.cells.cell
+    shown = patrol.policies[:MAX_MAPS]
+    most = max(float(policy.weights.max()) for policy in shown)
+    views = []
+    for robot, policy in enumerate(shown):
+        used = policy.weights > 0
+        level = policy.weights[used] / most
+        edges = rr.LineStrips2D(
+            map.xy(patrol.graph.edges[used]),
+            colors=ramp(level),
+            radii=side * (0.015 + 0.13 * level),
+            # What is wide lies on top.
+            draw_order=15,
+        )
+        path = f"map/policy_{robot}"
+        map.stream.log(f"{path}/edges", edges, static=True)
+        color = robot_color(robot)[1]
+        log_dots(map.stream, f"{path}/cover", map.xy(policy.cover), 0.25 * side, color, 30.0)
+        log_contacts(map, f"{path}/contact", [policy])
+        views.append(map.view(f"Robot {robot}", [f"policy_{robot}/**", "base/**"]))
+    levels = np.linspace(1, 0, _SHADES)
+    legend: list[tuple[str, Color]] = [
+        (f"{most * level:.2g} of the steps", (red, green, blue))
+        for level, (red, green, blue) in zip(levels.tolist(), ramp(levels).tolist(), strict=True)
+    ]
+    legend += [("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
+    return log_tab(map.stream, "policies", "Policies", views, _text(patrol), legend, rows=(5, 4))
+
+
+def _text(patrol: PatrolledMap) -> str:
+    rows = [
+        (
+            f"{policy.commute_time:,.0f}",
+            "none" if policy.tour is None else f"{policy.tour.size:,} steps",
+        )
+        for policy in patrol.policies
+    ]
+    return f"""# How a robot walks
+
+From a cell it takes each edge with a probability in proportion to its weight. Wide yellow lines
+have large weights.{only_some(patrol)}
+
+The shortest closed tour through the cells of the cover has at least a given share of the weight. Of
+all such weights these are the ones with which it takes the fewest steps from one cell to another
+and back, on average over all pairs of its cells.
+
+{robot_table(("steps there and back", "its tour"), rows)}
+"""

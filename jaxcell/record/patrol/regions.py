@@ -1,0 +1,111 @@
+"""The base station and the regions around it, and those after a robot is lost."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...patrol import PatrolledMap, Policy, Regions
+from ..canvas.map import CellMap
+from ..canvas.marks import log_dots, log_frame, log_labels
+from ..canvas.page import log_tab
+from ..canvas.palette import (
+    CATEGORIES,
+    CLEAR,
+    FREE,
+    ROBOTS,
+    Color,
+    PictureClass,
+    mix,
+    robot_color,
+)
+from .sight import BASE_VIEW, place, robot_table
+
+
+_BASE: Color = (0, 0, 0)
+_CONTACT = CATEGORIES["yellow"]
+
+
+def log_base(map: CellMap, regions: Regions) -> None:
+    """Log the base station."""
+    side, base = map.cells.cell, map.xy(np.array(regions.base))
+    log_frame(map.stream, "map/base/station", base, 0.4 * side, _BASE, order=45.0)
+    x, y = base.tolist()
+    log_labels(map.stream, "map/base/label", [("base", x, y - 0.7 * side)])
+
+
+def log_contacts(map: CellMap, path: str, policies: Sequence[Policy]) -> None:
+    """Log where robots report, if there is a base station."""
+    contacts = [policy.contact for policy in policies if policy.contact is not None]
+    if contacts:
+        xy = map.xy(np.array(contacts))
+        log_dots(map.stream, path, xy, 0.25 * map.cells.cell, _CONTACT, 50.0)
+
+
+def base_legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
+    """What the marks of a base station mean, if there is one."""
+    if patrol.regions is None:
+        return []
+    return [
+        ("a contact cell, where a robot reports", _CONTACT),
+        ("the base station (black frame)", _BASE),
+    ]
+
+
+def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Container:
+    """Log the tab of the regions."""
+    after, robots = patrol.reassignment, list(range(patrol.robots))
+    maps = [("Regions", "regions", regions, robots, patrol.policies)]
+    if after is not None:
+        title, owners = f"Without robot {_lost(patrol)}", after.robot.tolist()
+        maps.append((title, "regions_after", after.regions, owners, after.policies))
+    # Robots past the colours have those of others.
+    colors = [robot_color(robot)[1] for robot in robots[: len(ROBOTS)]]
+    classes = [PictureClass("not free", CLEAR), PictureClass("only the base", BASE_VIEW)]
+    legend: list[tuple[str, Color]] = []
+    for robot, color in enumerate(colors):
+        patrols, reports = mix(color, FREE, 0.6), mix(color, FREE, 0.25)
+        classes.append(PictureClass(f"robot {robot} patrols", patrols))
+        classes.append(PictureClass(f"robot {robot} reports", reports))
+        legend.append((f"robot {robot} patrols", patrols))
+        legend.append(("... in view of the base: it can report", reports))
+    legend += [*base_legend(patrol), ("in its view, patrolled by nobody", BASE_VIEW)]
+    views = []
+    for title, name, divided, owner, policies in maps:
+        of = np.array([*owner, -1])[divided.region] % len(colors)
+        kind = np.where(divided.region < 0, 1, 2 + 2 * of + divided.view)
+        picture = map.picture(name, classes, kind)
+        log_contacts(map, f"map/{name}_contacts", policies)
+        views.append(map.view(title, [picture, f"{name}_contacts", "base/station", "base/label"]))
+    text = _text(patrol, regions)
+    return log_tab(map.stream, "regions", "Base and regions", views, text, legend, rows=(5, 4))
+
+
+def _lost(patrol: PatrolledMap) -> int:
+    """The robot that has stopped reporting."""
+    assert patrol.reassignment is not None
+    (lost,) = set(range(patrol.robots)) - set(patrol.reassignment.robot.tolist())
+    return lost
+
+
+def _text(patrol: PatrolledMap, regions: Regions) -> str:
+    cells = [regions.cells(robot) for robot in range(patrol.robots)]
+    rows = [(one.size, int(regions.view[one].sum())) for one in cells]
+    text = f"""# A base station, and regions around it
+
+The base station is at {place(patrol, regions.base)}. It sees {regions.cells_in_view:,} cells, and
+nobody needs to patrol those except for their rim, where robots come to report. The rest is divided
+by the angle around the base station.
+
+{robot_table(("cells", "of these in view of the base"), rows)}
+"""
+    after = patrol.reassignment
+    if after is None:
+        return text
+    return f"""{text}
+## When robot {_lost(patrol)} is lost
+
+A robot at work stays away from its contact cell for **{after.after:,}** steps or more with a
+probability of 1 % at most. So much silence means that it is lost, and the others then divide the
+map among themselves, as the second map shows. Each takes the region where it keeps most cells.
+"""

@@ -1,0 +1,143 @@
+"""The cell that is attacked: who sees it, and how soon a robot does."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...patrol import PatrolledMap, Vulnerability
+from ..canvas.map import CellMap
+from ..canvas.marks import log_dots
+from ..canvas.page import log_tab
+from ..canvas.palette import (
+    BELIEF,
+    CATEGORIES,
+    CLEAR,
+    FREE,
+    KNOWN,
+    TARGET,
+    PictureClass,
+    mix,
+)
+from ..canvas.plot import Plot, ticks
+from ..canvas.prose import table
+from .sight import log_sight, place
+
+
+_EXACT, _FITTED, _RUNS = FREE, CATEGORIES["orange"], BELIEF
+# Lines of the charts, wide enough for those on top to leave them visible.
+_THIN, _MIDDLE, _WIDE = 1.5, 3.0, 7.0
+_MAX_BARS = 80
+# Later arrivals are not in the histogram.
+_SHOWN = 0.95
+_POINTS = 400
+
+
+def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
+    """Log the tab of the target."""
+    attack, stream = patrol.attack, map.stream
+    classes = [
+        PictureClass("not free", CLEAR),
+        PictureClass("out of view", FREE),
+        PictureClass("in view", mix(BELIEF, FREE, 0.6)),
+        PictureClass("boundary: a robot from outside sees it here first", mix(KNOWN, FREE, 0.2)),
+    ]
+    kind = 1 + attack.view.astype(np.uint8) + (attack.view & attack.boundary)
+    picture = map.picture("target_view", classes, kind)
+    target = np.array([attack.target])
+    log_sight(map, patrol, "map/target_outline", target, BELIEF)
+    log_dots(stream, "map/target_cell", map.xy(target), 0.3 * patrol.cells.cell, TARGET)
+    legend = [(one.label, one.color) for one in classes[1:]]
+    legend += [
+        ("the target", TARGET),
+        ("simulated: a share of the runs", _RUNS),
+        ("exact law", _EXACT),
+    ]
+    if attack.fit is not None:
+        legend.append(("generalized lambda fit to the runs", _FITTED))
+    names = [picture, "target_outline", "target_cell", "base/station", "base/label"]
+    views = rrb.Horizontal(
+        map.view("From where the target is seen", names),
+        rrb.Vertical(_log_times(stream, attack), _log_captures(stream, attack)),
+        column_shares=[4, 5],
+    )
+    return log_tab(stream, "target", "The target", views, _text(patrol), legend, rows=(5, 4))
+
+
+def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
+    """Log the histogram of the simulated times with the exact law and the fit."""
+    time = attack.arrival
+    last = float(np.quantile(time, _SHOWN, method="lower"))
+    if not np.isfinite(last):
+        last = float(attack.attack_times.max())
+    width = max(1, int(np.ceil((last + 1) / _MAX_BARS)))
+    bounds = np.arange(0, last + 1 + width, width)
+    counts, _ = np.histogram(time[np.isfinite(time)], bounds)
+    bars = counts / (time.size * width)
+    shown = min(attack.law.size, int(bounds[-1]))
+    most_y = 1.1 * max(float(bars.max()), float(attack.law[:shown].max()))
+    plot = Plot(stream, "target/times", float(bounds[-1]), most_y)
+    plot.axes(
+        ticks(plot.most_x),
+        ticks(most_y, 4),
+        "steps until a robot first sees the target",
+        "probability of each number of steps",
+    )
+    plot.bars("simulated", bars, plot.most_x, _RUNS)
+    # A whole number is in the middle of the part of a bar that counts it.
+    plot.line("exact", np.arange(shown) + 0.5, attack.law[:shown], _EXACT, _THIN)
+    if attack.fit is not None:
+        x = np.linspace(0, plot.most_x, _POINTS)
+        # The fit is to intervals around whole numbers, and so are its probabilities.
+        above, below = (np.asarray(attack.fit.law.cdf(x + half)) for half in (0.5, -0.5))
+        plot.line("fitted", x + 0.5, above - below, _FITTED, _MIDDLE)
+    return plot.view("How long it takes until a robot sees the target")
+
+
+def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
+    """Log the distribution functions, with the attack times."""
+    most = int(attack.attack_times.max())
+    plot = Plot(stream, "target/captures", float(most), 1.0)
+    plot.axes(
+        ticks(most),
+        ticks(1.0),
+        "steps that the attack takes (upright lines: those asked for)",
+        "probability of capture",
+    )
+    plot.marks("attack_times", attack.attack_times.tolist(), CATEGORIES["yellow"])
+    steps = np.arange(most + 1, dtype=float)
+    runs = np.searchsorted(np.sort(attack.arrival), steps, side="right") / attack.arrival.size
+    plot.line("simulated", steps, runs, _RUNS, _WIDE)
+    plot.line("exact", steps, np.cumsum(attack.law), _EXACT, _THIN)
+    if attack.fit is not None:
+        plot.line("fitted", steps, np.asarray(attack.fit.law.cdf(steps + 0.5)), _FITTED, _MIDDLE)
+    return plot.view("Whether the adversary is caught")
+
+
+def _text(patrol: PatrolledMap) -> str:
+    attack, fit = patrol.attack, patrol.attack.fit
+    columns = (attack.attack_times, attack.exact, attack.simulated, attack.fitted)
+    rows = [
+        (f"{steps} steps", *("" if np.isnan(chance) else f"{chance:.4f}" for chance in chances))
+        for steps, *chances in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+    if fit is None:
+        about = f"No generalized lambda distribution was fitted: {attack.failure}."
+    else:
+        numbers = ", ".join(f"{x:.4g}" for x in (fit.l1, fit.l2, fit.l3, fit.l4))
+        about = (
+            f"A generalized lambda distribution ({numbers}) was fitted to the runs, as in the "
+            f"source. Its distribution function is up to {fit.distance:.4f} from theirs, "
+            "which is what the fit costs: the exact law needs neither."
+        )
+    return f"""# How soon a robot sees the target
+
+The robots begin anywhere out of view of the cell at {place(patrol, attack.target)}. The first
+that comes into view catches the adversary.
+
+The law of this time is computed **exactly**, and estimated by {attack.arrival.size:,} simulated
+runs. {about}
+
+## Probability of capture
+
+{table(("attack", "exact", "simulated", "fitted"), rows)}
+"""

@@ -1,1 +1,0 @@
-from .canvas.map import on_squares as on_squares

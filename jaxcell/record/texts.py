@@ -1,1 +1,0 @@
-from .canvas.prose import describe as describe, made_with as made_with

@@ -1,0 +1,266 @@
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ..base.quantities import Result
+from .map_study import CellStudy
+from .study import Metres, Say, require, silent
+
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..optimize import Graph
+    from ..patrol import PatrolledMap, Policy, Regions
+    from ..space import CellSpace
+    from ..verify import Comparison
+
+
+# The edges by edges matrix of the weights' Hessian would not fit, nor be done today.
+_MAX_CELLS = 1500
+_MAX_RUNS = 10_000_000
+# The shares that are mixed against the adversary, besides the one that is asked for.
+_SHARES = (0.0, 0.2, 0.5, 0.8, 0.95)
+# The smallest cover of more cells may take too long.
+_MAX_COVERED = 500
+_COVER_SECONDS = 5.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PatrolMap(CellStudy):
+    """Patrol a map with robots that see only so far, and compute how vulnerable it is then."""
+
+    name: ClassVar[str] = "patrol_map"
+
+    robots: int = 2
+    """How many robots patrol."""
+    range: Metres = 6.0
+    """How far a robot sees, in metres; walls are in the way."""
+    share: float = 0.8
+    """Least share of steps on the shortest closed tour through the cells from which all is seen."""
+    base: str | None = None
+    """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
+    for a central place that sees much. Without it each robot patrols the whole map."""
+    base_range: Metres | None = None
+    """How far the base station sees, in metres; by default as far as a robot."""
+    lost: int | None = None
+    """A robot that stops reporting to the base station; the others divide the map anew."""
+    target: str | None = None
+    """The cell that is attacked, "x,y" in metres; by default the one that is most vulnerable to the
+    first of the attack times."""
+    attack_times: tuple[int, ...] = (20, 30, 40, 50, 100, 500)
+    """The steps that an attack takes."""
+    runs: int = 5000
+    """How often to simulate an attack."""
+    seed: int = 0
+    """Seed of the simulation, and of the patrol that is recorded."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("range", "base_range"):
+            require(name, getattr(self, name), "more than 0 m, and finite", lambda x: x > 0)
+        require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        require("share", self.share, "0 or more and less than 1", lambda x: 0 <= x < 1)
+        if not self.attack_times:
+            raise ValueError("attack_times: expected at least one")
+        for steps in self.attack_times:
+            require("attack_times", steps, "at least 1 step", lambda x: x >= 1)
+        limits = f"2 or more, up to {_MAX_RUNS:,}"
+        require("runs", self.runs, limits, lambda x: 2 <= x <= _MAX_RUNS)
+        for name in ("base_range", "lost"):
+            if self.base is None and getattr(self, name) is not None:
+                raise ValueError(f"{name} has no meaning without a base")
+        if self.lost is not None and not 0 <= self.lost < self.robots:
+            raise ValueError(
+                f"lost: there is no robot {self.lost}; robots are 0 to {self.robots - 1}"
+            )
+        if self.lost is not None and self.robots == 1:
+            raise ValueError("lost: robot 0 is the only one; none would be left to patrol")
+
+    def run(self, say: Say = silent) -> "PatrolledMap":
+        import jax
+
+        from .. import patrol
+        from ..space import visible_cells
+
+        cells = self.cells()
+        say(f"looking around from {cells.positions:,} cells")
+        graph = self._graph(cells)
+        visible = visible_cells(cells, self.range)
+        target = None if self.target is None else _position(cells, self.target, "target")
+        regions = self._regions(cells, graph)
+
+        def policies_of(share: float) -> "tuple[Policy, ...]":
+            if regions is None:
+                return patrol.distributed_policies(graph, visible, self.robots, share)
+            return patrol.centralized_policies(graph, visible, regions, share)
+
+        say(f"making policies for {self.robots} robots")
+        policies, after = policies_of(self.share), None
+        if self.lost is not None and regions is not None:
+            after = patrol.reassign(graph, visible, regions, policies, self.lost, share=self.share)
+        say("attacking every cell")
+        times = list(self.attack_times)
+        capture = patrol.capture_probabilities(graph, visible, policies, times)
+        contested = patrol.contested(visible, policies, regions)
+        target = self._target(target, contested, capture[0], regions)
+        say(f"simulating {self.runs:,} attacks, and fitting their law")
+        attack = patrol.vulnerability(
+            jax.random.key(self.seed), graph, visible, policies, target, times, runs=self.runs
+        )
+        say("mixing policies against the adversary")
+        game = patrol.share_game(
+            graph,
+            visible,
+            lambda share: policies if share == self.share else policies_of(share),
+            sorted({*_SHARES, self.share}),
+            times[0],
+            contested,
+        )
+        say("comparing covers")
+        return patrol.PatrolledMap(
+            cells=cells,
+            reach=self.range,
+            graph=graph,
+            visible=visible,
+            policies=policies,
+            attack=attack,
+            capture=capture,
+            regions=regions,
+            reassignment=after,
+            game=game,
+            smallest_covers=_smallest_covers(visible, policies),
+            seed=self.seed,
+        )
+
+    def spec(self, result: Result) -> dict[str, Any]:
+        spec = super().spec(result)
+        if self.base is not None and self.base_range is None:
+            spec["base_range_m"] = self.range
+        if self.target is None:
+            x, y = result.xy[result.attack.target]  # type: ignore[attr-defined]
+            spec["target"] = f"{x:g},{y:g}"
+        return spec
+
+    def write(self, result: Any, out: Path) -> None:
+        import numpy as np
+
+        from ..files import name_in_results
+        from ..robot.patrol_task import save_patrols
+
+        chains = [policy.chain for policy in result.policies]
+        save_patrols(
+            out / "patrol.json",
+            result.cells,
+            [(np.asarray(chain.image), np.asarray(chain.probability)) for chain in chains],
+            # Where it reports, or sees most.
+            [
+                int(policy.cover[0] if policy.contact is None else policy.contact)
+                for policy in result.policies
+            ],
+            self.range,
+            map=name_in_results(self.map),
+            name=result.cells.workspace.name,
+        )
+
+    def verify(self, result: Any) -> "Sequence[Comparison]":
+        from ..verify import compare_patrolled_map
+
+        return compare_patrolled_map(result)
+
+    def _graph(self, cells: "CellSpace") -> "Graph":
+        """The graph of the cells, which is connected."""
+        import numpy as np
+        from scipy.sparse.csgraph import connected_components
+
+        from ..patrol import cell_graph
+
+        if cells.positions > _MAX_CELLS:
+            raise ValueError(
+                f"{self.map}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
+                f"computed for at most {_MAX_CELLS:,}; expected larger cells"
+            )
+        if self.robots > cells.positions:
+            raise ValueError(
+                f"robots: {self.robots} robots are more than the {cells.positions} cells of "
+                f"{self.map}"
+            )
+        graph = cell_graph(cells)
+        pieces, piece = connected_components(graph.matrix(np.ones(len(graph.edges))))
+        if pieces > 1:
+            x, y, _ = cells.centre(np.array([0, np.flatnonzero(piece != piece[0])[0]]))
+            raise ValueError(
+                f"{self.map}: its cells are in {pieces} separate pieces; no way leads from "
+                f"({x[0]:g}, {y[0]:g}) to ({x[1]:g}, {y[1]:g})"
+            )
+        return graph
+
+    def _regions(self, cells: "CellSpace", graph: "Graph") -> "Regions | None":
+        """The regions around the base station, if there is one."""
+        from ..patrol import angular_regions, base_station
+        from ..space import visible_cells
+
+        if self.base is None:
+            return None
+        seen = visible_cells(cells, self.range if self.base_range is None else self.base_range)
+        base = None if self.base == "auto" else _position(cells, self.base, "base")
+        try:
+            base = base_station(graph, seen) if base is None else base
+            return angular_regions(graph, base, seen[base], self.robots)
+        except ValueError as error:
+            raise ValueError(f"base: {error}") from None
+
+    def _target(
+        self,
+        asked: int | None,
+        contested: "np.ndarray",
+        caught: "np.ndarray",
+        regions: "Regions | None",
+    ) -> int:
+        """The cell that is attacked: one where luck decides, by default the weakest."""
+        if asked is None:
+            if contested.size == 0:
+                raise ValueError(
+                    f"range: with {self.range:g} m no robot ever sees the whole of a cell that is "
+                    "not watched anyway; expected more"
+                )
+            return int(contested[caught[contested].argmin()])
+        if asked in contested:
+            return asked
+        if regions is not None and regions.view[asked]:
+            why = "the base station always sees it, so that no attack succeeds"
+        else:
+            why = "no robot ever sees it, so that any attack succeeds"
+        raise ValueError(f"target {self.target!r}: {why}")
+
+
+def _smallest_covers(visible: "np.ndarray", policies: "Sequence[Policy]") -> "np.ndarray":
+    """The size of the smallest cover of each robot's cells; NaN where that takes too long."""
+    import numpy as np
+
+    from ..optimize import minimum_cover
+
+    found: dict[bytes, float] = {}
+    for policy in policies:
+        key = policy.cells.tobytes()
+        if policy.cells.size > _MAX_COVERED:
+            found[key] = np.nan
+        elif key not in found:
+            sets = visible[np.ix_(policy.cells, policy.cells)]
+            cover = minimum_cover(sets, time_limit=_COVER_SECONDS, throw=False)
+            proven = 0 < cover.bound == cover.chosen.size
+            found[key] = cover.chosen.size if proven else np.nan
+    return np.array([found[policy.cells.tobytes()] for policy in policies], float)
+
+
+def _position(cells: "CellSpace", text: str, parameter: str) -> int:
+    """The position that a parameter names, as "x,y" in metres."""
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f'{parameter} {text!r}: expected "x,y" in metres') from None
+    try:
+        return int(cells.index(x, y)) % cells.positions
+    except ValueError as error:
+        raise ValueError(f"{parameter} {text!r}: {error}") from None

@@ -1,0 +1,104 @@
+import networkx as nx
+import numpy as np
+import shapely
+
+from ..patrol import PatrolledMap, Policy
+from .bounce import sample
+from .comparison import Comparison
+
+
+_TARGETS = 6
+_PAIRS = 150
+_CLOSE = 1e-8
+_TIME = 1e-6
+# So many standard deviations are seen once in 10^14 numbers that are normal.
+_DEVIATIONS = 8.0
+
+
+def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
+    """The patrol of a map against polygons of shapely, products of scipy, and networkx.
+
+    **Arguments:**
+
+    - `patrol`: the patrol.
+    """
+    attack, times = patrol.attack, patrol.attack.attack_times
+    targets = sample(patrol.cells.positions, _TARGETS).tolist()
+    caught = np.array([_caught(patrol, target) for target in targets])
+    spread = np.maximum(attack.exact * (1 - attack.exact), 1 / attack.arrival.size)
+    deviation = (attack.simulated - attack.exact) / np.sqrt(spread / attack.arrival.size)
+    return [
+        _compare_sight(patrol),
+        Comparison.close(
+            "capture of some cells, by products with sparse matrices",
+            patrol.capture[:, targets].T,
+            caught,
+            _CLOSE,
+        ),
+        Comparison.close(
+            "capture of the target, by simulation, in standard deviations",
+            deviation,
+            np.zeros(times.size),
+            _DEVIATIONS,
+        ),
+        Comparison.close(
+            "commute times of the robots, by resistances of networkx",
+            patrol.commute_time,
+            [_commute_time(patrol, policy) for policy in patrol.policies],
+            _TIME,
+            relative=True,
+        ),
+    ]
+
+
+def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
+    """The probability that one robot has been in view of a cell, by each attack time."""
+    view, times = patrol.visible[target], patrol.attack.attack_times
+    survive = np.ones(int(times.max()) + 1)
+    for policy in patrol.policies:
+        unseen = np.isin(np.arange(view.size), policy.cells) & ~view
+        share = unseen / max(1, unseen.sum())
+        forward = policy.chain.to_scipy().T.tocsr()
+        for t in range(survive.size):
+            survive[t] *= share.sum()
+            share = np.where(view, 0, forward @ share)
+    return 1 - survive[times]
+
+
+def _commute_time(patrol: PatrolledMap, policy: Policy) -> float:
+    """The mean over pairs of cells: for weights that sum to 1, twice their mean resistance."""
+    used = policy.weights > 0
+    if not used.any():
+        return 0.0
+    graph = nx.Graph()
+    edges = zip(*patrol.graph.edges[used].T.tolist(), policy.weights[used].tolist(), strict=True)
+    graph.add_weighted_edges_from(edges)
+    resistance = nx.effective_graph_resistance(graph, weight="weight", invert_weight=False)
+    return float(4 * resistance / (len(graph) * (len(graph) - 1)))
+
+
+def _compare_sight(patrol: PatrolledMap) -> Comparison:
+    """Pairs of cells of which the second is a whole square, half of them visible."""
+    assert patrol.cells.workspace is not None
+    environment, side = patrol.cells.workspace.environment, patrol.cells.cell
+    random = np.random.default_rng(0)
+    wrong, count = [], 0
+    for seen in (True, False):
+        pairs = np.argwhere(patrol.visible == seen)
+        some = sample(len(pairs), _PAIRS // 2, seed=int(random.integers(2**31)))
+        for viewer, other in pairs[some].tolist():
+            (x, y), eye = patrol.xy[other].tolist(), shapely.Point(patrol.xy[viewer])
+            square = shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2)
+            if square.difference(environment).area > 1e-10 * side**2:
+                continue
+            far = float(eye.hausdorff_distance(square)) - patrol.reach
+            hull = shapely.union(square, eye).convex_hull
+            hidden = hull.difference(environment).area / side**2
+            if abs(far) < 1e-6 * side or 1e-10 < hidden < 1e-6:
+                continue
+            count += 1
+            if (far < 0 and hidden <= 1e-10) != seen:
+                wrong.append(
+                    f"cell {other} from {viewer}: expected {'seen' if not seen else 'hidden'}"
+                )
+    return Comparison.exact("cells that are seen, by polygons of shapely", wrong, count)

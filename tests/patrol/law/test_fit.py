@@ -1,0 +1,219 @@
+import math
+
+import jax
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.stats
+
+from jaxcell.certificate import Outcome
+from jaxcell.patrol.law.distribution import Gld
+from jaxcell.patrol.law.fit import fit_gld
+
+
+SAMPLES = 5000
+# With 99 %, the distribution function of so many samples is as near to that of their law.
+NEAR = 1.63 / math.sqrt(SAMPLES)
+SKEWED = Gld(0.5, 0.1, 0.1, 0.4)
+LAWS = [
+    SKEWED,
+    Gld(0.0, 1.0, -0.3, 0.4),
+    Gld(2.0, 1.0, 1.5, 1.2),
+    Gld(0.0, 1.0, 3.0, 3.0),
+    Gld(-4.0, 0.02, -0.5, -0.5),
+    Gld(0.0, 0.05, 5.0, 0.0),
+]
+
+
+def draw(law, size=SAMPLES, seed=0):
+    return np.asarray(law.quantile(np.random.default_rng(seed).random(size)))
+
+
+def likelihood(law, samples, censored):
+    """The log-likelihood from the distribution function alone, but for densities."""
+    if not censored:
+        return float(np.log(law.pdf(samples)).sum())
+    return float(np.log(law.cdf(samples + 0.5) - law.cdf(samples - 0.5)).sum())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "law",
+    [
+        scipy.stats.norm(3, 2),
+        scipy.stats.expon(scale=5),
+        scipy.stats.uniform(-1, 3),
+        scipy.stats.logistic(1e6, 1),
+        scipy.stats.gamma(2),
+        scipy.stats.t(2),
+        SKEWED,
+    ],
+    ids=lambda law: str(law) if isinstance(law, Gld) else law.dist.name,
+)
+def test_recovers_known_laws(law):
+    if isinstance(law, Gld):
+        samples, cdf = draw(law), law.cdf
+    else:
+        samples, cdf = law.rvs(SAMPLES, random_state=0), law.cdf
+    fit = fit_gld(samples)
+    assert not fit.censored
+    x = np.linspace(samples.min(), samples.max(), 2000)
+    x = np.union1d(x, samples)
+    assert np.abs(np.asarray(fit.law.cdf(x)) - cdf(x)).max() < NEAR
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        scipy.stats.geom(0.02),
+        scipy.stats.geom(0.4),
+        scipy.stats.nbinom(3, 0.1),
+        scipy.stats.poisson(900),
+    ],
+    ids=lambda law: f"{law.dist.name} {law.args}",
+)
+def test_recovers_laws_of_whole_numbers(law):
+    samples = law.rvs(SAMPLES, random_state=0)
+    fit = fit_gld(samples)
+    assert fit.censored
+    t = np.arange(samples.min() - 1, samples.max() + 1)
+    assert np.abs(np.asarray(fit.law.cdf(t + 0.5)) - law.cdf(t)).max() < NEAR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("censored", [False, True])
+def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
+    samples = draw(law)
+    if censored:
+        samples = np.round(samples * 10 * law.l2)
+        law = Gld(law.l1 * 10 * law.l2, 0.1, law.l3, law.l4)
+    fit = fit_gld(samples)
+    assert fit.censored == censored
+    assert fit.certificate.outcome is Outcome.CONVERGED
+    assert fit.log_likelihood == pytest.approx(likelihood(fit.law, samples, censored), rel=1e-9)
+    assert fit.log_likelihood > likelihood(law, samples, censored) - 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("censored", [False, True])
+def test_at_least_as_likely_as_by_nelder_and_mead(censored):
+    samples = scipy.stats.lognorm(0.7, scale=20).rvs(200, random_state=0)
+    samples = np.round(samples) if censored else samples
+    fit = fit_gld(samples, censored=censored)
+    each = jax.jit(lambda law: law.log_probability(samples - 0.5, samples + 0.5).sum())
+    if not censored:
+        each = jax.jit(lambda law: law.log_pdf(samples).sum())
+
+    def loss(parameters):
+        if parameters[1] <= 0:
+            return np.inf
+        return -float(each(Gld(*parameters.tolist())))
+
+    # The start of the package gld of R: location and scale by the quartiles, for a grid of shapes.
+    starts = []
+    quartiles = np.quantile(samples, [0.25, 0.5, 0.75])
+    for l3 in (-0.5, -0.1, 0.0, 0.2, 0.8, 1.5):
+        for l4 in (-0.5, -0.1, 0.0, 0.2, 0.8):
+            standard = np.asarray(Gld(0.0, 1.0, l3, l4).quantile(np.array([0.25, 0.5, 0.75])))
+            l2 = (standard[2] - standard[0]) / (quartiles[2] - quartiles[0])
+            starts.append(np.array([quartiles[1] - standard[1] / l2, l2, l3, l4]))
+    start = min(starts, key=loss)
+    # Nothing is better nearby either.
+    for point in (start, np.array([fit.law.l1, fit.law.l2, fit.law.l3, fit.law.l4])):
+        peer = scipy.optimize.minimize(loss, point, method="Nelder-Mead", options={"maxiter": 300})
+        assert fit.log_likelihood > -peer.fun - 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "reached"),
+    [
+        (scipy.stats.norm(3, 2), -632.656),
+        (scipy.stats.logistic(), -600.473),
+        (scipy.stats.expon(scale=5), -786.371),
+        (scipy.stats.uniform(-1, 3), -327.787),
+        (scipy.stats.t(3), -523.434),
+        (scipy.stats.lognorm(0.8), -370.132),
+    ],
+    ids=lambda value: value.dist.name if hasattr(value, "dist") else "",
+)
+def test_at_least_as_likely_as_by_gldpy(law, reached):
+    """The log-likelihoods are of gldpy 0.2, as `experiments/benchmarks/bench_gld.py` runs it."""
+    assert fit_gld(law.rvs(300, random_state=0)).log_likelihood > reached - 0.001
+
+
+@pytest.mark.parametrize("censored", [False, True])
+def test_distance_is_that_of_kolmogorov_and_smirnov(censored):
+    samples = draw(SKEWED, 400)
+    if not censored:
+        fit = fit_gld(samples)
+        peer = scipy.stats.kstest(samples, lambda x: np.asarray(fit.law.cdf(x)))
+        assert fit.distance == pytest.approx(peer.statistic, abs=1e-12)
+        return
+    samples = np.round(samples)
+    fit = fit_gld(samples)
+    t = np.arange(samples.min() - 3, samples.max() + 4)
+    share = (samples[:, None] <= t).mean(axis=0)
+    assert fit.distance == pytest.approx(np.abs(fit.law.cdf(t + 0.5) - share).max(), abs=1e-12)
+
+
+def test_moved_scaled_and_turned_samples():
+    samples = draw(SKEWED, 500)
+    fit = fit_gld(samples)
+    other = fit_gld(1000 - samples / 8)
+    assert other.log_likelihood == pytest.approx(fit.log_likelihood + 500 * math.log(8), abs=1e-2)
+    np.testing.assert_allclose(
+        1 - np.asarray(other.law.cdf(1000 - samples / 8)), fit.law.cdf(samples), atol=1e-3
+    )
+
+
+def test_few_samples_and_great_atoms():
+    assert fit_gld(np.random.default_rng(0).normal(size=8)).distance < 0.5
+    assert fit_gld([1, 2, 3, 4, 5, 5, 5, 5]).censored
+    # Both quartiles are the same number, where R's start divides by 0.
+    samples = np.concatenate([np.full(4000, 7), np.random.default_rng(0).geometric(0.1, 1000)])
+    assert fit_gld(samples).distance < 0.05
+
+
+def test_which_samples_are_censored():
+    whole = np.arange(40) ** 2
+    assert not fit_gld(whole).censored
+    assert fit_gld(whole, censored=True).censored
+    assert fit_gld(np.repeat(whole, 2)).censored
+    assert not fit_gld(np.repeat(whole, 2) + 0.25).censored
+
+
+@pytest.mark.parametrize(
+    ("samples", "match"),
+    [
+        ([1.5, 2.5, math.nan, 3.5], r"samples\[2\] is nan; expected a finite number"),
+        (np.array([math.inf, 1, 2]), r"samples\[0\] is inf; expected a finite number"),
+        (np.ones((3, 3)), r"samples: expected a list of numbers, got float64 of shape \(3, 3\)"),
+        (["a"], "samples: expected a list of numbers"),
+        (np.ones(100), "with 5 different values, got 100 with 1"),
+        ([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], "at least 8, .* got 7 with 7"),
+        ([], "at least 8, .* got 0 with 0"),
+    ],
+)
+def test_refuses(samples, match):
+    with pytest.raises(ValueError, match=match):
+        fit_gld(samples)
+
+
+def test_refuses_fractions_that_are_censored():
+    with pytest.raises(ValueError, match=r"samples\[3\] is 0.5; expected a whole number"):
+        fit_gld([1, 2, 3, 0.5, 4, 5, 6, 7, 8], censored=True)
+
+
+def test_a_search_that_does_not_settle_says_so(monkeypatch):
+    monkeypatch.setattr("jaxcell.patrol.law.fit._MAX_STEPS", 1)
+    samples = draw(LAWS[1])
+    with pytest.raises(RuntimeError, match="fit_gld: the residual stayed above the tolerance"):
+        fit_gld(samples)
+    assert fit_gld(samples, throw=False).certificate.outcome is Outcome.STALLED
+
+
+def test_needs_64_bits():
+    with jax.enable_x64(False), pytest.raises(RuntimeError, match="32 bits"):
+        fit_gld(np.arange(10.0))

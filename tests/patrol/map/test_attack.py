@@ -1,0 +1,162 @@
+from pathlib import Path
+
+import jax
+import networkx
+import numpy as np
+import pytest
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol.map.attack import (
+    boundary,
+    capture_probabilities,
+    outside,
+    vulnerability,
+)
+from jaxcell.patrol.map.graph import cell_graph
+from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
+from jaxcell.patrol.map.regions import angular_regions, base_station
+from jaxcell.space import CellSpace, Workspace, visible_cells
+
+
+MAPS = Path(__file__).parents[3] / "data" / "maps"
+TIMES = [20, 30, 40, 50, 100, 500]
+
+
+@pytest.fixture(scope="module")
+def depot():
+    cells = CellSpace.of(Workspace.load(MAPS / "depot.json"), 1.0, 1)
+    graph, visible = cell_graph(cells), visible_cells(cells, 6.0)
+    return graph, visible, distributed_policies(graph, visible, 2)
+
+
+def small():
+    """Seven places on a line, each of which sees its neighbours, and two robots."""
+    graph = Graph([(i, i + 1) for i in range(6)], xy=[(i, 0) for i in range(7)])
+    distance = np.abs(np.subtract.outer(np.arange(7), np.arange(7)))
+    visible = distance <= 1
+    return graph, visible, distributed_policies(graph, visible, 2)
+
+
+def brute(policies, view, steps):
+    """The probability of capture, from the joint chain of two robots that stop when one arrives."""
+    matrices = [policy.chain.to_scipy().toarray() for policy in policies]
+    joint = np.kron(*matrices)
+    n = view.size
+    seen = (view[:, None] | view[None, :]).ravel()
+    start = np.array([~view * np.isin(np.arange(n), p.cells) for p in policies], float)
+    start /= start.sum(axis=1, keepdims=True)
+    now = np.kron(*start)
+    caught = [0.0]
+    for _ in range(steps):
+        now = now @ joint
+        caught.append(caught[-1] + now[seen].sum())
+        now[seen] = 0
+    return np.array(caught)
+
+
+def test_every_cell_equals_the_joint_chain_of_the_robots():
+    graph, visible, policies = small()
+    times = [1, 2, 5, 11]
+    found = capture_probabilities(graph, visible, policies, times)
+    assert found.shape == (4, 7)
+    for cell in range(7):
+        expected = brute(policies, visible[cell], max(times))[times]
+        np.testing.assert_allclose(found[:, cell], expected, atol=1e-13)
+    assert found.min() > 0.05
+    assert found.max() < 1
+
+
+def test_one_cell_three_ways(depot):
+    graph, visible, policies = depot
+    everywhere = capture_probabilities(graph, visible, policies, TIMES)
+    target = int(everywhere[0].argmin())
+    runs = 5000
+    found = vulnerability(jax.random.key(1), graph, visible, policies, target, TIMES, runs=runs)
+    np.testing.assert_allclose(found.exact, everywhere[:, target], atol=1e-12)
+    error = np.sqrt(found.exact * (1 - found.exact) / runs)
+    assert (np.abs(found.simulated - found.exact) <= 4 * error + 1e-12).all()
+    # The fit is as far from the runs as it says, which are as far from the truth as they may be.
+    assert (np.abs(found.fitted - found.simulated) <= found.fit.distance + 1e-9).all()
+    assert found.fit.censored
+    assert found.failure is None
+    np.testing.assert_allclose(np.cumsum(found.law)[TIMES], found.exact)
+    assert found.law[0] == 0
+    again = vulnerability(jax.random.key(1), graph, visible, policies, target, TIMES, runs=runs)
+    np.testing.assert_array_equal(again.arrivals.time, found.arrivals.time)
+
+
+def test_the_boundary_is_where_a_robot_from_outside_arrives(depot):
+    graph, visible, policies = depot
+    edges = boundary(graph, visible)
+    net = networkx.Graph(graph.edges.tolist())
+    for target in (0, 31, 100):
+        view = visible[target]
+        expected = [bool(view[z]) and any(not view[n] for n in net[z]) for z in range(view.size)]
+        np.testing.assert_array_equal(edges[target], expected)
+        np.testing.assert_array_equal(boundary(graph, view), expected)
+    starts = outside(policies, visible)
+    assert starts.shape == (2, *visible.shape)
+    assert not (starts & visible).any()
+
+
+def test_robots_of_regions_begin_in_theirs():
+    cells = CellSpace.of(Workspace.load(MAPS / "harbour.json"), 1.0, 1)
+    graph, visible = cell_graph(cells), visible_cells(cells, 6.0)
+    base = base_station(graph, visible)
+    regions = angular_regions(graph, base, visible[base], 3)
+    policies = centralized_policies(graph, visible, regions)
+    target = int(regions.cells(1)[0])
+    starts = outside(policies, visible[target])
+    for k, start in enumerate(starts):
+        np.testing.assert_array_equal(start, (regions.region == k) & ~visible[target])
+    # A robot whose region has no cell in view never comes; the others are as without it.
+    alone = [
+        capture_probabilities(graph, visible, [policy], [50])[0, target] for policy in policies
+    ]
+    together = capture_probabilities(graph, visible, policies, [50])[0, target]
+    assert together == pytest.approx(1 - np.prod(1 - np.array(alone)))
+
+
+def test_a_robot_that_sees_the_target_from_everywhere_has_come_already():
+    graph, _, policies = small()
+    everything = np.ones((7, 7), bool)
+    assert (capture_probabilities(graph, everything, policies, [1]) == 1).all()
+    found = vulnerability(jax.random.key(0), graph, everything, policies, 3, [1, 4], runs=100)
+    assert found.law[0] == 1
+    assert (found.exact == 1).all()
+    assert (found.simulated == 1).all()
+    assert found.fit is None
+    assert "different" in found.failure
+    assert np.isnan(found.fitted).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"attack_times": [0]}, "at least 1 step, got 0"),
+        ({"attack_times": []}, "whole numbers"),
+        ({"attack_times": np.array([2.5])}, "whole numbers"),
+        ({"target": 7}, "cell 7 does not exist"),
+        ({"target": -1}, "cell -1 does not exist"),
+        ({"policies": []}, "got none"),
+        ({"visible": np.ones((3, 3), bool)}, "visible: expected"),
+        ({"graph": Graph([(0, 1)]), "visible": np.ones((2, 2), bool)}, "robot 0 is for 7 cells"),
+    ],
+)
+def test_refusals(change, said):
+    graph, visible, policies = small()
+    given = {"graph": graph, "visible": visible, "policies": policies, "attack_times": [3]}
+    with pytest.raises(ValueError, match=said):
+        vulnerability(jax.random.key(0), **{**given, "target": 3, **change})
+    if "target" not in change:
+        with pytest.raises(ValueError, match=said):
+            capture_probabilities(**{**given, **change})
+
+
+def test_many_targets_are_gone_through_in_chunks(depot, monkeypatch):
+    graph, visible, policies = depot
+    whole = capture_probabilities(graph, visible, policies, [20])
+    monkeypatch.setattr("jaxcell.patrol.map.attack._TARGETS", 100)
+    np.testing.assert_allclose(
+        capture_probabilities(graph, visible, policies, [20]), whole, atol=1e-14
+    )
