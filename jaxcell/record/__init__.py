@@ -1,7 +1,8 @@
 """Results to keep and to look at: labelled datasets, and recordings for the Rerun viewer.
 
-**Datasets.** The `..._dataset` functions turn results into `xarray.Dataset`s, and `save_dataset`
-writes these as NetCDF-4. What they guarantee:
+**Datasets.** `dataset` turns any result of a study into an `xarray.Dataset`, from what the result
+says of its quantities, and `save_dataset` writes it as NetCDF-4. `summary` gives the numbers that
+people and scripts want. What datasets guarantee:
 
 - Every dimension has a name, and every variable a `long_name` or `units`: metres, radians (degrees
     beside them where people read them), seconds, or steps.
@@ -16,18 +17,16 @@ writes these as NetCDF-4. What they guarantee:
 
 | of | dataset | recording |
 | --- | --- | --- |
-| periodic groups, `BounceGroups` | `dataset` | `save_recording` |
-| filters, `LocalizationFilter` | `dataset` | |
-| any other result of a study | `dataset` | `save_recording` |
+| any result of a study | `dataset` | `save_recording` |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
 
 Cells to drop drifters in are also written for other programs, as CSV by `save_deployment_csv` and
 as GeoJSON by `save_deployment_geojson`.
 
-**Recordings.** The `log_...` functions write a file that opens in the viewer with a layout of its
-own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text says
-what one sees. Rerun is imported when one of these is first used.
+**Recordings.** `save_recording` and `log_sweep` write a file that opens in the viewer with a layout
+of its own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text says
+what one sees. Rerun is imported when one of them is first used.
 
 **Files** appear whole or not at all: they are written under another name and renamed. The one
 exception is a `RobotRecording`, which grows while the robots drive, so that whatever ends the run

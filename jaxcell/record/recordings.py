@@ -37,6 +37,22 @@ def save_recording(
     - `spec`: what was asked for, shown in the text.
 
     **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if it cannot be written.
+
+    A walk that begins at 0 and ends at 2:
+
+        >>> import dataclasses, pathlib, tempfile
+        >>> from typing import Annotated
+        >>> import numpy as np
+        >>> from jaxcell import record
+        >>> from jaxcell.base.quantities import Result, quantity
+        >>> @dataclasses.dataclass(frozen=True)
+        ... class Walk(Result):
+        ...     place: Annotated[np.ndarray, quantity("step", "place", "m")]
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "walk.rrd")
+        ...     record.save_recording(Walk(np.array([0.0, 1.0, 2.0])), path)
+        ...     path.exists()
+        True
     """
     names = (kind.__name__ for kind in type(result).__mro__)
     family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "described:log_result")

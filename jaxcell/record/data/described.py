@@ -39,6 +39,23 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
 
     **Raises:** `ValueError` if `spec` is not JSON; `RuntimeError` if the numbers contradict what
     their kinds or the relations between them say.
+
+    The share of time of a robot that wanders in a corridor of two squares:
+
+        >>> import dataclasses
+        >>> from typing import Annotated
+        >>> import numpy as np
+        >>> from jaxcell import record, space
+        >>> from jaxcell.base.quantities import Result, quantity
+        >>> @dataclasses.dataclass(frozen=True)
+        ... class Wandering(Result):
+        ...     cells: space.CellSpace
+        ...     share: Annotated[np.ndarray, quantity("position", "share of time", "1")]
+        ...     steps: Annotated[int, quantity("", "steps that were made")]
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 2), bool), directions=4)
+        >>> found = Wandering(cells, np.array([0.25, 0.75]), steps=100)
+        >>> record.dataset(found).share.attrs["long_name"]
+        'share of time'
     """
     cells = cells_of(result)
     attributes = {**provenance(result.title, cells, spec), **result.attributes}
@@ -77,6 +94,20 @@ def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
 
     - `result`: what a study gave.
     - `cells`: those on which its positions are; by default its own.
+
+    **Returns:** an object for `json.dumps`.
+
+    A walk of a hundred steps:
+
+        >>> import dataclasses
+        >>> from typing import Annotated
+        >>> from jaxcell import record
+        >>> from jaxcell.base.quantities import Result, quantity
+        >>> @dataclasses.dataclass(frozen=True)
+        ... class Walk(Result):
+        ...     steps: Annotated[int, quantity("", "steps that were made")]
+        >>> record.summary(Walk(steps=100))
+        {'steps': 100}
     """
     cells = cells_of(result) if cells is None else cells
     found = {
