@@ -231,14 +231,12 @@ def is_single(about: Quantity) -> bool:
 def columns(result: Any) -> dict[str, dict[str, tuple[Quantity, Any]]]:
     """The columns of the tables of a result, by the dimension of the table.
 
-    Labels of the dimension itself are a column if they are texts; numbers often stand there in
-    another unit too, as angles in radians do.
+    Labels in radians are none: programs need those, and people have degrees beside them.
     """
     found: dict[str, dict[str, tuple[Quantity, Any]]] = {dim: {} for dim in result.tables}
     for name, (about, value) in summarized(result).items():
         dim = about.dims[0] if about.dims else ""
-        label = name == dim and not all(isinstance(one, str) for one in value)
-        label = label or (about.kind == "coordinate" and about.units == "rad")
+        label = about.kind == "coordinate" and about.units == "rad"
         if dim in found and (len(about.dims) == 1) != about.listed and not label:
             found[dim][name] = (about, value)
     return found

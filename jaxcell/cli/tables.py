@@ -108,6 +108,9 @@ def written(value: Any, about: Quantity, cells: "CellSpace | None" = None) -> st
     located = about.kind in ("cell", "place", "position")
     if math.isnan(number) or (located and number < 0):
         return "none"
+    if about.kind == "place" and cells is not None:
+        x, y, _ = cells.centre(int(number))
+        return f"({float(x):g}, {float(y):g})"
     if located and cells is not None:
         return configuration(cells, int(number), heading=about.kind == "cell")
     if not math.isfinite(number):

@@ -25,8 +25,8 @@ Cells to drop drifters in are also written for other programs, as CSV by `save_d
 as GeoJSON by `save_deployment_geojson`.
 
 **Recordings.** `save_recording` and `log_sweep` write a file that opens in the viewer with a layout
-of its own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text says
-what one sees. Rerun is imported when one of them is first used.
+of its own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text
+says what one sees. Rerun is imported when one of them is first used.
 
 **Files** appear whole or not at all: they are written under another name and renamed. The one
 exception is a `RobotRecording`, which grows while the robots drive, so that whatever ends the run

@@ -75,7 +75,8 @@ class PatrolGraph(Study):
         graph, _ = load_graph(self.file)
         weighted = self.strategy == "commute" or self.game
         needed = estimates.walk(graph.vertices, len(graph.edges), weighted)
-        memory.check(needed, "patrol graph", "expected a smaller graph, or another strategy")
+        doing = f"a walk on {graph.vertices:,} vertices and {len(graph.edges):,} edges"
+        memory.check(needed, doing, "expected a smaller graph, or another strategy")
         return needed
 
     def run(self, say: Say = silent) -> "GraphPatrol":

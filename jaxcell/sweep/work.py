@@ -117,7 +117,8 @@ def find_task(name: str) -> Task:
 def study_of(task: str) -> type[Study] | None:
     """The class of a task that is a study."""
     found = find_task(task)
-    return found.args[0] if isinstance(found, functools.partial) else None
+    own = isinstance(found, functools.partial) and found.func is study_task
+    return found.args[0] if own else None
 
 
 def check_parameters(spec: Spec) -> None:

@@ -97,6 +97,7 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
         "info": [path],
         "robot check": ["--port", path],
         "robot replay": [path],
+        "run": [path],
         "robot run": [path, "--simulate", LAB],
         "sweep status": [path],
         "sweep verify": [path],

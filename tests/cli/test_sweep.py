@@ -142,7 +142,7 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
     assert main(["sweep", spec(), *options, "0", "--resume", "--json"]) == 0
     assert described(capsys)["failed"] == 0
     assert main(["sweep", spec(), "--out", str(tmp_path), "--max-failures", "-1"]) == 2
-    assert "max_failures: expected 0 or more, got -1" in capsys.readouterr().err
+    assert "--max-failures: expected 0 or more, got -1" in capsys.readouterr().err
 
 
 def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):

@@ -137,6 +137,8 @@ def _call(words):
     with (
         mock.patch.dict(os.environ, place),
         mock.patch("jaxcell.runtime.configure_jax"),
+        # What is said of work that lasts depends on the machine.
+        mock.patch("jaxcell.cli.terminal._FIRST_LINE", 3600.0),
         contextlib.redirect_stdout(io.StringIO()) as out,
         contextlib.redirect_stderr(io.StringIO()) as err,
     ):

@@ -16,7 +16,7 @@ from jaxcell.space import CellSpace
 class Guard(Result):
     tables: ClassVar = {"guard": "guards"}
 
-    post: Annotated[np.ndarray, quantity("guard", "post", kind="position")]
+    post: Annotated[np.ndarray, quantity("guard", "post", kind="place")]
     seen: Annotated[np.ndarray, quantity("guard look", "seen", kind="index", listed=True)]
     late: Annotated[float, quantity("", "how late it is", "s")]
 
@@ -33,7 +33,7 @@ class Watch(Result):
     title: ClassVar = "A watch"
 
     cells: CellSpace
-    gate: Annotated[int, quantity("", "gate", kind="position")]
+    gate: Annotated[int, quantity("", "gate", kind="place")]
     night: Guard
 
 

@@ -311,8 +311,8 @@ def test_folders_that_hold_no_sweep(tmp_path):
     ("lines", "told"),
     [
         ('[fixed]\nmap = "m.json"\nangle = 3\n[grid]\nbounce = [1]', "angle: expected a parameter"),
-        ("[grid]\nbounce = [1]", "map: 'groups' needs it"),
-        ('[fixed]\nmap = "m.json"\n[grid]\nbounce = ["west"]', "bounce: expected a finite number"),
+        ("[grid]\nbounce = [1]", "map: Groups needs it"),
+        ('[fixed]\nmap = "m.json"\n[grid]\nbounce = ["west"]', "bounce: expected float, got str"),
     ],
 )
 def test_parameters_that_a_task_does_not_take_are_refused_before_it_runs(lines, told, tmp_path):

@@ -46,7 +46,7 @@ def log_dots(
     stream: rr.RecordingStream,
     path: str,
     xy: npt.ArrayLike,
-    radius: npt.ArrayLike,
+    radius: float | np.ndarray,
     color: Color | Sequence[Color],
     order: float = 40.0,
 ) -> None:
