@@ -23,6 +23,7 @@ _VOLATILE = {
     "back_m",
     "battery_percent",
     "bytes",
+    "attributes_sha256",
     "created",
     "difference",
     "filter_seconds",
