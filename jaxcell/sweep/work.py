@@ -117,8 +117,9 @@ def find_task(name: str) -> Task:
 def study_of(task: str) -> type[Study] | None:
     """The class of a task that is a study."""
     found = find_task(task)
-    own = isinstance(found, functools.partial) and found.func is study_task
-    return found.args[0] if own else None
+    if isinstance(found, functools.partial) and found.func is study_task:
+        return found.args[0]
+    return None
 
 
 def check_parameters(spec: Spec) -> None:
