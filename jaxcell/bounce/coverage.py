@@ -195,6 +195,10 @@ class CoveragePolicy(Result):
     def angles_used(self) -> int:
         return int((np.asarray(self.alpha) > 0).sum())
 
+    @derived("", "persistent groups of all angles", kind="count")
+    def groups_in_all(self) -> int:
+        return sum(int(one.count) for one in self.groups)
+
     @derived("", "duality gap, relative", kind="residual")
     def duality_gap(self) -> float:
         return float(self.certificate.residual)

@@ -8,10 +8,11 @@ datasets and recordings, and what a program calls:
     >>> from jaxcell import study
     >>> from jaxcell.bundled import bundled
     >>> lab = bundled("maps/lab_a.json")
-    >>> asked = study.Cover(map=lab, bounces=(45, 90), error=45, reliability=0.7, directions=8)
+    >>> angles = dict(bounces=(45.0, 90.0), error=45.0, directions=8)
+    >>> asked = study.Cover(map=lab, reliability=0.7, **angles)
     >>> found = asked.run()
     >>> found.mixture.shape, round(found.total_variation, 3)
-    ((19,), 0.06)
+    ((19,), 0.355)
 
 A class of your own that derives from [`Study`][jaxcell.study.Study] is served like these by
 `jaxcell run FILE.py:CLASS` and as the task of a sweep.

@@ -6,7 +6,7 @@ from rerun.chunk import RrdReader
 
 import jaxcell.cli.sweep_view
 from jaxcell.cli import main
-from jaxcell.cli.sweep_member import member_detail
+from jaxcell.cli.sweep_member import detailed_study, member_detail
 from jaxcell.cli.sweep_view import parameters, selected
 from jaxcell.sweep import Spec, open_sweep, run_sweep
 
@@ -47,7 +47,7 @@ def detail(folder, *select):
     spec = Spec.load(folder / "spec.toml")
     places = selected(spec, select)
     out = folder / "member.rrd"
-    found = member_detail(spec.task, parameters(spec, places), spec.seed, out)
+    found = member_detail(detailed_study(spec.task), parameters(spec, places), spec.seed, out)
     assert not [*folder.glob(".member-*")]
     with open_sweep(folder) as dataset:
         member = {name: one.item() for name, one in dataset.isel(places).load().data_vars.items()}
@@ -124,7 +124,7 @@ def test_the_coverage_of_a_member(ran, directions):
     )
     found, member, _ = detail(folder, "sample=1")
     assert found["directions"] == (8 if directions else 360)
-    assert member["persistent_groups"] == sum(x["persistent_groups"] for x in found["policies"])
+    assert member["groups_in_all"] == sum(x["persistent_groups"] for x in found["policies"])
     for name in ("distance", "total_variation", "positions_visited"):
         assert member[name] == pytest.approx(found[name], rel=1e-9)
 
@@ -196,8 +196,11 @@ def test_what_has_no_result_or_no_detail_says_so(ran, tmp_path, capsys, monkeypa
     assert main([*view, "--select", "x=0"]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
-    assert "the task 'sweep_stub:stub' has no detail to show; those that have are cover, " in told
-    monkeypatch.setattr("jaxcell.cli.sweep_member.check_detail", lambda task: None)
+    assert (
+        "the task 'sweep_stub:stub' has no detail to show; those that have are studies of yours"
+        in told
+    )
+    monkeypatch.setattr("jaxcell.cli.sweep_member.detailed_study", lambda task: None)
     assert main([*view, "--select", "x=2"]) == 1
     assert "no result of the member x=2: RuntimeError: x is 2" in capsys.readouterr().err
     assert main([*view, "--out", "some.txt"]) == 2
