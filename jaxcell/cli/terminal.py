@@ -150,11 +150,6 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     Console().print(grid)
 
 
-def count_cells(cells: "CellSpace") -> str:
-    """The size of a cell space as people read it."""
-    return f"{cells.positions:,} positions x {cells.directions} directions = {cells.size:,} cells"
-
-
 def configuration(cells: "CellSpace", z: int, heading: bool = True) -> str:
     """A cell, or a position, as people read it: its number and its pose."""
     if z < 0:

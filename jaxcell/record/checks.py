@@ -7,19 +7,10 @@ the file later would have no reason to doubt it. The limits are far beyond round
 a defect, or arrays that were altered, exceeds one.
 """
 
-from collections.abc import Mapping
-from typing import Any, TypeAlias
-
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 
-
-# Sums of some 10^6 probabilities are good to 1e-10, and so are the solves behind them.
-PROBABILITY = 1e-8
-
-Checks: TypeAlias = Mapping[str, tuple[float | int, float | int]]
-"""By name: the value, and the largest that is right; infinite if it is told only."""
+from ..base.quantities import Checks
 
 
 def with_checks(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
@@ -34,14 +25,3 @@ def with_checks(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
                 f"expected at most {limit:g}"
             )
     return dataset.assign_attrs({f"check_{name}": value for name, (value, _) in checks.items()})
-
-
-def error_of_sums(values: Float[np.ndarray, "*rows terms"]) -> float:
-    """The largest difference of the sum of a row from 1."""
-    return _largest(np.abs(values.sum(axis=-1) - 1))
-
-
-def _largest(values: Any) -> float:
-    """The largest value, 0 if there is none above; not a number if one is not."""
-    array = np.asarray(values, float)
-    return float(array.max(initial=0.0))

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ...base.quantities import (
+    PROBABILITY,
     Checks,
     Quantity,
     Result,
@@ -19,7 +20,7 @@ from ...base.quantities import (
     values,
 )
 from ...space import CellSpace
-from ..checks import PROBABILITY, with_checks
+from ..checks import with_checks
 from ..provenance import cell_coordinates, provenance
 
 
