@@ -23,9 +23,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import bounce_groups, bounce_map, localization_filter
 from jaxcell.mapping import PeriodicGroups
-from jaxcell.runtime import configure_jax
 from jaxcell.space import CellSpace, Workspace
 
 

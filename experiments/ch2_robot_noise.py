@@ -38,9 +38,9 @@ from scipy.stats import binomtest
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.record import save_dataset
 from jaxcell.robot import Walker, cell_strides, run_filter
-from jaxcell.robot.body import Body, Noise, bumper_give
-from jaxcell.robot.driver import RobotStopped
-from jaxcell.robot.simulated import SimulatedCreate
+from jaxcell.robot.create.driver import RobotStopped
+from jaxcell.robot.emulation.body import Body, Noise, bumper_give
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 

@@ -31,8 +31,8 @@ from rich.console import Console
 from rich.table import Table
 
 import jaxcell
+from jaxcell.base.runtime import configure_jax
 from jaxcell.bounce import AllPlans, Plan, all_plans, plan, replay
-from jaxcell.runtime import configure_jax
 from jaxcell.space import CellSpace, Workspace
 
 

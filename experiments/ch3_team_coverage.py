@@ -36,7 +36,7 @@ from scipy.sparse.csgraph import shortest_path
 
 import jaxcell
 from jaxcell import bounce
-from jaxcell.runtime import configure_jax
+from jaxcell.base.runtime import configure_jax
 from jaxcell.space import CellSpace
 
 

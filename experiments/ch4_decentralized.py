@@ -34,6 +34,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from jaxcell.base.runtime import configure_jax
 from jaxcell.mapping import Chain
 from jaxcell.markov import Distinct, mean_first_arrival, simulate_arrival
 from jaxcell.optimize import minimum_commute
@@ -49,7 +50,6 @@ from jaxcell.patrol import (
     random_walk,
     simulate,
 )
-from jaxcell.runtime import configure_jax
 
 
 GRAPHS = Path(__file__).parents[1] / "data" / "graphs"

@@ -31,6 +31,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from jaxcell.base.runtime import configure_jax
 from jaxcell.optimize import payoffs, stackelberg
 from jaxcell.patrol import (
     Graph,
@@ -39,7 +40,6 @@ from jaxcell.patrol import (
     strategy_game,
     walk_hitting_times,
 )
-from jaxcell.runtime import configure_jax
 
 
 GRAPH = Path(__file__).parents[1] / "data" / "graphs" / "eight.json"

@@ -53,9 +53,9 @@ from visibility_tables import (
     timed,
 )
 
+from jaxcell.base.runtime import configure_jax
 from jaxcell.optimize import Commitment
 from jaxcell.patrol import Reassignment, Vulnerability
-from jaxcell.runtime import configure_jax
 from jaxcell.space import visible_cells
 
 

@@ -56,12 +56,12 @@ from report import emit, say
 from rich.console import Console
 from rich.progress import Progress
 
+from jaxcell.base.runtime import configure_jax
 from jaxcell.drift import (
     CoverageCurve,
     VisibleDeployment,
     visible_deployment,
 )
-from jaxcell.runtime import configure_jax
 
 
 REACH = 6

@@ -18,8 +18,8 @@ Packages, from the ground floor up; each says in its own page of help what it co
 - `study`: questions, for programs, commands and sweeps. `record`: datasets and recordings.
     `robot`: real and emulated robots, without JAX. `sweep`: one study for many parameters.
 
-The command `jaxcell` does all of this without a program; `jaxcell.bundled.bundled` finds the maps,
-graphs and the small sea that come with it.
+The command `jaxcell` does all of this without a program; `jaxcell.bundled` finds the maps, graphs
+and the small sea that come with it.
 
 Cells, groups and vertices are numbered from 0. Lengths are in metres, angles in radians,
 counter-clockwise from the x axis (East), times in steps or seconds. Results are frozen dataclasses
@@ -31,8 +31,7 @@ the examples do.
 Packages are imported on first use: `import jaxcell` alone does not import JAX.
 
     >>> import math
-    >>> from jaxcell import bounce, mapping, space
-    >>> from jaxcell.bundled import bundled
+    >>> from jaxcell import bounce, bundled, mapping, space
     >>> cells = space.CellSpace.load(bundled("maps/lab_a.json"))
     >>> found = bounce.bounce_map(cells, math.pi / 4)
     >>> groups = mapping.periodic_groups(found.image)
@@ -42,6 +41,8 @@ Packages are imported on first use: `import jaxcell` alone does not import JAX.
 
 import importlib
 from types import ModuleType
+
+from .base.bundled import bundled as bundled
 
 
 __version__ = "0.1.0"
@@ -62,7 +63,7 @@ _PACKAGES = (
     "verify",
 )
 
-__all__ = ["__version__", *_PACKAGES]
+__all__ = ["__version__", "bundled", *_PACKAGES]
 
 
 def __getattr__(name: str) -> ModuleType:

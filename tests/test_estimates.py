@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from jaxcell import estimates, memory
+from jaxcell import bundled
 from jaxcell.automata import subset_construction
+from jaxcell.base import memory
 from jaxcell.bounce import (
     Roadmap,
     all_plans,
@@ -14,8 +15,7 @@ from jaxcell.bounce import (
     group_summary,
     moves,
 )
-from jaxcell.bundled import bundled
-from jaxcell.space import CellSpace, Workspace, visible_cells, visible_centres
+from jaxcell.space import CellSpace, Workspace, estimates, visible_cells, visible_centres
 from jaxcell.space.extent import Extent
 
 

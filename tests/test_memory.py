@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxcell import memory
+from jaxcell.base import memory
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_a_refusal_is_one_line_with_both_numbers(monkeypatch):
 def test_the_limit_of_addresses_counts():
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9));"
-        "from jaxcell.memory import free; print(free())"
+        "from jaxcell.base.memory import free; print(free())"
     )
     root = Path(memory.__file__).parents[1]
     told = subprocess.run(

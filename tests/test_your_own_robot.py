@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from jaxcell.bundled import bundled
+from jaxcell import bundled
 from jaxcell.cli import main
 from jaxcell.study.loading import load_study
 
@@ -51,7 +51,7 @@ def test_shares_and_times_solve_their_equations(asked, walk):
 
 
 def test_it_is_a_command_and_a_sweep(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     out = tmp_path / "mine"
     assert main(["run", REFERENCE, str(LAB), "--directions", "4", "--out", str(out)]) == 0
     assert {"result.nc", "result.rrd", "summary.json"} <= {one.name for one in out.iterdir()}

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxcell.automata import Filter, subset_construction
-from jaxcell.robot.body import Body, bumper_give
-from jaxcell.robot.simulated import SimulatedCreate
+from jaxcell.robot.emulation.body import Body, bumper_give
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace, free_steps
 

@@ -26,9 +26,9 @@ import numpy as np
 from rows import Row, options, write_rows
 
 from jaxcell.robot import Contact, Create
-from jaxcell.robot.body import Body
-from jaxcell.robot.emulator import Emulator, Line
-from jaxcell.robot.open_interface import HEADER, Command
+from jaxcell.robot.create.open_interface import HEADER, Command
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.space import Workspace
 
 

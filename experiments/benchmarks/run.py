@@ -24,7 +24,7 @@ from rich.markup import escape
 from rich.table import Table
 from rows import Row, read_rows
 
-from jaxcell.files import replacing
+from jaxcell.base.files import replacing
 
 
 HERE = Path(__file__).parent

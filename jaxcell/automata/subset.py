@@ -4,7 +4,7 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Int32, Int64, Integer, UInt64
 
-from ..memory import check
+from ..base.memory import check
 
 
 # Below this many cells in a whole level, plain Python costs less than the fixed price of some

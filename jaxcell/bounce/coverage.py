@@ -9,14 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Float, Int
 
-from .. import estimates
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..base.quantities import PROBABILITY, Checks, Result, derived, quantity
-from ..certificate import Certificate
 from ..mapping import Chain, PersistentGroups, persistent_groups
 from ..markov import LimitingDistribution, limiting_distribution
 from ..optimize import mixture
-from ..precision import require_x64
-from ..space import CellSpace
+from ..space import CellSpace, estimates
 from ..space.extent import Extent
 from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
 

@@ -8,9 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .. import estimates
 from ..mapping import SimpleMap
-from ..space import CellSpace, free_steps, line_orders, stencil
+from ..space import CellSpace, estimates, free_steps, line_orders, stencil
 from ..space.extent import Extent
 
 

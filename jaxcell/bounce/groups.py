@@ -6,10 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .. import estimates
 from ..mapping import GroupSummary, PeriodicGroups, Section, SectionGroups, section_groups
 from ..mapping.section import bucket
-from ..space import CellSpace
+from ..space import CellSpace, estimates
 from ..space.extent import Extent
 from .dynamics import Collision, Moves, bounce_shift, count_before, moves as moves_of
 

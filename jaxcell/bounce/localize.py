@@ -33,8 +33,7 @@ def localization_filter(
     Tables 2.1 and 2.2:
 
         >>> import math
-        >>> from jaxcell import bounce, space
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bounce, bundled, space
         >>> room = space.Workspace.load(bundled("maps/lab_a.json"))
         >>> cells = space.CellSpace.of(room, cell=1.0, directions=8)
         >>> bounces = bounce.bounce_map(cells, math.radians(45), collision="endpoint")

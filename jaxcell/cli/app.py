@@ -13,15 +13,15 @@ from .demo import Demo
 from .export import Export
 from .info import Info
 from .options import check_out
-from .robot import RobotRun
-from .robot_check import RobotCheck
-from .robot_replay import RobotReplay
-from .robot_sketch import RobotSketch
+from .robot.check import RobotCheck
+from .robot.replay import RobotReplay
+from .robot.run import RobotRun
+from .robot.sketch import RobotSketch
 from .run import Run
 from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, PatrolMap, Team
-from .sweep import Sweep, SweepState
-from .sweep_verify import SweepVerify
-from .sweep_view import SweepView
+from .sweep.run import Sweep, SweepState
+from .sweep.verify import SweepVerify
+from .sweep.view import SweepView
 from .view import View
 
 

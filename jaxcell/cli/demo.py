@@ -3,7 +3,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ..bundled import bundled
+from ..base.bundled import bundled
 from .studies import Cover, Drift, Localize, Navigate, PatrolMap, Team
 from .terminal import note, note_results
 

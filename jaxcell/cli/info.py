@@ -206,7 +206,7 @@ def _graph(path: Path) -> dict[str, Any]:
 
 
 def _robot_task(path: Path) -> dict[str, Any]:
-    from ..robot.tasks import load_task
+    from ..robot.tasks.files import load_task
 
     task = load_task(path)
     return {

@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..files import replacing
+from ..base.files import replacing
 from .terminal import note, status
 
 
@@ -15,7 +15,7 @@ _MUCH = 1e9
 
 def say_memory(needed: float | int, doing: str) -> None:
     """Print how much memory something needs, if it is much."""
-    from ..memory import gigabytes
+    from ..base.memory import gigabytes
 
     if needed > _MUCH:
         note(f"{doing} needs about {gigabytes(needed)} of memory")
@@ -25,7 +25,7 @@ def say_memory(needed: float | int, doing: str) -> None:
 def starting() -> Iterator[None]:
     """Set JAX up for a command, around the imports that take seconds."""
     with status("loading JAX"):
-        from ..runtime import configure_jax
+        from ..base.runtime import configure_jax
 
         configure_jax()
         yield

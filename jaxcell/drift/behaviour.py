@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Solution
+from ..base.certificate import Solution
 from ..mapping import (
     SINK,
     Chain,

@@ -228,8 +228,7 @@ def visible_deployment(
 
     The surface of the bundled sea, with cameras that see 3 km:
 
-        >>> from jaxcell import drift, mapping
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift, mapping
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))

@@ -98,8 +98,7 @@ def diagnose(
 
     The surface of the bundled sea, where the flow makes the groups:
 
-        >>> from jaxcell import drift, mapping
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift, mapping
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))
@@ -162,8 +161,7 @@ def group_counts(
 
     The surface of the bundled sea, with steps of half an hour and an hour:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> drift.group_counts(water, flow, [1800, 3600], [1.0, 0.8]).tolist()

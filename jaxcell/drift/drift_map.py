@@ -5,9 +5,9 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from .. import memory
+from ..base import memory
+from ..base.precision import require_x64
 from ..mapping import Chain
-from ..precision import require_x64
 from .flow import Flow, advect, checked_duration
 from .water import NEIGHBORS, Water, square
 
@@ -66,8 +66,7 @@ def drift_map(
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> chain = drift.drift_map(water, flow)
@@ -147,8 +146,7 @@ def periodic_drift_map(
 
     The first two hours of the bundled sea, again and again:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=(0, 1), depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> chain = drift.periodic_drift_map(water, flow)

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Int
 
-from ..precision import require_x64
+from ..base.precision import require_x64
 from .water import Water
 
 
@@ -25,8 +25,7 @@ class Flow:
 
     The surface of the bundled sea at its first record:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> flow.rate.shape, flow.time.tolist()
@@ -209,8 +208,7 @@ def flow_map(
 
     In the time to cross a cell, cells drift by one on average:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> shift = drift.flow_map(water, flow)
@@ -243,8 +241,7 @@ def crossing_time(water: Water, flow: Flow) -> float:
 
     At some 0.54 m/s it takes half an hour to cross a kilometre:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
         >>> round(drift.crossing_time(water, flow) / 60)

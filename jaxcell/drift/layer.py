@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..base.certificate import Outcome
 from ..base.quantities import PROBABILITY, Checks, Result, derived
-from ..certificate import Outcome
 from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .diagnosis import Diagnosis, diagnose
@@ -98,8 +98,7 @@ class Layer(Ends):
 
     The surface of the bundled sea at its first record:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> surface = drift.Layer.of(drift.Water.of(currents), drift.Flow.of(currents), 1800)
         >>> surface.cells, surface.persistent_groups, round(surface.mean_shift_cells, 1)

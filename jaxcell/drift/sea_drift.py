@@ -38,8 +38,7 @@ class SeaDrift(SeaLayers):
 
     What is not asked for is not computed. The surface of the bundled sea at its first record:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> found = drift.SeaDrift.of(currents)
         >>> found.cells, found.depths, round(found.step / 60), found.persistent_groups

@@ -4,8 +4,8 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..base.certificate import Outcome
 from ..base.quantities import Result, derived, quantity
-from ..certificate import Outcome
 from .sea import Sea
 from .voyage import Voyage
 

@@ -7,14 +7,14 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..mapping import Chain
 from ..markov.conditional import arrival_probabilities, conditional_hitting_times
 from ..markov.decision import DecisionModel, policy_chain, value_iteration
 from ..markov.hitting import cell_mask
 from ..markov.passage import check_steps, start_distribution
 from ..markov.shortest_path import stochastic_shortest_path
-from ..precision import require_x64
 from .sea import Sea
 
 

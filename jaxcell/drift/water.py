@@ -27,8 +27,7 @@ class Water:
 
     The surface of the bundled sea:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> water = drift.Water.of(currents)
         >>> water.cells, int(water.boundary.sum()), water.on_grid(water.row, -1).shape

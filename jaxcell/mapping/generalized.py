@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..precision import require_x64
+from ..base.precision import require_x64
 
 
 # Rows whose sums differ from 1 by no more are taken to sum to 1.

@@ -51,7 +51,7 @@ quickest. `DecisionModel`, `value_iteration`, `policy_chain`, `stochastic_shorte
 
 **How.** Solves are sparse: products with `P` where they converge soon, a factorisation where they
 do not, after runs of certain steps have been taken out. What needs all pairs is dense: memory
-`O(N^2)` and time `O(N^3)`. Every solve comes with a [`jaxcell.certificate.Certificate`][]: a
+`O(N^2)` and time `O(N^3)`. Every solve comes with a [`jaxcell.base.certificate.Certificate`][]: a
 residual that is computed from the answer and the full matrix, and says how good the answer is. All
 solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """

@@ -8,10 +8,10 @@ import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..mapping.classes import reaching
 from ..mapping.generalized import Chain
-from ..precision import require_x64
 from .hitting import cell_mask, hitting_times
 from .passage import check_steps, start_distribution, survivals
 

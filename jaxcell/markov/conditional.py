@@ -4,9 +4,9 @@ import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Bool, Float
 
-from ..certificate import Certificate, Solution
+from ..base.certificate import Certificate, Solution
+from ..base.precision import require_x64
 from ..mapping.generalized import Chain
-from ..precision import require_x64
 from .hitting import PROBABILITY_TOLERANCE, cell_mask, leaving_times, prospects
 from .transient import Transient
 
@@ -28,8 +28,8 @@ def arrival_probabilities(
     - `target`: a cell, several, or a mask over the cells.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`jaxcell.certificate.Solution`][]. The residual of its certificate is the largest
-    amount by which the probability of a cell differs from the mean of those of its images.
+    **Returns:** [`jaxcell.base.certificate.Solution`][]. The residual of its certificate is the
+    largest amount by which the probability of a cell differs from the mean of those of its images.
 
     **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if the
     solve stalls.
@@ -64,7 +64,7 @@ def conditional_hitting_times(
     - `target`: a cell, several, or a mask over the cells.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`jaxcell.certificate.Solution`][]; 0 on the target, and `inf` where the chain
+    **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
     cannot arrive. The residual of its certificate bounds the relative error of every finite time.
 
     **Raises:** `ValueError` for a target that is empty or not on the map; `RuntimeError` if a

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..mapping.generalized import Chain
-from ..precision import require_x64
 
 
 # Sweeps with a fixed policy between two choices of a policy. Of 2 to 40, 5 are the fastest for a

@@ -6,10 +6,10 @@ import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 
-from ..certificate import Certificate, Solution
+from ..base.certificate import Certificate, Solution
+from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, reaching
 from ..mapping.generalized import Chain, leaving_rows
-from ..precision import require_x64
 from .transient import Transient
 
 
@@ -137,7 +137,7 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
     - `groups`: its persistent groups.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`jaxcell.certificate.Solution`][]; 0 on the groups. The residual of its
+    **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the groups. The residual of its
     certificate bounds the relative error of every time.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` if the groups are of another chain.
@@ -171,9 +171,9 @@ def hitting_times(
     - `target`: a cell, several, or a mask over the cells.
     - `throw`: whether to raise when the answer is not good enough.
 
-    **Returns:** [`jaxcell.certificate.Solution`][]; 0 on the target, and `inf` where the chain may
-    never arrive, because it can be caught elsewhere or leave the space first. The residual of its
-    certificate bounds the relative error of every finite time.
+    **Returns:** [`jaxcell.base.certificate.Solution`][]; 0 on the target, and `inf` where the chain
+    may never arrive, because it can be caught elsewhere or leave the space first. The residual of
+    its certificate bounds the relative error of every finite time.
 
     **Raises:** `RuntimeError` if the solve stalls; `ValueError` for a target that is empty or not
     on the map.

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
 from ..mapping.classes import PersistentGroups
 from ..mapping.generalized import Chain, leaving_rows
 from .hitting import group_of

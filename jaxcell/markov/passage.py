@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float
 
+from ..base.precision import require_x64
 from ..mapping.generalized import Chain
-from ..precision import require_x64
 from .hitting import cell_mask
 
 

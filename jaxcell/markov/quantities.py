@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
-from ..precision import require_x64
 from . import dense
 from .limiting import limiting_distribution
 

@@ -8,10 +8,10 @@ import scipy.sparse
 from jaxtyping import Array, Bool, Float, Int
 from scipy.sparse import csgraph
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..mapping.classes import reaching
 from ..mapping.generalized import leaving_rows
-from ..precision import require_x64
 from .conditional import ALMOST_SURE, conditioned
 from .decision import DecisionModel
 from .hitting import PROBABILITY_TOLERANCE, TIME_TOLERANCE, cell_mask, leaving_times

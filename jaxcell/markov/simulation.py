@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from ..base.precision import require_x64
 from ..mapping.generalized import Chain
-from ..precision import require_x64
 from .arrival import Distinct, Race
 
 

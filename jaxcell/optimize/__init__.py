@@ -1,8 +1,8 @@
 """Optimisation of weights that are not negative and sum to 1.
 
 Each of these is a convex or a mixed-integer program with a bound from its dual. Except for greedy
-covers and tours, an answer comes with a bound, mostly as a [`jaxcell.certificate.Certificate`][],
-of how far from the optimum it can be.
+covers and tours, an answer comes with a bound, mostly as a
+[`jaxcell.base.certificate.Certificate`][], of how far from the optimum it can be.
 
 **Mixture** (Alam 2018, Eq. 3.7 and 3.8). The mixture of distributions `a_1, ..., a_k`, the columns
 of `A`, that is nearest to a target `b` is a point of their convex hull:

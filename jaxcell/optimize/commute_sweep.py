@@ -9,9 +9,9 @@ import jax.scipy.linalg
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.certificate import Certificate
 from ..base.connected import vertices_apart
-from ..certificate import Certificate
-from ..precision import require_x64
+from ..base.precision import require_x64
 from .graph import Graph
 from .interior_point import predictor_corrector
 from .tour import on_walk, shortest_tour

@@ -7,9 +7,9 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float, Int
 
+from ..base.certificate import Certificate
 from ..base.connected import check_connected
-from ..certificate import Certificate
-from ..threads import one_blas_thread
+from ..base.threads import one_blas_thread
 from .graph import Graph
 from .interior_point import predictor_corrector
 from .tour import on_walk, shortest_tour

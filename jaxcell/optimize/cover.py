@@ -5,7 +5,7 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Bool, Int, UInt64
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
 
 
 # Of the number of sets: HiGHS bounds it to about 1e-6.

@@ -8,8 +8,8 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Certificate
-from ..precision import require_x64
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 
 
 # Of the range of payoffs. HiGHS keeps the constraints of a mixed-integer program to 1e-6.

@@ -5,10 +5,10 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float
 
+from ..base.certificate import Certificate
 from ..base.connected import check_connected
-from ..certificate import Certificate
+from ..base.threads import one_blas_thread
 from ..mapping import Chain
-from ..threads import one_blas_thread
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
 

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Certificate
-from ..precision import require_x64
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 
 
 # Of the largest squared distance of a column from the target.

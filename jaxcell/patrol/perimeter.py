@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..certificate import Certificate
+from ..base.certificate import Certificate
+from ..base.precision import require_x64
 from ..mapping import Chain
 from ..markov import hitting_times
-from ..precision import require_x64
 
 
 # Of a probability of detection.

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from .. import __version__
-from ..revision import git_revision
+from ..base.revision import git_revision
 from ..space import CellSpace
 
 

@@ -42,13 +42,20 @@ sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources
 **Without a host**, an Arduino on the robot's serial line runs a filter by the program that
 `filter_sketch` writes, or bounces for ever by that of `bounce_sketch` (section 3.5.4).
 
-`jaxcell.robot.emulator` has a robot at the other end of a serial line without hardware, and
-`jaxcell.robot.simulated` the driver and that robot on one clock, a hundred times as fast as it.
+`jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,
+`jaxcell.robot.emulation.simulated` the driver and that robot on one clock, a hundred times as fast.
 """
 
-from .clock import ByClock as ByClock
-from .create import Create as Create, Moved as Moved
-from .driver import Port as Port, RobotStopped as RobotStopped
+from .create.clock import ByClock as ByClock
+from .create.driver import Port as Port, RobotStopped as RobotStopped
+from .create.motion import Create as Create, Moved as Moved
+from .create.open_interface import (
+    Command as Command,
+    CommandParser as CommandParser,
+    StreamParser as StreamParser,
+)
+from .create.packets import Contact as Contact, Mode as Mode, Packet as Packet
+from .create.reading import STREAM as STREAM, Reading as Reading
 from .marker import (
     CrossLook as CrossLook,
     Marker as Marker,
@@ -57,21 +64,13 @@ from .marker import (
     find_cross as find_cross,
     pictures as pictures,
 )
-from .open_interface import (
-    Command as Command,
-    CommandParser as CommandParser,
-    StreamParser as StreamParser,
-)
 from .outcome import RunOutcome as RunOutcome
-from .packets import Contact as Contact, Mode as Mode, Packet as Packet
 from .patrol import (
     Patrol as Patrol,
     PatrolOutcome as PatrolOutcome,
     replay_patrol as replay_patrol,
     run_patrol as run_patrol,
 )
-from .patrol_task import PatrolTask as PatrolTask, save_patrols as save_patrols
-from .reading import STREAM as STREAM, Reading as Reading
 from .routing import grid_steps as grid_steps, route as route, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
 from .runner import (
@@ -81,7 +80,8 @@ from .runner import (
     run_plan as run_plan,
 )
 from .sketch import bounce_sketch as bounce_sketch, filter_sketch as filter_sketch
-from .tasks import load_task as load_task
+from .tasks.files import load_task as load_task
+from .tasks.patrol_task import PatrolTask as PatrolTask, save_patrols as save_patrols
 from .team import (
     MemberTask as MemberTask,
     member_actions as member_actions,

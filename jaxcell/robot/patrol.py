@@ -6,9 +6,9 @@ from typing import Any, Literal
 import numpy as np
 
 from .outcome import RunOutcome, observed
-from .patrol_task import PatrolTask
 from .routing import close, next_way, wave
 from .run_log import LoggedRun, RunLog, finished
+from .tasks.patrol_task import PatrolTask
 from .walker import Walker
 
 
@@ -204,8 +204,8 @@ def run_patrol(
 
     A point robot that goes to and fro between the ends of a corridor, without a serial line:
 
-        >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.simulated import SimulatedCreate
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> import pathlib, tempfile
         >>> import numpy as np
         >>> from jaxcell import robot, space
@@ -261,8 +261,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
 
     A robot that goes to and fro between the ends of a corridor, and its log:
 
-        >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.simulated import SimulatedCreate
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> import pathlib, tempfile
         >>> import numpy as np
         >>> from jaxcell import robot, space

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from .driver import RobotStopped
+from .create.driver import RobotStopped
 from .outcome import RunOutcome
 from .walker import Walker
 

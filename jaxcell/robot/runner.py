@@ -30,8 +30,8 @@ def run_filter(
 
         >>> import math
         >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.simulated import SimulatedCreate
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (2.5, 0.5, math.pi))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)
@@ -74,8 +74,8 @@ def run_plan(
 
         >>> import math
         >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.simulated import SimulatedCreate
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..automata import Filter, to_c_header
-from .packets import METRES_PER_COUNT, WHEEL_BASE
-from .tasks import FilterTask
+from .create.packets import METRES_PER_COUNT, WHEEL_BASE
+from .tasks.files import FilterTask
 
 
 FLASH = 32256
@@ -49,7 +49,7 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
         >>> import numpy as np
         >>> from jaxcell import robot
         >>> from jaxcell.automata import Filter, subset_construction
-        >>> from jaxcell.robot.tasks import FilterTask
+        >>> from jaxcell.robot.tasks.files import FilterTask
         >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
         >>> filter = Filter.of(subset_construction(image, bumped))
         >>> task = FilterTask(pathlib.Path("filter.jxf"), 1.0, 4, 1.0, 0.0, filter, 0.0)

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from ..base.documents import Fields
-from ..files import replacing
+from ..base.files import replacing
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
-from .task import Task, common_fields, robot_fields
+from .tasks.task import Task, common_fields, robot_fields
 from .walker import Walker
 
 
@@ -253,8 +253,8 @@ def run_member(
 
         >>> import math, pathlib, tempfile
         >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.simulated import SimulatedCreate
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)

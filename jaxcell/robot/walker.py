@@ -5,7 +5,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from .create import Moved
+from .create.motion import Moved
 
 
 # A target so far behind is reached in reverse: the robot has just come from there.
@@ -14,7 +14,7 @@ _BEHIND = math.radians(170.0)
 
 @runtime_checkable
 class Drivable(Protocol):
-    """What a walker needs of a robot: a [`Create`][jaxcell.robot.create.Create], or the like."""
+    """What a walker needs of a robot, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         """Goes straight, back if negative; forward it stops when the bumper is pressed."""
@@ -72,8 +72,8 @@ class Walker:
 
         >>> import math
         >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.body import Body
-        >>> from jaxcell.robot.simulated import SimulatedCreate
+        >>> from jaxcell.robot.emulation.body import Body
+        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> strides = robot.cell_strides(4, 1.0, 1.0)

@@ -116,8 +116,7 @@ class CellSpace:
 
         A lab whose map suggests cells of 1 m:
 
-            >>> from jaxcell import space
-            >>> from jaxcell.bundled import bundled
+            >>> from jaxcell import bundled, space
             >>> cells = space.CellSpace.load(bundled("maps/lab_a.json"), directions=4)
             >>> cells.positions, cells.size
             (19, 76)

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Int
 
-from ..memory import check
+from ..base.memory import check
 
 
 MOST_SQUARES = 2**30

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Num
 
-from ..memory import check
+from ..base.memory import check
 from .cells import TOLERANCE, CellSpace
 from .segments import cross, meets_wall
 from .view import check_reach, check_view, sees_all_around

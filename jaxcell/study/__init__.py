@@ -5,8 +5,7 @@ datasets and recordings, and what a program calls:
 
     >>> import jax
     >>> jax.config.update("jax_enable_x64", True)
-    >>> from jaxcell import study
-    >>> from jaxcell.bundled import bundled
+    >>> from jaxcell import bundled, study
     >>> lab = bundled("maps/lab_a.json")
     >>> angles = dict(bounces=(45.0, 90.0), error=45.0, directions=8)
     >>> asked = study.Cover(map=lab, reliability=0.7, **angles)

@@ -38,7 +38,7 @@ class Cover(MapStudy):
         require("reliability", self.reliability, "above 0 and at most 1", lambda x: 0 < x <= 1)
 
     def needed(self, extent: "Extent") -> float | int:
-        from .. import estimates
+        from ..space import estimates
 
         # No more turns than directions, whatever the error.
         spread = min(max(self.error * extent.directions / 360, 0), extent.directions)

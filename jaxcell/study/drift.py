@@ -70,7 +70,8 @@ class Drift(Study):
         return _currents(self.file, self.time, self.depths, self.bounds, self.variables)
 
     def memory(self) -> float | int:
-        from .. import estimates, memory
+        from ..base import memory
+        from ..space import estimates
 
         cells = [int(layer.sum()) for layer in self.currents().water.values]
         needed = estimates.drift(cells)

@@ -23,7 +23,7 @@ class Groups(MapStudy):
     """Bouncing angles in degrees, counter-clockwise; several make one batched run."""
 
     def needed(self, extent: "Extent") -> float | int:
-        from .. import estimates
+        from ..space import estimates
 
         return estimates.groups(extent, **self.motion)
 

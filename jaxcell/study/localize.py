@@ -30,7 +30,7 @@ class Localize(MapStudy):
     """Give the filter a trap for observations that cannot occur on the map."""
 
     def needed(self, extent: "Extent") -> float | int:
-        from .. import estimates
+        from ..space import estimates
 
         return estimates.localization(extent, **self.motion)
 

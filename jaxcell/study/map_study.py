@@ -29,12 +29,12 @@ class CellStudy(Study):
 
     def needed(self, extent: "Extent") -> float | int:
         """The bytes that the answer takes on cells of such an extent."""
-        from .. import estimates
+        from ..space import estimates
 
         return estimates.cutting(extent)
 
     def memory(self) -> float | int:
-        from .. import estimates
+        from ..space import estimates
         from ..space.extent import Extent
 
         extent = Extent.about(*_chosen(*self._cut))

@@ -33,7 +33,7 @@ class Plans(MapStudy):
             require(name, getattr(self, name), "a finite cost above 0", lambda x: x > 0)
 
     def needed(self, extent: "Extent") -> float | int:
-        from .. import estimates
+        from ..space import estimates
 
         return estimates.plans(extent, **self.motion)
 

@@ -69,8 +69,9 @@ class PatrolGraph(Study):
                 raise ValueError(f"{parameter}: {strategy!r} needs it")
 
     def memory(self) -> float | int:
-        from .. import estimates, memory
+        from ..base import memory
         from ..patrol import load_graph
+        from ..space import estimates
 
         graph, _ = load_graph(self.file)
         weighted = self.strategy == "commute" or self.game

@@ -146,8 +146,8 @@ class PatrolMap(CellStudy):
     def write(self, result: Any, out: Path) -> None:
         import numpy as np
 
-        from ..files import name_in_results
-        from ..robot.patrol_task import save_patrols
+        from ..base.files import name_in_results
+        from ..robot.tasks.patrol_task import save_patrols
 
         chains = [policy.chain for policy in result.policies]
         save_patrols(

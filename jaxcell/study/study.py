@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, get_type_hints
 
+from ..base.files import name_in_results
 from ..base.quantities import Result
-from ..files import name_in_results
 
 
 if TYPE_CHECKING:

@@ -46,7 +46,7 @@ class Team(MapStudy):
         require("part_steps", self.part_steps, "at least 1", lambda x: x >= 1)
 
     def needed(self, extent: "Extent") -> float | int:
-        from .. import estimates
+        from ..space import estimates
 
         return estimates.moves(extent, **self.motion)
 

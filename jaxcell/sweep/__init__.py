@@ -56,10 +56,8 @@ guarantee:
 Nothing here imports JAX; the tasks do.
 """
 
-from .engines import engine_named as engine_named
 from .failures import Failure as Failure
 from .mend import Verified as Verified, verify_sweep as verify_sweep
-from .progress import Progress as Progress
 from .run import (
     SweepStatus as SweepStatus,
     open_sweep as open_sweep,
@@ -67,3 +65,5 @@ from .run import (
     sweep_status as sweep_status,
 )
 from .spec import Spec as Spec
+from .workers.engines import engine_named as engine_named
+from .workers.progress import Progress as Progress

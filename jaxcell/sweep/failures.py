@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..files import replacing
+from ..base.files import replacing
 
 
 @dataclasses.dataclass(frozen=True)

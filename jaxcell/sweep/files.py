@@ -4,7 +4,7 @@ import json
 import os
 from pathlib import Path
 
-from ..files import replacing
+from ..base.files import replacing
 from .spec import Spec
 
 

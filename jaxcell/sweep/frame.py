@@ -16,10 +16,10 @@ import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from ..files import replacing
+from ..base.files import replacing
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
-from .work import Computed
+from .workers.work import Computed
 
 
 TO_DO, DONE, FAILED = 0, 1, 2

@@ -17,7 +17,7 @@ import zarr
 
 from .frame import DONE, TO_DO, fill, make_frame, open_arrays
 from .spec import Chunk, Spec
-from .work import Computed, Variable
+from .workers.work import Computed, Variable
 
 
 if TYPE_CHECKING:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from .engines import Engine, engine_named
 from .failures import read_report, reported
 from .files import kept_spec
 from .frame import (
@@ -25,13 +24,14 @@ from .frame import (
     read_attributes,
     variables_of,
 )
-from .halving import Halving
 from .lock import locked
-from .progress import Progress
 from .run import SweepStatus, run_sweep, sweep_status
 from .spec import Spec
 from .store import SweepStore, differences, made_with, reading, tidy
-from .work import Computed, Job, jax_is_wide, prepared
+from .workers.engines import Engine, engine_named
+from .workers.halving import Halving
+from .workers.progress import Progress
+from .workers.work import Computed, Job, jax_is_wide, prepared
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +79,7 @@ def verify_sweep(
     A byte of a result is changed:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import sweep
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, sweep
         >>> lab = bundled("maps/lab_a.json")
         >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
         >>> with tempfile.TemporaryDirectory() as folder:

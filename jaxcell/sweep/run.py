@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from .engines import engine_named
 from .failures import Failure
 from .files import kept_spec
 from .frame import DONE
-from .halving import Halving
-from .progress import Count, Progress, read_down, written_down
 from .spec import Spec
 from .store import DAMAGED, SweepStore, made_with, reading, running
-from .work import Computed, Job, failure, jax_is_wide, prepared
+from .workers.engines import engine_named
+from .workers.halving import Halving
+from .workers.progress import Count, Progress, read_down, written_down
+from .workers.work import Computed, Job, failure, jax_is_wide, prepared
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,8 +94,7 @@ def run_sweep(
     The periodic groups of two angles on one map:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import sweep
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, sweep
         >>> lab = bundled("maps/lab_a.json")
         >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
         >>> with tempfile.TemporaryDirectory() as folder:
@@ -165,8 +164,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     A sweep that is done:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import sweep
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, sweep
         >>> lab = bundled("maps/lab_a.json")
         >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
         >>> with tempfile.TemporaryDirectory() as folder:
@@ -216,8 +214,7 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
     The number of periodic groups for two angles on one map:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import sweep
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, sweep
         >>> lab = bundled("maps/lab_a.json")
         >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
         >>> with tempfile.TemporaryDirectory() as folder:

@@ -52,8 +52,7 @@ class Spec:
     Two angles on one map:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import sweep
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, sweep
         >>> lab = bundled("maps/lab_a.json")
         >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
         >>> with tempfile.TemporaryDirectory() as folder:

@@ -15,8 +15,8 @@ import numpy as np
 import zarr
 
 from .. import __version__
-from ..files import replacing
-from ..revision import git_revision
+from ..base.files import replacing
+from ..base.revision import git_revision
 from .digests import changed, digests
 from .failures import Failure, read_report, remove_report, reported, write_report
 from .files import keep_folder
@@ -34,10 +34,10 @@ from .frame import (
     write_attributes,
 )
 from .grow import finish_growth, grow
-from .halving import Parts
 from .lock import holder, locked
 from .spec import Chunk, Spec
-from .work import Computed, Failed
+from .workers.halving import Parts
+from .workers.work import Computed, Failed
 
 
 # A state that is in no file: something of the chunk is gone, or cannot be read.

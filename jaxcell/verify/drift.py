@@ -5,7 +5,7 @@ import scipy.sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import spsolve
 
-from ..certificate import Outcome
+from ..base.certificate import Outcome
 from ..drift import Layer, SeaDrift, SeaVoyage
 from .comparison import Comparison
 

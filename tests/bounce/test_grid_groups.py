@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
+from jaxcell import bundled
 from jaxcell.bounce import (
     bounce_map,
     cell_walls,
@@ -13,7 +14,6 @@ from jaxcell.bounce import (
     wall_groups,
     walls,
 )
-from jaxcell.bundled import bundled
 from jaxcell.mapping import periodic_groups
 from jaxcell.space import CellSpace, Workspace
 

@@ -16,7 +16,7 @@ MAPS = Path(__file__).parents[2] / "data" / "maps"
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch, tmp_path_factory):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 def run(capsys, *args):

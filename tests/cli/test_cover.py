@@ -20,7 +20,7 @@ ARGS = ("--bounces", 45, 90, "--error", 45, "--reliability", 0.7, "--directions"
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 def run(capsys, *args):

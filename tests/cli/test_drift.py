@@ -18,7 +18,7 @@ STEP = ("--duration", 3400)
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 def run(capsys, *args, file=GYRES):

@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
+from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
-from jaxcell.bundled import bundled
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
 from jaxcell.robot import save_team

@@ -2,8 +2,8 @@ import json
 
 import pytest
 
-from jaxcell import memory
-from jaxcell.bundled import bundled
+from jaxcell import bundled
+from jaxcell.base import memory
 from jaxcell.cli import main
 from jaxcell.space import CellSpace
 
@@ -21,7 +21,7 @@ COMMANDS = {
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

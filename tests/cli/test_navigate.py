@@ -18,7 +18,7 @@ BOUNCES = ("--bounces", 45, 90, 135)
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 @pytest.fixture(scope="module")

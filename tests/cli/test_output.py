@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import jaxcell.cli
+from jaxcell import bundled
 from jaxcell.automata import Filter, subset_construction
-from jaxcell.bundled import bundled
 from jaxcell.cli import main
 from jaxcell.cli.app import _COMMANDS
 

@@ -21,7 +21,7 @@ EIGHT = GRAPHS / "eight.json"
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 def run(capsys, *args, file=EIGHT):

@@ -23,7 +23,7 @@ NEAR = ("--range", 2.5, "--attack-times", 4, 9, "--runs", 200)
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 def run(capsys, *args, map=LAB):

@@ -10,14 +10,14 @@ import pytest
 from rerun.chunk import RrdReader
 from wheels import MAPS, bounce_filter, bounce_tables, map_cells
 
-from jaxcell.cli.robot import RobotRun
-from jaxcell.cli.robot_check import RobotCheck
-from jaxcell.cli.robot_replay import RobotReplay
-from jaxcell.robot.body import Body
-from jaxcell.robot.create import Create
-from jaxcell.robot.driver import RobotStopped
-from jaxcell.robot.emulator import Emulator, Line
-from jaxcell.robot.packets import Contact
+from jaxcell.cli.robot.check import RobotCheck
+from jaxcell.cli.robot.replay import RobotReplay
+from jaxcell.cli.robot.run import RobotRun
+from jaxcell.robot.create.driver import RobotStopped
+from jaxcell.robot.create.motion import Create
+from jaxcell.robot.create.packets import Contact
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.walker import Walker
 
 

@@ -6,9 +6,9 @@ from wheels import bounce_filter, map_cells
 
 from jaxcell.automata import Filter, minimize
 from jaxcell.cli import main
-from jaxcell.cli.robot_sketch import RobotSketch
+from jaxcell.cli.robot.sketch import RobotSketch
 from jaxcell.robot.sketch import bounce_sketch, filter_sketch
-from jaxcell.robot.tasks import load_task
+from jaxcell.robot.tasks.files import load_task
 
 
 LAB = map_cells("lab_a.json")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from wheels import MAPS, bounce_filter, map_cells
 
-from jaxcell.cli.robot import RobotRun
-from jaxcell.cli.robot_replay import RobotReplay
+from jaxcell.cli.robot.replay import RobotReplay
+from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot import draw_cross
-from jaxcell.robot.patrol_task import save_patrols
+from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.robot.team import save_team
 from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 

@@ -4,10 +4,10 @@ from pathlib import Path
 import pytest
 from rerun.chunk import RrdReader
 
-import jaxcell.cli.sweep_view
+import jaxcell.cli.sweep.view
 from jaxcell.cli import main
-from jaxcell.cli.sweep_member import detailed_study, member_detail
-from jaxcell.cli.sweep_view import parameters, selected
+from jaxcell.cli.sweep.member import detailed_study, member_detail
+from jaxcell.cli.sweep.view import parameters, selected
 from jaxcell.sweep import Spec, open_sweep, run_sweep
 
 
@@ -22,7 +22,7 @@ GYRES = DATA / "ocean" / "gyres.nc"
 
 @pytest.fixture(autouse=True)
 def no_display(monkeypatch):
-    monkeypatch.setattr(jaxcell.cli.sweep_view, "has_display", lambda: False)
+    monkeypatch.setattr(jaxcell.cli.sweep.view, "has_display", lambda: False)
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_the_overview_and_a_member(ran, capsys):
 
 def test_a_viewer_opens_where_there_is_a_display(ran, monkeypatch):
     opened = []
-    monkeypatch.setattr(jaxcell.cli.sweep_view, "has_display", lambda: True)
+    monkeypatch.setattr(jaxcell.cli.sweep.view, "has_display", lambda: True)
     monkeypatch.setattr("jaxcell.cli.view.has_display", lambda: True)
     monkeypatch.setattr("subprocess.call", lambda command: opened.append(command[-1]) or 0)
     folder = ran('task = "sweep_stub:stub"\n[grid]\nx = {count = 4}')
@@ -200,7 +200,7 @@ def test_what_has_no_result_or_no_detail_says_so(ran, tmp_path, capsys, monkeypa
         "the task 'sweep_stub:stub' has no detail to show; those that have are studies of yours"
         in told
     )
-    monkeypatch.setattr("jaxcell.cli.sweep_member.detailed_study", lambda task: None)
+    monkeypatch.setattr("jaxcell.cli.sweep.member.detailed_study", lambda task: None)
     assert main([*view, "--select", "x=2"]) == 1
     assert "no result of the member x=2: RuntimeError: x is 2" in capsys.readouterr().err
     assert main([*view, "--out", "some.txt"]) == 2

@@ -16,7 +16,7 @@ LAB = MAPS / "lab_b.json"
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 def run(capsys, *args):

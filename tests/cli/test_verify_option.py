@@ -24,7 +24,7 @@ COMMANDS = {
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from jaxcell.bundled import bundled
+from jaxcell import bundled
 from jaxcell.cli import main, view
 
 

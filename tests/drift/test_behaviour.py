@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 from seas import double_gyre, sea, seas
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.diagnosis import diagnose, group_counts
 from jaxcell.drift.drift_map import drift_map, periodic_drift_map

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.drift import (
     Flow,
     Sea,

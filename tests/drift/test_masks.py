@@ -28,7 +28,7 @@ def test_in_a_file_of_croco_1_is_water(tmp_path, standard_name):
 
 
 def test_no_drifter_is_dropped_ashore(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     path = croco.write(tmp_path / "croco.nc", WET)
     currents = open_currents(path)
     row, column = 4, 4

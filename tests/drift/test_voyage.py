@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from small_seas import random_sea, water
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.drift.sea import Sea
 from jaxcell.drift.voyage import (
     ACTIONS,

@@ -37,7 +37,7 @@ COMMANDS = {
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch, tmp_path, imported):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     monkeypatch.chdir(tmp_path)
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import rerun as rr
 from hypothesis import given, strategies as st
-from jaxcell.cli.target import read_target
 from mutations import DATA, answers, cases, damaged, limits, reads_or_refuses, tree
 from PIL import Image
 
 from jaxcell.cli import main
 from jaxcell.cli.info import describe
 from jaxcell.space import CellSpace
+from jaxcell.study.target import read_target
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 
 

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from mutations import cases, changed_json, damaged, reads_or_refuses
 
 from jaxcell.robot.run_log import read_log
-from jaxcell.robot.tasks import load_task
+from jaxcell.robot.tasks.files import load_task
 
 
 COMMON = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.1}

@@ -136,7 +136,7 @@ def _call(words):
     }
     with (
         mock.patch.dict(os.environ, place),
-        mock.patch("jaxcell.runtime.configure_jax"),
+        mock.patch("jaxcell.base.runtime.configure_jax"),
         # What is said of work that lasts depends on the machine.
         mock.patch("jaxcell.cli.terminal._FIRST_LINE", 3600.0),
         contextlib.redirect_stdout(io.StringIO()) as out,
@@ -164,8 +164,8 @@ def _files():
 @contextlib.contextmanager
 def _emulated():
     """The serial line of an emulated robot in a map."""
-    from jaxcell.robot.body import Body
-    from jaxcell.robot.emulator import Emulator, Line
+    from jaxcell.robot.emulation.body import Body
+    from jaxcell.robot.emulation.emulator import Emulator, Line
     from jaxcell.space import Workspace
 
     body = Body(Workspace.load("data/maps/lab_a.json"), (0.5, 0.5, 0.0))

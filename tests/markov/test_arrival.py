@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 from random_chains import matrices
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import arrival
 from jaxcell.markov.arrival import Distinct, first_arrival, mean_first_arrival, mean_product

@@ -6,7 +6,7 @@ import scipy.optimize
 from hypothesis import given, strategies as st
 from random_models import as_model, models, policies
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import decision
 from jaxcell.markov.decision import DecisionModel, policy_chain, value_iteration

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, strategies as st
 from random_chains import matrices, reachable
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import absorption_probabilities, absorption_times, hitting_times, solve

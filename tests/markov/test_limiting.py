@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from random_chains import matrices
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import limiting_distribution, solve

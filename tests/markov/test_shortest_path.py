@@ -4,7 +4,7 @@ from hypothesis import given, strategies as st
 from random_chains import matrices, reachable
 from random_models import as_model, models, policies
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov.conditional import arrival_probabilities, conditional_hitting_times
 from jaxcell.markov.decision import DecisionModel, policy_chain

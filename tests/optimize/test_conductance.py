@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import conductance
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.optimize.graph import Graph

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.mixing import fastest_averaging, fastest_mixing
 

@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.patrol.perimeter import (
     Movement,
     Perimeter,

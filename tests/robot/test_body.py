@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from jaxcell.robot.body import Body, Noise
-from jaxcell.robot.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.space import Workspace
 
 

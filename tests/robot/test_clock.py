@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from jaxcell.robot.body import Body
-from jaxcell.robot.clock import ByClock
+from jaxcell.robot.create.clock import ByClock
+from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.walker import Walker
 from jaxcell.space import Workspace
 
@@ -18,7 +18,7 @@ TICK = 0.004
 
 @pytest.fixture(autouse=True)
 def _no_sleep(monkeypatch):
-    monkeypatch.setattr("jaxcell.robot.clock.time", SimpleNamespace(sleep=lambda _: None))
+    monkeypatch.setattr("jaxcell.robot.create.clock.time", SimpleNamespace(sleep=lambda _: None))
 
 
 class Ticking:

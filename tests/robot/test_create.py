@@ -16,8 +16,8 @@ import pytest
 
 import jaxcell
 from jaxcell.robot import Create, RobotStopped
-from jaxcell.robot.open_interface import Command, CommandParser, stream_frame
-from jaxcell.robot.packets import METRES_PER_COUNT, PACKETS, Contact
+from jaxcell.robot.create.open_interface import Command, CommandParser, stream_frame
+from jaxcell.robot.create.packets import METRES_PER_COUNT, PACKETS, Contact
 
 
 # Long enough for a machine that has other things to do.

@@ -3,10 +3,10 @@ import inspect
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.robot.clock import ByClock
-from jaxcell.robot.open_interface import CommandParser, drive_direct
-from jaxcell.robot.packets import WHEEL_BASE
-from jaxcell.robot.speeds import wheel_speeds
+from jaxcell.robot.create.clock import ByClock
+from jaxcell.robot.create.open_interface import CommandParser, drive_direct
+from jaxcell.robot.create.packets import WHEEL_BASE
+from jaxcell.robot.create.speeds import wheel_speeds
 
 
 SPEEDS = st.integers(-500, 500)

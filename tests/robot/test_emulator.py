@@ -7,10 +7,10 @@ import tty
 
 import pytest
 
-from jaxcell.robot import open_interface as oi
-from jaxcell.robot.body import Body
-from jaxcell.robot.emulator import BANNER, Emulator, Line
-from jaxcell.robot.packets import METRES_PER_COUNT, Contact, Mode, decode, size
+from jaxcell.robot.create import open_interface as oi
+from jaxcell.robot.create.packets import METRES_PER_COUNT, Contact, Mode, decode, size
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.emulator import BANNER, Emulator, Line
 from jaxcell.space import Workspace
 
 

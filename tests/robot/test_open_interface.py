@@ -3,7 +3,7 @@ import struct
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.robot.open_interface import (
+from jaxcell.robot.create.open_interface import (
     FULL,
     HEADER,
     RESET,
@@ -21,7 +21,7 @@ from jaxcell.robot.open_interface import (
     stream,
     stream_frame,
 )
-from jaxcell.robot.packets import (
+from jaxcell.robot.create.packets import (
     GROUPS,
     PACKETS,
     Contact,
@@ -31,7 +31,7 @@ from jaxcell.robot.packets import (
     members,
     size,
 )
-from jaxcell.robot.reading import STREAM
+from jaxcell.robot.create.reading import STREAM
 
 
 # Sizes of the packets 7 to 58, read off the specification's table a second time.

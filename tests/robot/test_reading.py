@@ -3,8 +3,8 @@ import math
 
 import pytest
 
-from jaxcell.robot.packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, members
-from jaxcell.robot.reading import STREAM, Reading
+from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, members
+from jaxcell.robot.create.reading import STREAM, Reading
 
 
 VALUES = {packet.name: 0 for packet in members(STREAM)} | {"capacity": 2696, "charge": 2000}

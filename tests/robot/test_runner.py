@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from wheels import bounce_filter, bounce_tables, map_cells, pose_of, walker_in
 
-from jaxcell.robot.body import Body, Noise
-from jaxcell.robot.create import Create
-from jaxcell.robot.emulator import Emulator, Line
+from jaxcell.robot.create.motion import Create
+from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.run_log import RunLog, read_log
 from jaxcell.robot.runner import plan_outcome, replay_filter, run_filter, run_plan
 from jaxcell.robot.walker import Walker, cell_strides

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from wheels import body_in, bounce_filter, map_cells, walker_in
 
-from jaxcell.robot.body import Body, Noise
-from jaxcell.robot.create import Create
-from jaxcell.robot.driver import RobotStopped
-from jaxcell.robot.emulator import Emulator, Line
-from jaxcell.robot.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.create.driver import RobotStopped
+from jaxcell.robot.create.motion import Create
+from jaxcell.robot.create.packets import METRES_PER_COUNT, WHEEL_BASE
+from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.runner import run_filter
-from jaxcell.robot.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import Workspace
 

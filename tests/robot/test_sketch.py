@@ -18,14 +18,14 @@ from hypothesis import given, settings
 from wheels import body_in, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.automata import Filter, subset_construction, to_c_header
-from jaxcell.robot.body import Body, Noise
-from jaxcell.robot.emulator import Emulator, Line
-from jaxcell.robot.open_interface import Command
-from jaxcell.robot.packets import Contact, Mode
+from jaxcell.robot.create.open_interface import Command
+from jaxcell.robot.create.packets import Contact, Mode
+from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.runner import run_filter
-from jaxcell.robot.simulated import SimulatedCreate
 from jaxcell.robot.sketch import PROGRAM_BYTES, bounce_sketch, filter_sketch, table_bytes
-from jaxcell.robot.tasks import FilterTask
+from jaxcell.robot.tasks.files import FilterTask
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace
 

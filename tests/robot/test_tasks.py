@@ -5,10 +5,10 @@ import pytest
 import serial
 from wheels import bounce_filter, map_cells
 
-from jaxcell.robot.body import Body
-from jaxcell.robot.emulator import BANNER, Emulator, Line
-from jaxcell.robot.firmware import firmware
-from jaxcell.robot.tasks import FilterTask, PlanTask, load_task
+from jaxcell.robot.create.firmware import firmware
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.emulator import BANNER, Emulator, Line
+from jaxcell.robot.tasks.files import FilterTask, PlanTask, load_task
 
 
 LAB = map_cells("lab_a.json")

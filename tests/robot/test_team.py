@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from wheels import map_cells
 
-from jaxcell.robot.body import Body
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.run_log import RunLog, read_log
-from jaxcell.robot.simulated import SimulatedCreate
-from jaxcell.robot.tasks import load_task
+from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.team import Member, member_actions, run_member, save_team
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace, free_steps

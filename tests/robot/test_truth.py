@@ -16,12 +16,12 @@ from wheels import (
     walker_in,
 )
 
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.patrol import Patrol, run_patrol
-from jaxcell.robot.patrol_task import save_patrols
 from jaxcell.robot.routing import wave
 from jaxcell.robot.runner import run_filter, run_plan
-from jaxcell.robot.simulated import SimulatedCreate
-from jaxcell.robot.tasks import load_task
+from jaxcell.robot.tasks.files import load_task
+from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.robot.team import member_actions, run_member, save_team
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, free_steps

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.robot.body import Body, Noise
-from jaxcell.robot.simulated import SimulatedCreate
+from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace
 

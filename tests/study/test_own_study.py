@@ -71,7 +71,7 @@ class Drop(Study):
 
 @pytest.fixture
 def file(tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.runtime.configure_jax", lambda: None)
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     path = tmp_path / "stones.py"
     path.write_text(textwrap.dedent(SOURCE))
     yield path

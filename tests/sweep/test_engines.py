@@ -13,8 +13,8 @@ from distributed import LocalCluster
 from sweep_kills import tree
 
 from jaxcell.sweep import engine_named, open_sweep, run_sweep, sweep_status
-from jaxcell.sweep.engines import worker_environment
-from jaxcell.sweep.work import Computed, Failed, Job
+from jaxcell.sweep.workers.engines import worker_environment
+from jaxcell.sweep.workers.work import Computed, Failed, Job
 
 
 TESTS = Path(sweep_kills.__file__).parent

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-import jaxcell.cli.sweep_view
+import jaxcell.cli.sweep.view
 from jaxcell.cli import main
 from jaxcell.sweep import Spec, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.digests import digests
 from jaxcell.sweep.files import keep_folder, kept_spec
-from jaxcell.sweep.work import with_files_found
+from jaxcell.sweep.workers.work import with_files_found
 
 
 LAB = Path(__file__).parents[2] / "data" / "maps" / "lab_a.json"
@@ -93,7 +93,7 @@ def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_a_member_is_viewed_from_anywhere(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(jaxcell.cli.sweep_view, "has_display", lambda: False)
+    monkeypatch.setattr(jaxcell.cli.sweep.view, "has_display", lambda: False)
     out = tmp_path / "runs" / "out"
     run_sweep(Spec.load("../study/specs/spec.toml"), out)
     (tmp_path / "elsewhere").mkdir()

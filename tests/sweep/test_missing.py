@@ -92,7 +92,7 @@ def test_rates_are_of_the_members_that_were_computed(stub_spec, tmp_path, task, 
     task[1].add(5)
     run_sweep(spec, tmp_path / "out")
     clock = SimpleNamespace(monotonic=itertools.count().__next__, time=time.time)
-    monkeypatch.setattr("jaxcell.sweep.progress.time", clock)
+    monkeypatch.setattr("jaxcell.sweep.workers.progress.time", clock)
     run_sweep(spec, tmp_path / "out", resume=True, progress=seen.append)
     assert [(one.done, one.failed) for one in seen] == [(4, 0), (5, 1), (6, 2)]
     # The clock is read twice for each: two members, one a chunk.

@@ -13,7 +13,7 @@ from sweep_kills import tree
 
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
 from jaxcell.sweep.lock import locked
-from jaxcell.sweep.work import compute, with_files_found
+from jaxcell.sweep.workers.work import compute, with_files_found
 
 
 def test_the_result_is_that_of_each_member_alone(stub_spec, tmp_path):

@@ -11,7 +11,7 @@ from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.space.random_rooms import place, random_room
 from jaxcell.sweep.tasks import TASKS
-from jaxcell.sweep.work import find_task, study_of
+from jaxcell.sweep.workers.work import find_task, study_of
 
 
 pytestmark = pytest.mark.slow

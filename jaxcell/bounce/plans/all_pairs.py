@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Array, Float, Int, Integer, Shaped
 
-from ... import memory
+from ...base import memory
 from ...base.quantities import Checks, Result, quantity
 from ...space import CellSpace
 from ..dynamics import Collision

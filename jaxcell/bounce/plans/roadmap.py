@@ -7,8 +7,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ... import estimates
-from ...space import CellSpace
+from ...space import CellSpace, estimates
 from ...space.extent import Extent
 from ..dynamics import Collision, bounce_shift, moves as moves_of
 from ..groups import runs

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from ... import memory
+from ...base import memory
 
 
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.

@@ -88,8 +88,7 @@ def open_currents(
 
     The surface of the bundled sea at its first record:
 
-        >>> from jaxcell import drift
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> dict(currents.sizes), int(currents.water.sum()), round(float(currents.u.max()), 2)
         ({'time': 1, 'layer': 1, 'y': 21, 'x': 29}, 538, 0.54)

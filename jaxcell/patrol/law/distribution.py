@@ -9,7 +9,7 @@ import jax.typing
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...precision import require_x64
+from ...base.precision import require_x64
 
 
 # exp(-_FAR) is near the smallest normal number. Probabilities below it are taken to be 0.

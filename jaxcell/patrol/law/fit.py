@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.certificate import Certificate
+from ...base.precision import require_x64
 from ...base.quantities import Result, derived, quantity
-from ...certificate import Certificate
-from ...precision import require_x64
 from .distribution import Gld, standard_quantile
 
 

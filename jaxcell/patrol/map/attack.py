@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
+from ...base.precision import require_x64
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...mapping import Chain
 from ...markov import Arrivals, first_arrival, simulate_arrival
 from ...optimize import Graph
-from ...precision import require_x64
 from ..law.fit import GldFit, fit_gld
 from .policies import Policy
 from .regions import check_visible

@@ -4,7 +4,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Bool, Float, Int
 
-from ...certificate import Certificate
+from ...base.certificate import Certificate
 from ...mapping import Chain
 from ...optimize import Graph, greedy_cover, minimum_commute
 from ..walks.walk import random_walk

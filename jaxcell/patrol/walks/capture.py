@@ -8,10 +8,10 @@ import numpy as np
 import scipy.sparse.csgraph
 from jaxtyping import Array, Float, Int
 
-from ...certificate import Certificate
+from ...base.certificate import Certificate
+from ...base.precision import require_x64
 from ...mapping import Chain
 from ...optimize import Graph
-from ...precision import require_x64
 from .descent import descend
 from .polytope import ChainPolytope
 from .sequential_lp import maximize_least_capture

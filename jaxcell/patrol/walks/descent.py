@@ -10,9 +10,9 @@ import optax
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ...certificate import Certificate
+from ...base.certificate import Certificate
+from ...base.precision import require_x64
 from ...mapping import Chain
-from ...precision import require_x64
 from .polytope import ChainPolytope
 
 

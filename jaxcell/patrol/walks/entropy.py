@@ -8,7 +8,7 @@ import numpy as np
 import scipy.special
 from jaxtyping import Array, Float
 
-from ...certificate import Certificate
+from ...base.certificate import Certificate
 from ...markov import dense
 from ...optimize import Graph
 from .descent import OptimizedWalk, minimize

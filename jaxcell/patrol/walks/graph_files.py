@@ -37,7 +37,7 @@ from ...base.documents import (
     read_text,
     refused,
 )
-from ...files import replacing
+from ...base.files import replacing
 from ...optimize import Graph
 
 
@@ -84,8 +84,7 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
 
     The graph of section 4.5.2 of Alam 2018:
 
-        >>> from jaxcell import patrol
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, patrol
         >>> graph, names = patrol.load_graph(bundled("graphs/eight.json"))
         >>> graph.vertices, len(graph.edges), names[:2], graph.xy[0].tolist()
         (8, 13, ('1', '2'), [1.0, 3.0])

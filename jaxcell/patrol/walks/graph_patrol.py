@@ -5,8 +5,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from ...base.certificate import Certificate
 from ...base.quantities import derived, quantity
-from ...certificate import Certificate
 from ...mapping import Chain
 from ...optimize import Graph
 from .game import StrategyGame

@@ -9,7 +9,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...files import replacing
+from ...base.files import replacing
 
 
 @contextlib.contextmanager

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...base.files import replacing
 from ...drift import SeaDrift
-from ...files import replacing
 
 
 def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
@@ -29,8 +29,7 @@ def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
     The surface of the bundled sea at its first record:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import drift, record
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift, record
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> found = drift.SeaDrift.of(currents)
         >>> with tempfile.TemporaryDirectory() as folder:
@@ -61,8 +60,7 @@ def save_deployment_geojson(drift: SeaDrift, path: str | os.PathLike[str]) -> No
     The surface of the bundled sea at its first record:
 
         >>> import json, pathlib, tempfile
-        >>> from jaxcell import drift, record
-        >>> from jaxcell.bundled import bundled
+        >>> from jaxcell import bundled, drift, record
         >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
         >>> found = drift.SeaDrift.of(currents)
         >>> with tempfile.TemporaryDirectory() as folder:

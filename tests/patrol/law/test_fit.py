@@ -6,7 +6,7 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.patrol.law.distribution import Gld
 from jaxcell.patrol.law.fit import fit_gld
 

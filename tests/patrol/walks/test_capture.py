@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
 from jaxcell.patrol.walks import capture
 from jaxcell.patrol.walks.capture import maximin_capture, walk_capture_probabilities

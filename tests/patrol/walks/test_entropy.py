@@ -8,7 +8,7 @@ import pytest
 import scipy.optimize
 from hypothesis import given, strategies as st
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.markov import dense
 from jaxcell.optimize import Graph
 from jaxcell.patrol.walks.entropy import (

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from jaxcell.certificate import Outcome
+from jaxcell.base.certificate import Outcome
 from jaxcell.markov import kemeny_constant
 from jaxcell.optimize import Graph
 from jaxcell.patrol.walks.kemeny import minimum_kemeny

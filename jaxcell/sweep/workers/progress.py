@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from ..files import replacing
-from .failures import Failure
+from ...base.files import replacing
+from ..failures import Failure
 
 
 _FILE = "progress.json"

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..study import Study, parameters
-from ..study.loading import load_module
-from .design import LIST_DIMENSION
-from .files import find_file, folders
-from .spec import Chunk, Spec
-from .studies import studies, study_task
+from ...study import Study, parameters
+from ...study.loading import load_module
+from ..design import LIST_DIMENSION
+from ..files import find_file, folders
+from ..spec import Chunk, Spec
+from ..studies import studies, study_task
 
 
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
@@ -95,7 +95,7 @@ def find_task(name: str) -> Task:
     """
     reference = name
     if ":" not in name:
-        from .tasks import TASKS
+        from ..tasks import TASKS
 
         if name not in TASKS:
             raise ValueError(

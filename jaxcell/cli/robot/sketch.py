@@ -4,8 +4,8 @@ from pathlib import Path
 
 import tyro
 
-from .options import direction_at, write_text
-from .terminal import note
+from ..options import direction_at, write_text
+from ..terminal import note
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class RobotSketch:
     """File to write, which ends in .ino; by default it is printed."""
 
     def run(self) -> int:
-        from ..robot.sketch import bounce_sketch
+        from ...robot.sketch import bounce_sketch
 
         if self.out is not None and self.out.suffix != ".ino":
             raise ValueError(f"--out {self.out}: expected a name that ends in .ino")
@@ -55,9 +55,9 @@ class RobotSketch:
         return 0
 
     def _filter(self, path: Path) -> str:
-        from ..automata import minimize
-        from ..robot.sketch import FLASH, filter_sketch
-        from ..robot.tasks import FilterTask, load_task
+        from ...automata import minimize
+        from ...robot.sketch import FLASH, filter_sketch
+        from ...robot.tasks.files import FilterTask, load_task
 
         if self.step is not None:
             raise ValueError("--step: it is for --bounce; a filter has its own")

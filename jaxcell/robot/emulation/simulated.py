@@ -1,11 +1,11 @@
 from collections.abc import Callable
 
+from ..create.driver import TICK
+from ..create.motion import Create
+from ..create.open_interface import STREAM_PERIOD, StreamParser
+from ..create.reading import STREAM
 from .body import Body
-from .create import Create
-from .driver import TICK
 from .emulator import Emulator
-from .open_interface import STREAM_PERIOD, StreamParser
-from .reading import STREAM
 
 
 class _Wire:

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..study import Study
-from ..sweep.tasks import TASKS
-from ..sweep.work import study_of
-from .study import command_name
-from .terminal import status, telling
+from ...study import Study
+from ...sweep.tasks import TASKS
+from ...sweep.workers.work import study_of
+from ..study import command_name
+from ..terminal import status, telling
 
 
 def detailed_study(task: str) -> type[Study]:
@@ -38,10 +38,10 @@ def member_detail(
 
     **Returns:** the summary that the command prints as JSON.
     """
-    from .. import record
-    from ..runtime import configure_jax
-    from ..sweep.studies import studies
-    from .tables import show
+    from ... import record
+    from ...base.runtime import configure_jax
+    from ...sweep.studies import studies
+    from ..tables import show
 
     configure_jax()
     (asked,) = studies(study, {}, parameters, seed)

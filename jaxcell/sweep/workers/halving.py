@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .spec import Chunk, Spec
+from ..spec import Chunk, Spec
 from .work import Computed, Failed, Job
 
 

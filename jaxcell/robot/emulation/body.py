@@ -4,8 +4,8 @@ import math
 import numpy as np
 import shapely
 
-from ..space import Workspace
-from .packets import METRES_PER_COUNT, WHEEL_BASE
+from ...space import Workspace
+from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 
 
 # Where around the front the bumper is felt, and how far from the contact a wall still holds it.

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from .terminal import configuration, say, table
+from ..terminal import configuration, say, table
 
 
 if TYPE_CHECKING:
-    from ..robot.outcome import RunOutcome
-    from ..robot.run_log import LoggedRun
-    from .robot_emulation import Emulation
+    from ...robot.outcome import RunOutcome
+    from ...robot.run_log import LoggedRun
+    from .emulation import Emulation
 
 
 _SIDES = ("East", "North", "West", "South")
@@ -29,7 +29,7 @@ class RobotReplay:
     """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        from ..robot.run_log import read_log
+        from ...robot.run_log import read_log
 
         run = read_log(self.log)
         try:
@@ -74,19 +74,19 @@ def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = No
 
 def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
     """How a logged run ended, or stands, with what stopped it; `file` is what was run."""
-    from ..robot.run_log import stopped
+    from ...robot.run_log import stopped
 
     return stopped(_replayed(run, file), run)
 
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ..automata import Filter
-    from ..robot.patrol import replay_patrol
-    from ..robot.patrol_task import PatrolTask
-    from ..robot.runner import plan_outcome, replay_filter
-    from ..robot.task import digest
-    from ..robot.tasks import load_task
-    from ..robot.team import replay_member
+    from ...automata import Filter
+    from ...robot.patrol import replay_patrol
+    from ...robot.runner import plan_outcome, replay_filter
+    from ...robot.tasks.files import load_task
+    from ...robot.tasks.patrol_task import PatrolTask
+    from ...robot.tasks.task import digest
+    from ...robot.team import replay_member
 
     kind = run.header["kind"]
     if kind == "plan":

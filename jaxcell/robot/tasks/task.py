@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.documents import Fields
-from .walker import cell_strides
+from ...base.documents import Fields
+from ..walker import cell_strides
 
 
 _MIN_LENGTH = 1e-6

@@ -14,9 +14,16 @@ from types import TracebackType
 
 import numpy as np
 
+from ..create.open_interface import (
+    MAX_SPEED,
+    STRAIGHT,
+    STREAM_PERIOD,
+    Command,
+    CommandParser,
+    stream_frame,
+)
+from ..create.packets import PACKETS, WHEEL_BASE, Contact, Mode, encode
 from .body import Body
-from .open_interface import MAX_SPEED, STRAIGHT, STREAM_PERIOD, Command, CommandParser, stream_frame
-from .packets import PACKETS, WHEEL_BASE, Contact, Mode, encode
 
 
 BANNER = b"Roomba by iRobot!\r\nr3_robot/tags/release-3.5.x:emulated CLEAN\r\n"
@@ -51,7 +58,7 @@ class Line:
 
 
 class Emulator:
-    """A Create 2 on a pseudo-terminal, which moves a [`Body`][jaxcell.robot.body.Body] in a map.
+    """A Create 2 on a pseudo-terminal, its [`Body`][jaxcell.robot.emulation.body.Body] in a map.
 
     A context manager: within it `port` is the name of a device that any host opens like that of a
     serial line, and a thread plays the robot. It is seeded, but what a host does in it depends on

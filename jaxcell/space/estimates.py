@@ -9,9 +9,9 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
-from . import memory
-from .space.extent import Extent
-from .space.occupancy import cutting_bytes
+from ..base import memory
+from .extent import Extent
+from .occupancy import cutting_bytes
 
 
 Need: TypeAlias = Callable[[Extent], float | int]

@@ -5,16 +5,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..study.map_study import cell_at
+from ...study.map_study import cell_at
 
 
 if TYPE_CHECKING:
-    from ..robot.emulator import Emulator
-    from ..robot.outcome import RunOutcome
-    from ..robot.patrol_task import PatrolTask
-    from ..robot.tasks import AnyTask
-    from ..space import CellSpace
-    from .robot import RobotRun
+    from ...robot.emulation.emulator import Emulator
+    from ...robot.outcome import RunOutcome
+    from ...robot.tasks.files import AnyTask
+    from ...robot.tasks.patrol_task import PatrolTask
+    from ...space import CellSpace
+    from .run import RobotRun
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Emulation:
 
 def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
     """Emulate a robot in a map, at the start of a task, or at that of the options."""
-    from ..robot.body import Body, Noise, bumper_give
-    from ..robot.emulator import Emulator, Line
-    from ..space import CellSpace, Workspace
+    from ...robot.emulation.body import Body, Noise, bumper_give
+    from ...robot.emulation.emulator import Emulator, Line
+    from ...space import CellSpace, Workspace
 
     workspace = dataclasses.replace(Workspace.load(map), robot_radius=task.radius)
     cells = CellSpace.of(workspace, task.cell, task.directions)
@@ -73,9 +73,9 @@ def _pose(cells: "CellSpace", cell: int) -> tuple[float, float, float]:
 
 def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
     """The cell that a task starts in; of a filter any."""
-    from ..robot.patrol_task import PatrolTask
-    from ..robot.tasks import PlanTask
-    from ..robot.team import MemberTask
+    from ...robot.tasks.files import PlanTask
+    from ...robot.tasks.patrol_task import PatrolTask
+    from ...robot.team import MemberTask
 
     match task:
         case PlanTask():
@@ -104,7 +104,7 @@ def seen_from(
     - `task`: the patrol, and how far the robot sees.
     - `intruder`: where the intruder is, "x,y" in metres.
     """
-    from ..space import visible_cells
+    from ...space import visible_cells
 
     try:
         x, y = map(float, intruder.split(","))

@@ -10,7 +10,7 @@ def bundled(name: str) -> Path:
 
     **Raises:** `FileNotFoundError` if there is no such file.
     """
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     for folder in (package / "data", package.parent / "data"):
         if (folder / name).is_file():
             return folder / name

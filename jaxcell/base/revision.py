@@ -13,7 +13,7 @@ def git_revision() -> str | None:
         command = ["git", "--no-optional-locks", *arguments]
         return subprocess.run(
             command,
-            cwd=Path(__file__).parent,
+            cwd=Path(__file__).parents[1],
             capture_output=True,
             check=True,
             text=True,

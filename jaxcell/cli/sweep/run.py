@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ..files import replacing
-from .terminal import duration, note, own_command, status, stdout_on_stderr, steps, table
+from ...base.files import replacing
+from ..terminal import duration, note, own_command, status, stdout_on_stderr, steps, table
 
 
 if TYPE_CHECKING:
-    from ..sweep import Failure, Progress, Spec, SweepStatus
+    from ...sweep import Failure, Progress, Spec, SweepStatus
 
 
 _MOST_FAILURES = 10
@@ -59,7 +59,7 @@ class Sweep:
         os.environ.setdefault("JAX_ENABLE_X64", "1")
         # A task may stand in a file beside the user.
         sys.path.append(os.getcwd())
-        from ..sweep import Spec, run_sweep
+        from ...sweep import Spec, run_sweep
 
         if self.anyway and not self.resume:
             raise ValueError("--anyway: expected with --resume")
@@ -108,7 +108,7 @@ class SweepState:
     """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        from ..sweep import sweep_status
+        from ...sweep import sweep_status
 
         found = sweep_status(self.folder)
         if self.json:
@@ -194,8 +194,8 @@ def _terminated_like_interrupted() -> Iterator[None]:
 
 
 def _write_netcdf(out: Path) -> None:
-    from ..sweep import open_sweep
-    from ..sweep.store import reading
+    from ...sweep import open_sweep
+    from ...sweep.store import reading
 
     with replacing(out / "sweep.nc") as temporary, open_sweep(out) as dataset, reading(out):
         dataset.to_netcdf(temporary)

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..base.documents import Fields, refused
-from ..files import replacing
-from .routing import grid_steps, wave
+from ...base.documents import Fields, refused
+from ...base.files import replacing
+from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields
 
 
 if TYPE_CHECKING:
-    from ..space import CellSpace
+    from ...space import CellSpace
 
 
 KIND = "patrol"
@@ -89,7 +89,7 @@ def save_patrols(
         >>> task.cells.positions, task.image.tolist(), task.reach
         (3, [[2, 1, 0]], 1.5)
     """
-    from ..space import CellSpace, free_steps
+    from ...space import CellSpace, free_steps
 
     assert cells.workspace is not None
     plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
@@ -125,7 +125,7 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
     **Raises:** `ValueError` that names the field.
     """
-    from ..space import CellSpace
+    from ...space import CellSpace
 
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)

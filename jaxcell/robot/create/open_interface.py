@@ -155,7 +155,7 @@ class StreamParser:
     A byte of noise, and a frame with the two bytes of the encoders:
 
         >>> from jaxcell import robot
-        >>> from jaxcell.robot.open_interface import stream_frame
+        >>> from jaxcell.robot.create.open_interface import stream_frame
         >>> frame = stream_frame([43, 44], {"left_encoder": 7, "right_encoder": 9})
         >>> parser = robot.StreamParser([43, 44])
         >>> parser.feed(bytes([5]) + frame), parser.skipped
@@ -219,7 +219,7 @@ class Command:
     Drive straight at 200 mm/s:
 
         >>> from jaxcell import robot
-        >>> from jaxcell.robot.open_interface import drive
+        >>> from jaxcell.robot.create.open_interface import drive
         >>> robot.CommandParser().feed(drive(200))[0].words
         (200, -32768)
     """
@@ -244,7 +244,7 @@ class CommandParser:
     A command that comes in two pieces:
 
         >>> from jaxcell import robot
-        >>> from jaxcell.robot.open_interface import drive
+        >>> from jaxcell.robot.create.open_interface import drive
         >>> parser, data = robot.CommandParser(), drive(200)
         >>> parser.feed(data[:2]), [command.opcode for command in parser.feed(data[2:])]
         ([], [137])

@@ -4,11 +4,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ..automata import Filter
-from ..base.documents import Fields, checked_number, decode_json, read_text, refused
+from ...automata import Filter
+from ...base.documents import Fields, checked_number, decode_json, read_text, refused
+from ..team import KIND as TEAM, MemberTask, read_member
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
 from .task import Task, common_fields, digest as digest
-from .team import KIND as TEAM, MemberTask, read_member
 
 
 @dataclasses.dataclass(frozen=True)

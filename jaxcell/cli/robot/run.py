@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from ..files import name_in_results
-from ..study.map_study import cell_at
-from .options import direction_at, write_text
-from .robot_emulation import emulate, seen_from
-from .robot_replay import replayed, show
-from .terminal import note, note_results, say, status
+from ...base.files import name_in_results
+from ...study.map_study import cell_at
+from ..options import direction_at, write_text
+from ..terminal import note, note_results, say, status
+from .emulation import emulate, seen_from
+from .replay import replayed, show
 
 
 if TYPE_CHECKING:
-    from ..record import RobotRecording
-    from ..robot.marker import CrossLook
-    from ..robot.outcome import RunOutcome
-    from ..robot.patrol_task import PatrolTask
-    from ..robot.run_log import RunLog
-    from ..robot.tasks import AnyTask
-    from ..robot.walker import Walker
-    from ..space import CellSpace
-    from .robot_emulation import Emulation
+    from ...record import RobotRecording
+    from ...robot.marker import CrossLook
+    from ...robot.outcome import RunOutcome
+    from ...robot.run_log import RunLog
+    from ...robot.tasks.files import AnyTask
+    from ...robot.tasks.patrol_task import PatrolTask
+    from ...robot.walker import Walker
+    from ...space import CellSpace
+    from .emulation import Emulation
 
     _Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
 
@@ -95,8 +95,8 @@ class RobotRun:
     def run(self) -> int:
         import numpy as np
 
-        from ..robot import Create, RobotStopped
-        from ..robot.tasks import load_task
+        from ...robot import Create, RobotStopped
+        from ...robot.tasks.files import load_task
 
         if (self.port is None) == (self.simulate is None):
             raise ValueError("expected one of --port and --simulate")
@@ -153,9 +153,9 @@ class RobotRun:
 
     def _direction(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:
         """The direction that the robot faces at the start, where it is known."""
-        from ..robot.patrol_task import PatrolTask
-        from ..robot.tasks import PlanTask
-        from ..robot.team import MemberTask
+        from ...robot.tasks.files import PlanTask
+        from ...robot.tasks.patrol_task import PatrolTask
+        from ...robot.team import MemberTask
 
         if self.heading is not None:
             return direction_at(self.heading, task.directions)
@@ -181,8 +181,8 @@ class RobotRun:
         return task.start if self.start is None else cell_at(task.cells, self.start, "--start")
 
     def _recording(self, task: "AnyTask", emulation: "Emulation | None") -> "RobotRecording":
-        from ..record import RecordedRobot, RobotRecording
-        from ..robot.tasks import FilterTask
+        from ...record import RecordedRobot, RobotRecording
+        from ...robot.tasks.files import FilterTask
 
         assert self.out is not None
         self.out.mkdir(parents=True, exist_ok=True)
@@ -205,8 +205,8 @@ class RobotRun:
     def _walker(
         self, robot: Any, task: "AnyTask", emulation: "Emulation | None", direction: int | None
     ) -> "Walker":
-        from ..robot.clock import ByClock
-        from ..robot.walker import Walker
+        from ...robot.create.clock import ByClock
+        from ...robot.walker import Walker
 
         if self.steps == "clock":
             if emulation is None:
@@ -226,10 +226,10 @@ class RobotRun:
         self, task: "AnyTask", emulation: "Emulation | None", direction: int | None
     ) -> "_Runner":
         """What runs the task, and the header of its log."""
-        from ..robot.patrol import Patrol, run_patrol
-        from ..robot.runner import run_filter, run_plan
-        from ..robot.tasks import FilterTask, PlanTask
-        from ..robot.team import MemberTask, run_member
+        from ...robot.patrol import Patrol, run_patrol
+        from ...robot.runner import run_filter, run_plan
+        from ...robot.tasks.files import FilterTask, PlanTask
+        from ...robot.team import MemberTask, run_member
 
         header, limit = task.header, self.limit
         if self.intruder is not None and (emulation is None or header["kind"] != "patrol"):
@@ -265,7 +265,7 @@ class RobotRun:
     def _run(
         self, walker: "Walker", runner: "_Runner", path: Path, recording: "RobotRecording | None"
     ) -> "RunOutcome":
-        from ..robot.run_log import RunLog
+        from ...robot.run_log import RunLog
 
         header, run = runner
         with contextlib.ExitStack() as stack:
@@ -280,8 +280,8 @@ class RobotRun:
 
 def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
     """How a run stands that was stopped, by its log if there is one, and the exit status."""
-    from ..robot.outcome import RunOutcome
-    from ..robot.run_log import read_log, why_stopped
+    from ...robot.outcome import RunOutcome
+    from ...robot.run_log import read_log, why_stopped
 
     code = 130 if isinstance(error, KeyboardInterrupt) else 1
     if isinstance(error, SystemExit):
@@ -292,7 +292,7 @@ def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
 
 
 def _cross_look(source: str) -> "CrossLook":
-    from ..robot import CrossLook, camera, pictures
+    from ...robot import CrossLook, camera, pictures
 
     try:
         return CrossLook(camera(int(source)) if source.isdecimal() else pictures(source))
@@ -303,7 +303,7 @@ def _cross_look(source: str) -> "CrossLook":
 
 def _cells_of(task: "AnyTask", about: Mapping[str, Any]) -> "CellSpace | None":
     """The cells of the map that a filter is of, if the map is where it was."""
-    from ..space import CellSpace, Workspace
+    from ...space import CellSpace, Workspace
 
     with contextlib.suppress(OSError, ValueError, KeyError):
         workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)

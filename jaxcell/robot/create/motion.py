@@ -41,7 +41,8 @@ class Create(Driver):
         robot.forward(0.5)
     ```
 
-    When and why the wheels stop: see [`jaxcell.robot.driver.Driver`][], which has the constructor.
+    When and why the wheels stop: see [`jaxcell.robot.create.driver.Driver`][], which has the
+    constructor.
     """
 
     def forward(

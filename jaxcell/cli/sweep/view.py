@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tyro
 
-from ..base.display import has_display
-from .sweep import failure_told
-from .terminal import note, own_command, status, table
-from .view import View
+from ...base.display import has_display
+from ..terminal import note, own_command, status, table
+from ..view import View
+from .run import failure_told
 
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..sweep import Failure, Spec
+    from ...sweep import Failure, Spec
 
 
 _MOST_LISTED = 6
@@ -40,8 +40,8 @@ class SweepView:
     """The recording; by default overview.rrd in the folder, or members/NAME=VALUE,....rrd there."""
 
     def run(self) -> int:
-        from ..sweep import sweep_status
-        from ..sweep.files import kept_spec
+        from ...sweep import sweep_status
+        from ...sweep.files import kept_spec
 
         if self.out is not None and self.out.suffix != ".rrd":
             raise ValueError(f"--out {self.out}: expected the name of a recording, FILE.rrd")
@@ -49,9 +49,9 @@ class SweepView:
         spec = kept_spec(self.folder)
         if self.select:
             return self._member(spec, found.failures)
-        from .. import record
-        from ..sweep import open_sweep
-        from ..sweep.store import reading
+        from ... import record
+        from ...sweep import open_sweep
+        from ...sweep.store import reading
 
         failures = [failure_told(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
@@ -62,10 +62,10 @@ class SweepView:
         return _open(out)
 
     def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
-        from ..sweep import open_sweep
-        from ..sweep.store import reading
-        from ..sweep.work import with_files_found, with_task_found
-        from .sweep_member import detailed_study, member_detail
+        from ...sweep import open_sweep
+        from ...sweep.store import reading
+        from ...sweep.workers.work import with_files_found, with_task_found
+        from .member import detailed_study, member_detail
 
         # A task may stand in a file beside the user.
         sys.path.append(str(Path.cwd()))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from .terminal import note, status, stdout_on_stderr, table
+from ..terminal import note, status, stdout_on_stderr, table
 
 
 _MOST_LISTED = 10
@@ -32,7 +32,7 @@ class SweepVerify:
         # As in `sweep`.
         os.environ.setdefault("JAX_ENABLE_X64", "1")
         sys.path.append(os.getcwd())
-        from ..sweep import verify_sweep
+        from ...sweep import verify_sweep
 
         with stdout_on_stderr(), status(f"reading {self.folder}"):
             found = verify_sweep(self.folder, engine=self.engine, workers=self.workers)

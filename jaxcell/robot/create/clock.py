@@ -3,7 +3,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
-from .create import Moved
+from .motion import Moved
 from .packets import WHEEL_BASE
 
 

@@ -24,7 +24,7 @@ def wheel_speeds(*, right: float, left: float) -> tuple[int, int]:
 
     A turn on the spot, of which the left wheel alone would be harmless:
 
-        >>> from jaxcell.robot.speeds import wheel_speeds
+        >>> from jaxcell.robot.create.speeds import wheel_speeds
         >>> wheel_speeds(right=0.118, left=-0.118)
         (82, -82)
     """

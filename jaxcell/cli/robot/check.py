@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from .terminal import say, status, table
+from ..terminal import say, status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -22,7 +22,7 @@ class RobotCheck:
     """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        from ..robot import Create, RobotStopped
+        from ...robot import Create, RobotStopped
 
         found: dict[str, Any] = {"port": self.port}
         if self.firmware:
@@ -56,8 +56,8 @@ class RobotCheck:
         return 0 if found["danger"] is None else 1
 
     def _firmware(self) -> str:
-        from ..robot.firmware import firmware
-        from ..robot.line import open_line
+        from ...robot.create.firmware import firmware
+        from ...robot.create.line import open_line
 
         with (
             contextlib.closing(open_line(self.port)) as line,

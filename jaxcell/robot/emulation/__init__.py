@@ -1,0 +1,1 @@
+"""A robot without hardware, which moves in a map and speaks the Open Interface."""

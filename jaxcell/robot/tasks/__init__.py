@@ -1,0 +1,1 @@
+"""What a robot does, as files: filters, plans, policies and patrols."""

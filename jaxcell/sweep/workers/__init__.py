@@ -1,0 +1,1 @@
+"""Processes that compute chunks of a sweep, on one machine or many."""
