@@ -154,7 +154,7 @@ def compare(graph: Graph, game: StrategyGame) -> list[Row]:
         else:
             apart = 0.0 if np.array_equal(order, source) else math.inf
         preferred = game.preferred[number]
-        rows.append(Row(name, preferred, game.weights[number], order, source, apart))
+        rows.append(Row(name, preferred, game.weight[number], order, source, apart))
     return rows
 
 

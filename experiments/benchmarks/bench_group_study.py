@@ -53,7 +53,7 @@ def peer(free: np.ndarray) -> tuple[int, int]:
     # A margin of blocked squares makes every look-up of a neighbour safe.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
-    shape = stencil(DIRECTIONS, 1.0, "endpoint")
+    shape = stencil(DIRECTIONS, 1.0, "endpoint", cells.free.shape)
     weights = np.array([position.shape[1], 1])
     offset, look = shape.offset @ weights, shape.square @ weights
     none = look[shape.crossed][:, :0], look[shape.beside][:, :0]

@@ -171,7 +171,7 @@ def peer_groups(cells: CellSpace, collision: str, tabulated: bool) -> Groups:
     # A margin of blocked squares makes every look-up of a neighbour safe.
     position = np.pad(cells.position_of_square, 1, constant_values=-1)
     square = np.flatnonzero(position.ravel() >= 0)
-    shape = stencil(cells.directions, 1.0, collision)
+    shape = stencil(cells.directions, 1.0, collision, cells.free.shape)
     weights = np.array([position.shape[1], 1])
     offset, look = shape.offset @ weights, shape.square @ weights
     crossed, beside = look[shape.crossed], look[shape.beside]
