@@ -37,7 +37,7 @@ from rich.table import Table
 
 import jaxcell
 from jaxcell.base.runtime import configure_jax
-from jaxcell.bounce.coverage import coverage_policy, noisy_bounce_map
+from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.bounce.dynamics import Collision
 from jaxcell.mapping.generalized import Chain
 from jaxcell.space import CellSpace, Workspace

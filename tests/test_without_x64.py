@@ -11,8 +11,13 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from jaxcell.bounce import bounce_groups, bounce_map, group_summary
-from jaxcell.bounce.coverage import coverage_policy, noisy_bounce_map
+from jaxcell.bounce import (
+    bounce_groups,
+    bounce_map,
+    coverage_policy,
+    group_summary,
+    noisy_bounce_map,
+)
 from jaxcell.mapping import periodic_groups
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain

@@ -21,7 +21,7 @@ from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
 from timing import Timing, begin, line, take_turns
 
-from jaxcell.bounce.coverage import coverage_policy, noisy_bounce_map
+from jaxcell.bounce import coverage_policy, noisy_bounce_map
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
 from jaxcell.markov import limiting_distribution

@@ -51,8 +51,6 @@ from .coverage import (
     CoveragePolicy as CoveragePolicy,
     coverage_policy as coverage_policy,
     coverage_target as coverage_target,
-    noisy_bounce_map as noisy_bounce_map,
-    noisy_turns as noisy_turns,
 )
 from .dynamics import (
     Collision as Collision,
@@ -66,6 +64,7 @@ from .dynamics import (
 from .filter_size import heading_filter_sizes as heading_filter_sizes
 from .grid_groups import grid_groups as grid_groups, wall_groups as wall_groups
 from .groups import bounce_groups as bounce_groups, group_summary as group_summary
+from .imprecise import noisy_bounce_map as noisy_bounce_map, noisy_turns as noisy_turns
 from .localize import (
     Localization as Localization,
     localization_filter as localization_filter,

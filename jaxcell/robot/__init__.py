@@ -56,13 +56,12 @@ from .create.open_interface import (
 )
 from .create.packets import Contact as Contact, Mode as Mode, Packet as Packet
 from .create.reading import STREAM as STREAM, Reading as Reading
+from .frames import camera as camera, pictures as pictures
 from .marker import (
     CrossLook as CrossLook,
     Marker as Marker,
-    camera as camera,
     draw_cross as draw_cross,
     find_cross as find_cross,
-    pictures as pictures,
 )
 from .outcome import RunOutcome as RunOutcome
 from .patrol import (

@@ -23,18 +23,14 @@ OpenCV is imported when it is needed; `pip install jaxcell[vision]` brings it.
 import functools
 import itertools
 import math
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from .frames import Frame, opencv
 
-Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
-"""Grey, or with three channels in OpenCV's order: blue, green, red."""
 
 # The cross in units of half an arm's width: its edges that face right, down, left and up, first the
 # four ends of the arms. An edge lies `_AT` along the axis that it faces (0 for x, 1 for y), and
@@ -109,7 +105,7 @@ def find_cross(frame: Frame) -> Marker | None:
         >>> [round(x) for x in marker.centre], round(marker.arm)
         ([110, 90], 31)
     """
-    cv2 = _opencv()
+    cv2 = opencv()
     level = _grey(frame)
     best: Marker | None = None
     for doublings in itertools.count():
@@ -166,90 +162,12 @@ class CrossLook:
         )
 
 
-def camera(device: int = 0) -> Callable[[], Frame]:
-    """Opens a camera, by its number, as a source of frames.
-
-    **Arguments:**
-
-    - `device`: the number of the camera, from 0.
-
-    **Returns:** a function that takes a frame, the next one after those that wait in the driver.
-
-    **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
-
-    Without a camera:
-
-        >>> from jaxcell import robot
-        >>> robot.camera(99)
-        Traceback (most recent call last):
-            ...
-        OSError: camera 99 does not open
-    """
-    cv2 = _opencv()
-    capture = cv2.VideoCapture(device)
-    if not capture.isOpened():
-        raise OSError(f"camera {device} does not open")
-
-    def look() -> Frame:
-        # Drivers keep up to four frames, taken while the robot was still on its way.
-        for _ in range(5):
-            capture.grab()
-        whole, frame = capture.retrieve()
-        if not whole:
-            raise OSError(f"camera {device} gives no frame")
-        return np.asarray(frame)
-
-    return look
-
-
-def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
-    """A source of frames that gives the pictures in a folder in the order of their names.
-
-    After the last it begins again.
-
-    **Arguments:**
-
-    - `folder`: where the pictures are; `.png`, `.jpg` and `.jpeg` count.
-
-    **Returns:** a function that gives the next picture.
-
-    **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
-
-    A folder with one picture:
-
-        >>> import pathlib, tempfile
-        >>> import cv2
-        >>> from jaxcell import robot
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     file = str(pathlib.Path(folder, "cross.png"))
-        ...     _ = cv2.imwrite(file, robot.draw_cross(50))
-        ...     robot.pictures(folder)().shape
-        (50, 50, 3)
-    """
-    cv2 = _opencv()
-    paths = sorted(
-        path for path in Path(folder).iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg")
-    )
-    if not paths:
-        raise ValueError(f"{folder}: expected .png or .jpg files, found none")
-    in_turn = itertools.cycle(paths)
-
-    def look() -> Frame:
-        path = next(in_turn)
-        frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if frame is None:
-            raise ValueError(f"{path}: expected a picture, and this cannot be read")
-        return np.asarray(frame)
-
-    return look
-
-
 # Shapes, and whether they are crosses.
 
 
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
     """The homographies that take what may be a marker to the cross."""
-    cv2 = _opencv()
+    cv2 = opencv()
     height, width = level.shape
     # The median of second differences tells the noise (Immerkaer 1996), of which the smoothing
     # leaves 3/8. What is darker by three deviations is not noise.
@@ -281,7 +199,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
 
     `None` if its invariants are not those of a cross.
     """
-    cv2 = _opencv()
+    cv2 = opencv()
     moments = cv2.moments(outline)
     area = moments["m00"]
     mixed = moments["mu11"]
@@ -389,7 +307,7 @@ def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3
 def _correlation(
     level: UInt8[np.ndarray, "height width"], homography: Float[np.ndarray, "3 3"]
 ) -> float:
-    cv2 = _opencv()
+    cv2 = opencv()
     size, middle = _PATCH / 9, (_PATCH - 1) / 2
     to_patch = np.array([(size, 0, middle), (0, size, middle), (0, 0, 1)]) @ homography
     border = cv2.BORDER_REPLICATE
@@ -414,7 +332,7 @@ def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> M
 
 
 def _grey(frame: np.ndarray) -> UInt8[np.ndarray, "height width"]:
-    cv2 = _opencv()
+    cv2 = opencv()
     shape = frame.shape
     channels = shape[2:] in ((), (3,)) and len(shape) > 1
     if frame.dtype != np.uint8 or not channels or min(shape[:2]) < _WINDOW:
@@ -425,13 +343,3 @@ def _grey(frame: np.ndarray) -> UInt8[np.ndarray, "height width"]:
     if frame.ndim == 2:
         return np.ascontiguousarray(frame)
     return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
-
-
-def _opencv() -> ModuleType:
-    try:
-        import cv2
-    except ImportError as error:
-        raise ModuleNotFoundError(
-            f"finding crosses needs OpenCV; install it with: pip install jaxcell[vision] ({error})"
-        ) from None
-    return cv2

@@ -7,8 +7,8 @@ import pytest
 import scipy.optimize
 from hypothesis import given, strategies as st
 
-from jaxcell.bounce import bounce_groups, bounce_map
-from jaxcell.bounce.coverage import coverage_policy, coverage_target, noisy_bounce_map
+from jaxcell.bounce import bounce_groups, bounce_map, coverage_policy, noisy_bounce_map
+from jaxcell.bounce.coverage import coverage_target
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.space import CellSpace, Workspace
 

@@ -12,7 +12,8 @@ import pytest
 from marker_frames import Conditions
 from scipy.stats import binom
 
-from jaxcell.robot.marker import CrossLook, Marker, camera, draw_cross, find_cross, pictures
+from jaxcell.robot.frames import camera, pictures
+from jaxcell.robot.marker import CrossLook, Marker, draw_cross, find_cross
 
 
 pytestmark = pytest.mark.slow

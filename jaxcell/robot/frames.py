@@ -1,0 +1,106 @@
+"""Takes frames from a camera or from pictures in a folder.
+
+OpenCV is imported when it is needed; `pip install jaxcell[vision]` brings it.
+"""
+
+import itertools
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import UInt8
+
+
+Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
+"""Grey, or with three channels in OpenCV's order: blue, green, red."""
+
+
+def camera(device: int = 0) -> Callable[[], Frame]:
+    """Opens a camera, by its number, as a source of frames.
+
+    **Arguments:**
+
+    - `device`: the number of the camera, from 0.
+
+    **Returns:** a function that takes a frame, the next one after those that wait in the driver.
+
+    **Raises:** `OSError` if it does not open, and from the source if it gives no frame.
+
+    Without a camera:
+
+        >>> from jaxcell import robot
+        >>> robot.camera(99)
+        Traceback (most recent call last):
+            ...
+        OSError: camera 99 does not open
+    """
+    cv2 = opencv()
+    capture = cv2.VideoCapture(device)
+    if not capture.isOpened():
+        raise OSError(f"camera {device} does not open")
+
+    def look() -> Frame:
+        # Drivers keep up to four frames, taken while the robot was still on its way.
+        for _ in range(5):
+            capture.grab()
+        whole, frame = capture.retrieve()
+        if not whole:
+            raise OSError(f"camera {device} gives no frame")
+        return np.asarray(frame)
+
+    return look
+
+
+def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
+    """A source of frames that gives the pictures in a folder in the order of their names.
+
+    After the last it begins again.
+
+    **Arguments:**
+
+    - `folder`: where the pictures are; `.png`, `.jpg` and `.jpeg` count.
+
+    **Returns:** a function that gives the next picture.
+
+    **Raises:** `ValueError` if there is none, and from the source if a picture cannot be read.
+
+    A folder with one picture:
+
+        >>> import pathlib, tempfile
+        >>> import cv2
+        >>> from jaxcell import robot
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     file = str(pathlib.Path(folder, "cross.png"))
+        ...     _ = cv2.imwrite(file, robot.draw_cross(50))
+        ...     robot.pictures(folder)().shape
+        (50, 50, 3)
+    """
+    cv2 = opencv()
+    paths = sorted(
+        path for path in Path(folder).iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg")
+    )
+    if not paths:
+        raise ValueError(f"{folder}: expected .png or .jpg files, found none")
+    in_turn = itertools.cycle(paths)
+
+    def look() -> Frame:
+        path = next(in_turn)
+        frame = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if frame is None:
+            raise ValueError(f"{path}: expected a picture, and this cannot be read")
+        return np.asarray(frame)
+
+    return look
+
+
+def opencv() -> ModuleType:
+    """The module `cv2`, or how to install it."""
+    try:
+        import cv2
+    except ImportError as error:
+        raise ModuleNotFoundError(
+            f"finding crosses needs OpenCV; install it with: pip install jaxcell[vision] ({error})"
+        ) from None
+    return cv2
