@@ -10,14 +10,9 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
-
-
-if TYPE_CHECKING:
-    from ..space import CellSpace
 
 
 # Seconds until the first line and between others, away from a terminal.
@@ -148,15 +143,6 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     for row in body:
         grid.add_row(*row)
     Console().print(grid)
-
-
-def configuration(cells: "CellSpace", z: int, heading: bool = True) -> str:
-    """A cell, or a position, as people read it: its number and its pose."""
-    if z < 0:
-        return "none"
-    x, y, theta = cells.centre(z)
-    facing = f", {math.degrees(float(theta)):g}°" if heading else ""
-    return f"{z} ({float(x):g} m, {float(y):g} m{facing})"
 
 
 @contextlib.contextmanager

@@ -98,3 +98,4 @@ from .shortest_path import (
     stochastic_shortest_path as stochastic_shortest_path,
 )
 from .simulation import Arrivals as Arrivals, simulate_arrival as simulate_arrival
+from .walks import sample_walks as sample_walks

@@ -185,8 +185,8 @@ def test_what_leaves_is_told(leaving):
 
 
 def test_deployment_files(gyres, dataset, tmp_path):
-    record.save_deployment_csv(gyres, tmp_path / "d.csv")
-    record.save_deployment_geojson(gyres, tmp_path / "d.geojson")
+    record.save_deployment(gyres, tmp_path / "d.csv")
+    record.save_deployment(gyres, tmp_path / "d.geojson")
     with (tmp_path / "d.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     places = json.loads((tmp_path / "d.geojson").read_text())
@@ -207,7 +207,7 @@ def test_deployment_files(gyres, dataset, tmp_path):
     for cells in (reach, dataset.minimum_cell.values.tolist()):
         assert len(set(cells).union(*(nx.descendants(graph, one) for one in cells))) == 538
     with pytest.raises(FileNotFoundError, match="no folder"):
-        record.save_deployment_csv(gyres, tmp_path / "none" / "d.csv")
+        record.save_deployment(gyres, tmp_path / "none" / "d.csv")
 
 
 @pytest.fixture(scope="module")

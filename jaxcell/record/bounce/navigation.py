@@ -1,6 +1,5 @@
 import itertools
 import math
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,7 +12,15 @@ from ...bounce import CostSummary, Plan
 from ...space import CellSpace
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, log_pictures, on_squares
-from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
+from ..canvas.marks import (
+    log_arrows,
+    log_dots,
+    log_frame,
+    log_labels,
+    log_robot,
+    points,
+    send_labels,
+)
 from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
 from ..canvas.palette import (
     BELIEF,
@@ -23,15 +30,13 @@ from ..canvas.palette import (
     PLAIN,
     ROBOT,
     START,
-    TEXT,
     TRAIL,
     Color,
-    LegendEntry,
     PictureClass,
     ramp,
 )
-from ..canvas.prose import describe, made_with, pose, times
-from ..canvas.stream import recording, send_blueprint
+from ..canvas.prose import describe, made_with, numbers, pose, times
+from ..canvas.stream import send_blueprint
 
 
 # In this order, so that few angles have none of the colours of the robot and its ends.
@@ -42,48 +47,30 @@ _ANGLES = [
 _MAX_SHADES = 8
 _MAX_ACTIONS = 60
 _ENDS = ["start/**", "goal/**"]
+_TRAIL: dict[str, Any] = {"trail": "map/trail", "corners": 1, "width": 4.0}
 
 
-def log_costliest(
-    costs: CostSummary, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+def log_navigation(
+    stream: rr.RecordingStream, found: Plan | CostSummary, spec: Mapping[str, Any]
 ) -> None:
-    """Write a Rerun recording of the costliest plan of all.
-
-    The arguments are those of [`log_plan`][].
-    """
-    log_plan(costs.costliest, path, spec=spec)
-
-
-def log_plan(
-    plan: Plan, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
-) -> None:
-    """Write a Rerun recording of a plan of a bouncing robot.
+    """Log a plan of a bouncing robot, or the costliest plan of all.
 
     Over the timeline `step`: the robot, and the angle it turns by at each bump. The whole plan is
     there as arrows, with a colour for each angle. Over the timeline `direction`: the cells from
     which the goal can be reached; if there is no path, that is all there is to see.
-
-    **Arguments:**
-
-    - `plan`: the plan.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
     """
-    with recording(path, "navigation") as stream:
-        map = CellMap(stream, plan.cells)
-        _log_end(map, "start", plan.start, START)
-        _log_end(map, "goal", plan.goal, GOAL)
-        text = _text(plan, spec or {})
-        if plan.found:
-            tabs = rrb.Tabs(
-                _log_plan(map, plan, text),
-                _log_reaching(map, plan, "reaching", _reaching_text(plan)),
-                active_tab=0,
-            )
-            send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
-        else:
-            tab = _log_reaching(map, plan, "", text)
-            send_blueprint(stream, tab, "direction", max(2.0, plan.cells.directions / 30))
+    plan = found.costliest if isinstance(found, CostSummary) else found
+    map = CellMap(stream, plan.cells)
+    _log_end(map, "start", plan.start, START)
+    _log_end(map, "goal", plan.goal, GOAL)
+    text = _text(plan, spec)
+    if plan.found:
+        reaching = _log_reaching(map, plan, "reaching", _reaching_text(plan))
+        tabs = [_log_plan(map, plan, text), reaching]
+        send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
+    else:
+        tab = _log_reaching(map, plan, "", text)
+        send_blueprint(stream, [tab], "direction", max(2.0, plan.cells.directions / 30))
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
@@ -100,13 +87,12 @@ def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
 def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     """Log the plan, the robot that follows it, and how often it bumps."""
     legend = _log_runs(map, plan)
-    length = max(0.8 * map.cells.cell, 0.045 * map.extent)
     poses = plan.robot_x, plan.robot_y, plan.robot_theta
     log_robot(
         map.stream,
         "map/robot",
         poses,
-        length,
+        map.arrow,
         ROBOT,
         trail="map/trail",
         corners=1,
@@ -175,11 +161,8 @@ def _log_turns(map: CellMap, plan: Plan) -> None:
         f"bump {i} of {plan.bumps}: turn by {_degrees(turn)}"
         for i, turn in enumerate(plan.turns.tolist(), 1)
     ]
-    text = rr.Points2D.columns(positions=map.xy(plan.visited[bumps]), labels=labels)
-    index = [rr.TimeColumn("step", sequence=plan.time)]
-    map.stream.send_columns("map/turn", index, text.partition(bumps.astype(int)))
-    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=60.0)
-    map.stream.log("map/turn", style, static=True)
+    at = map.xy(plan.visited[bumps])
+    send_labels(map.stream, "map/turn", labels, plan.time, bumps.astype(int), positions=at)
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
@@ -230,13 +213,13 @@ def _reaching_classes(cells: CellSpace) -> list[PictureClass]:
 
 def _reaching_legend(
     cells: CellSpace, classes: list[PictureClass], heading: int
-) -> list[LegendEntry]:
+) -> list[tuple[str, Color]]:
     """What the shades mean, and the colours for one heading."""
     degrees = f"{360 * heading / cells.directions:.4g}°"
     return [
-        *(LegendEntry(i, *shade) for i, shade in enumerate(classes[:0:-1])),
-        LegendEntry(len(classes), f"from here, heading {degrees}", classes[-1].color),
-        LegendEntry(len(classes) + 1, f"not from here, heading {degrees}", PLAIN),
+        *classes[:0:-1],
+        (f"from here, heading {degrees}", classes[-1].color),
+        (f"not from here, heading {degrees}", PLAIN),
     ]
 
 
@@ -244,10 +227,11 @@ def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
     """What the recording shows."""
     cells = plan.cells
     slider = (
-        "The tab **Reaching the goal** shows from where, and in how many headings."
+        "The tab **Reaching the goal** shows from where the goal can be reached, and in how many "
+        "headings."
         if plan.found
-        else "Above you see from where it can be reached, and in how many headings; below for one "
-        "heading, which the slider `direction` at the bottom chooses."
+        else "Above you see from where the goal can be reached, and in how many headings; below "
+        "for one heading, which the slider `direction` at the bottom chooses."
     )
     return f"""# From start to goal by bumps
 
@@ -259,8 +243,9 @@ as the plan says, and runs on. It senses its bumps and counts its steps, and not
 
 {_outcome(plan)}
 
-From **{plan.cells_that_reach_the_goal:,} of {cells.size:,} cells** the goal can be reached. \
 {slider}
+
+{numbers(plan)}
 
 {describe(cells)}
 
@@ -285,16 +270,7 @@ def _outcome(plan: Plan) -> str:
         return "**There is no path** from the start to the goal with these angles."
     if not plan.actions.size:
         return "The robot **is there already**."
-    changes = "never changes it" if plan.changes == 0 else f"changes it {times(plan.changes)}"
-    used = "one angle" if plan.angles_used == 1 else f"{plan.angles_used} different angles"
-    bumps = (
-        f"It bumps {times(plan.bumps)}, uses {used}, and {changes}."
-        if plan.bumps
-        else "It does not bump on the way."
-    )
-    return f"""This plan is a cheapest one, with cost **{plan.cost:,}** and {plan.steps:,} steps \
-forward.
-{bumps}
+    return f"""This plan is a cheapest one, with cost **{plan.cost:,}**:
 
 `{_action_string(plan)}`
 

@@ -86,14 +86,6 @@ class PictureClass(NamedTuple):
     color: Color
 
 
-class LegendEntry(NamedTuple):
-    """A swatch, and what it means."""
-
-    row: int
-    label: str
-    color: Color
-
-
 def cycle_color(color: int) -> tuple[str, Color]:
     """What stands for a knowledge cycle, by the colour that its filter gives it (2, 3, ...)."""
     named = list(CATEGORIES.items())

@@ -137,3 +137,15 @@ class Scale:
     def _written(self, value: float) -> str:
         large = 1000 <= abs(value) < 1e9
         return f"{value:,.0f}" if large else f"{value:.{self.digits}g}"
+
+
+def ramp_legend(label: str, most: float, rows: int) -> list[tuple[str, Color]]:
+    """What the colours of a ramp mean: so many numbers down from the largest to 0.
+
+    **Arguments:**
+
+    - `label`: how a number is written, as for `str.format`.
+    """
+    shares = np.linspace(1, 0, rows)
+    colors = zip(shares.tolist(), ramp(shares).tolist(), strict=True)
+    return [(label.format(most * one), (red, green, blue)) for one, (red, green, blue) in colors]
