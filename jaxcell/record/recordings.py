@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..base.quantities import Result
-from .canvas.stream import recording
 
 
 # By the name of the class of a result, so that only one family is imported.
@@ -55,6 +54,8 @@ def save_recording(
         ...     path.exists()
         True
     """
+    from .canvas.stream import recording
+
     names = (kind.__name__ for kind in type(result).__mro__)
     family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "described:log_result")
     module, _, function = family.partition(":")

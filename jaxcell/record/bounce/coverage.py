@@ -10,7 +10,7 @@ from jaxtyping import Float, Int, UInt8
 from ...bounce import CoveragePolicy
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.palette import BELIEF, CATEGORIES, FREE, NOT_FREE, Color, PictureClass, mix
 from ..canvas.prose import counted, describe, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
@@ -142,7 +142,7 @@ def _group_classes(count: int) -> list[PictureClass]:
         PictureClass("on a less likely group", mix(color, (255, 255, 255), 0.6))
         for color in CATEGORIES.values()
     ]
-    return [PictureClass("not free", CLEAR), PictureClass("transient", FREE), *groups[:count]]
+    return [NOT_FREE, PictureClass("transient", FREE), *groups[:count]]
 
 
 def _group_kinds(

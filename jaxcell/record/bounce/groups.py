@@ -10,28 +10,18 @@ from jaxtyping import Int, UInt8
 
 from ...bounce import BounceGroups
 from ...space import CellSpace
+from ..canvas import palette
 from ..canvas.map import CellMap, log_classes, on_squares, send_pictures
 from ..canvas.page import legend_view, log_legends, log_text, text_view
-from ..canvas.palette import (
-    CATEGORIES,
-    FREE,
-    GROUP_CLASSES,
-    OBSTACLE,
-    ON_GROUP,
-    TEXT,
-    Color,
-    PictureClass,
-    group_class,
-    ramp,
-    step_classes,
-)
+from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import bouncing, counted, describe, made_with
 from ..canvas.stream import send_blueprint, send_changing
 
 
-_NO_GROUP = len(GROUP_CLASSES)
-_HEADING_ROW = len(CATEGORIES) + 2
+_NO_GROUP = len(palette.GROUP_CLASSES)
+_HEADING_ROW = len(palette.CATEGORIES) + 2
 _LEGEND_ROWS = _HEADING_ROW + 8
+_EMPTY = "", palette.OBSTACLE
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[str, Any]) -> None:
@@ -74,7 +64,7 @@ def log_group_tab(
         for timeline, (times, headings) in shown.items():
             send_pictures(stream, path, pictures[headings], timeline, times)
     legends = one.legends()
-    style = {"colors": TEXT, "radii": 0.09, "draw_order": 50}
+    style = {"colors": palette.TEXT, "radii": 0.09, "draw_order": 50}
     for timeline, (times, headings) in shown.items():
         log_legends(stream, f"{name}/legend", timeline, times, [legends[k] for k in headings])
         theta = 2 * np.pi * headings / len(legends)
@@ -153,18 +143,18 @@ class _OfAngle:
     ) -> dict[str, tuple[list[PictureClass], UInt8[np.ndarray, "directions rows columns"]]]:
         """The classes and the pictures of each kind, one for each direction."""
         step = self.groups.step[self.angle]
-        kind = (group_class(self._rank)[self._group] + (step == 0)).astype(np.uint8)
+        kind = (palette.group_class(self._rank)[self._group] + (step == 0)).astype(np.uint8)
         on_group = np.where(step == 0, kind, np.uint8(_NO_GROUP))
         cycles = np.empty_like(on_group)
         for one in np.unique(self._family):
             # Larger basins have smaller classes: the largest group that passes a square shows.
             cycles[self._family == one] = on_group[self._family == one].min(axis=0)
-        share, steps = step_classes(int(step.max()))
+        share, steps = palette.step_classes(int(step.max()))
         away = np.where(step == 0, 1, 2 + (step - 1) // share)
-        none = PictureClass("on no such group", FREE)
+        none = PictureClass("on no such group", palette.FREE)
         kinds = {
-            "groups": (GROUP_CLASSES, kind),
-            "cycles": ([*GROUP_CLASSES, none], cycles),
+            "groups": (palette.GROUP_CLASSES, kind),
+            "cycles": ([*palette.GROUP_CLASSES, none], cycles),
             "steps": (steps, away),
         }
         return {
@@ -179,7 +169,7 @@ class _OfAngle:
         spacing = 360 / self._cells.directions
         # An arrow is drawn in the place of this swatch, which has the colour of the ground.
         return [
-            [*of_family[one], (f"heading {k * spacing:.6g}°", OBSTACLE), ("", OBSTACLE), *scale]
+            [*of_family[one], (f"heading {k * spacing:.6g}°", palette.OBSTACLE), _EMPTY, *scale]
             for k, one in enumerate(self._family.tolist())
         ]
 
@@ -190,22 +180,23 @@ class _OfAngle:
         basin = self._basin[members]
         shares = 100 * basin / basin.sum()
         period = self.groups.group_period[self.angle]
+        named = zip(members, shares, palette.CATEGORIES.values(), strict=False)
         entries = [
             (f"group {group}: period {period[group]}, {share:.3g} % of cells", color)
-            for group, share, color in zip(members, shares, CATEGORIES.values(), strict=False)
+            for group, share, color in named
         ]
         more = members.size - len(entries)
         if more:
-            pale = GROUP_CLASSES[group_class(np.array([len(CATEGORIES)]))[0]].color
-            rest = shares[len(entries) :].sum()
-            entries.append((f"{more} more, pale: {rest:.3g} % of cells", pale))
-        return entries + [("", OBSTACLE)] * (_HEADING_ROW - len(entries))
+            pale = palette.group_class(np.array([len(palette.CATEGORIES)]))[0]
+            about = f"{more} more, pale: {shares[len(entries) :].sum():.3g} % of cells"
+            entries.append((about, palette.GROUP_CLASSES[pale].color))
+        return entries + [_EMPTY] * (_HEADING_ROW - len(entries))
 
 
 def _scale(longest: int) -> list[tuple[str, Color]]:
     away = np.unique(np.linspace(1, max(longest, 1), 5).round().astype(int))
-    colors = ramp((away - 1) / max(longest - 1, 1)).tolist()
-    scale: list[tuple[str, Color]] = [("0 mappings: on a group", ON_GROUP)]
+    colors = palette.ramp((away - 1) / max(longest - 1, 1)).tolist()
+    scale: list[tuple[str, Color]] = [("0 mappings: on a group", palette.ON_GROUP)]
     for steps, (red, green, blue) in zip(away.tolist(), colors, strict=True):
         scale.append((f"{counted(steps, 'mapping')} to a group", (red, green, blue)))
     return scale

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Int
 
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
+from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, log_pictures, on_squares
 from ..canvas.marks import (
@@ -22,29 +22,19 @@ from ..canvas.marks import (
     send_labels,
 )
 from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
-from ..canvas.palette import (
-    BELIEF,
-    CATEGORIES,
-    CLEAR,
-    GOAL,
-    PLAIN,
-    ROBOT,
-    START,
-    TRAIL,
-    Color,
-    PictureClass,
-    ramp,
-)
+from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import describe, made_with, numbers, pose, times
+from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 
 
 # In this order, so that few angles have none of the colours of the robot and its ends.
 _ANGLES = [
-    CATEGORIES[name]
+    palette.CATEGORIES[name]
     for name in ("orange", "sky blue", "pink", "yellow", "green", "blue", "vermilion")
 ]
 _MAX_SHADES = 8
+_NONE = "from no heading"
 _MAX_ACTIONS = 60
 _ENDS = ["start/**", "goal/**"]
 _TRAIL: dict[str, Any] = {"trail": "map/trail", "corners": 1, "width": 4.0}
@@ -61,8 +51,8 @@ def log_navigation(
     """
     plan = found.costliest if isinstance(found, CostSummary) else found
     map = CellMap(stream, plan.cells)
-    _log_end(map, "start", plan.start, START)
-    _log_end(map, "goal", plan.goal, GOAL)
+    _log_end(map, "start", plan.start, palette.START)
+    _log_end(map, "goal", plan.goal, palette.GOAL)
     text = _text(plan, spec)
     if plan.found:
         reaching = _log_reaching(map, plan, "reaching", _reaching_text(plan))
@@ -93,7 +83,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
         "map/robot",
         poses,
         map.arrow,
-        ROBOT,
+        palette.ROBOT,
         trail="map/trail",
         corners=1,
         width=4.0,
@@ -103,8 +93,8 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     changed = np.append(False, np.diff(plan.turns) != 0)[: plan.bumps]
     views = []
     for name, title, turns, color in (
-        ("bumps", "Bumps so far", np.ones(plan.bumps), BELIEF),
-        ("changes", "Changes of the angle so far", changed, ROBOT),
+        ("bumps", "Bumps so far", np.ones(plan.bumps), palette.BELIEF),
+        ("changes", "Changes of the angle so far", changed, palette.ROBOT),
     ):
         happens = np.zeros(len(plan.visited))
         happens[1:][plan.actions != 0] = turns
@@ -133,7 +123,7 @@ def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
     moves = np.flatnonzero(begin < end)
     vectors = (place[end] - place[begin])[moves]
     vectors *= 1 - dot / np.linalg.norm(vectors, axis=1, keepdims=True)
-    of_runs = [[TRAIL, *colors][i] for i in moves.tolist()]
+    of_runs = [[palette.TRAIL, *colors][i] for i in moves.tolist()]
     log_arrows(
         map.stream, "map/plan/runs", place[begin[moves]], vectors, of_runs, points(2.5), order=20.0
     )
@@ -147,10 +137,10 @@ def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
     turns = zip(angle.tolist(), counts, color_of, strict=True)
     return [
         *((f"turn by {_degrees(one)}: {times(count)}", color) for one, count, color in turns),
-        ("before the first bump", TRAIL),
-        ("the robot", ROBOT),
-        ("start", START),
-        ("goal", GOAL),
+        ("before the first bump", palette.TRAIL),
+        ("the robot", palette.ROBOT),
+        ("start", palette.START),
+        ("goal", palette.GOAL),
     ]
 
 
@@ -168,10 +158,14 @@ def _log_turns(map: CellMap, plan: Plan) -> None:
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
     """Log from where the goal can be reached: in how many headings, and in one at a time."""
     cells, below = map.cells, f"{path}/" if path else ""
-    classes = _reaching_classes(cells)
-    heat = 1 + np.searchsorted(_bounds(cells), plan.reaches.sum(axis=0))
-    pictures = [map.picture("heat", classes, heat)]
-    one = [classes[0], PictureClass("not from here", PLAIN)]
+    shades, headings = min(cells.directions, _MAX_SHADES), plan.reaches.sum(axis=0)
+    # Level `s` begins with so many headings, and no heading is no level.
+    bounds = 1 + np.arange(shades + 1) * cells.directions // shades
+    label = f"from {{}} of {cells.directions} headings".format
+    scale = Scale(bounds, label, {_NONE: palette.PLAIN}, whole=True)
+    classes = scale.classes
+    pictures = [map.picture("heat", classes, scale.levels(headings, {_NONE: headings == 0}))]
+    one = [classes[0], PictureClass("not from here", palette.PLAIN)]
     one.append(PictureClass("from here", classes[-1].color))
     every, heading = np.arange(cells.directions), plan.visited // cells.positions
     pictures.append(map.picture("heading", one, 1 + plan.reaches, "direction", every))
@@ -193,24 +187,6 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
     return lay_out_tab(path, "Reaching the goal", views, rows, shares=(3, 2))
 
 
-def _bounds(cells: CellSpace) -> Int[np.ndarray, "bounds"]:
-    """Shade `s` stands for more than `bound[s - 1]` headings, and for no more than `bound[s]`."""
-    shades = min(cells.directions, _MAX_SHADES)
-    return np.arange(shades + 1) * cells.directions // shades
-
-
-def _reaching_classes(cells: CellSpace) -> list[PictureClass]:
-    """What is not free, and from how many headings the goal can be reached."""
-    bounds = _bounds(cells)
-    colors = ramp(np.linspace(0, 1, bounds.size - 1)).tolist()
-    classes = [PictureClass("not free", CLEAR), PictureClass("from no heading", PLAIN)]
-    for low, high, (red, green, blue) in zip(bounds[:-1] + 1, bounds[1:], colors, strict=True):
-        some = f"{high}" if low == high else f"{low} to {high}"
-        label = f"from {some} of {cells.directions} headings"
-        classes.append(PictureClass(label, (red, green, blue)))
-    return classes
-
-
 def _reaching_legend(
     cells: CellSpace, classes: list[PictureClass], heading: int
 ) -> list[tuple[str, Color]]:
@@ -219,7 +195,7 @@ def _reaching_legend(
     return [
         *classes[:0:-1],
         (f"from here, heading {degrees}", classes[-1].color),
-        (f"not from here, heading {degrees}", PLAIN),
+        (f"not from here, heading {degrees}", palette.PLAIN),
     ]
 
 

@@ -11,7 +11,7 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import log_tab
-from ..canvas.palette import CLEAR, FREE, ROBOTS, Color, PictureClass, mix, robot_color
+from ..canvas.palette import CLEAR, ROBOTS, Color, PictureClass, mix, robot_color, tint
 from ..canvas.prose import counted, describe, made_with, numbers, pose, table
 from ..canvas.stream import send_blueprint, send_changing
 
@@ -46,7 +46,7 @@ def _log_visited(map: CellMap, team: TeamTrajectory) -> str:
     for robot in range(min(team.starts.size, len(ROBOTS))):
         name, color = robot_color(robot)
         label = f"first visited by robot {robot} ({name})"
-        classes.append(PictureClass(label, mix(color, FREE, 0.55)))
+        classes.append(PictureClass(label, tint(color, 0.55)))
     changes = np.unique(team.first_visit[team.first_visit >= 0])
     shown = np.linspace(0, len(changes) - 1, min(len(changes), _MAX_PICTURES)).round().astype(int)
     changes = changes[shown]

@@ -79,11 +79,20 @@ def mix(color: Color, other: Color, share: float) -> Color:
     return red, green, blue
 
 
+def tint(color: Color, share: float) -> Color:
+    """A colour with a share of that of free space."""
+    return mix(color, FREE, share)
+
+
 class PictureClass(NamedTuple):
-    """What squares of one class in a picture have in common."""
+    """What squares of one class in a picture have in common: an entry of a legend."""
 
     label: str
     color: Color
+
+
+NOT_FREE = PictureClass("not free", CLEAR)
+"""The first class of a picture of a map."""
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
@@ -93,7 +102,7 @@ def cycle_color(color: int) -> tuple[str, Color]:
 
 
 def _group_classes() -> list[PictureClass]:
-    classes = [PictureClass("not free", CLEAR)]
+    classes = [NOT_FREE]
     for shade, rest in (0.0, ""), (0.6, "a smaller group"):
         for place, color in enumerate(CATEGORIES.values()):
             label = rest or ("the largest group", f"the group of rank {place + 1}")[place > 0]
@@ -131,7 +140,7 @@ def step_classes(longest: int) -> tuple[int, list[PictureClass]]:
     share = -(-longest // 250)
     starts = np.arange(1, longest + 1, share)
     colors = ramp((starts - 1) / max(longest - 1, 1)).tolist()
-    classes = [PictureClass("not free", CLEAR), PictureClass("on a group", ON_GROUP)]
+    classes = [NOT_FREE, PictureClass("on a group", ON_GROUP)]
     for start, (red, green, blue) in zip(starts.tolist(), colors, strict=True):
         last = min(start + share - 1, longest)
         steps = f"{start}" if start == last else f"{start} to {last}"

@@ -7,6 +7,7 @@ from typing import Any
 from ...base.quantities import Result, quantities, values
 from ...base.written import written
 from ...space import CellSpace
+from ..data.described import cells_of
 
 
 _MAX_ROWS = 60
@@ -55,10 +56,14 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = 
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def numbers(result: Result) -> str:
-    """The single numbers and texts of a result as a table in Markdown; none for none."""
-    found = values(result, lambda about: not about.dims)
-    cells = getattr(result, "cells", None)
+def numbers(result: Result, cells: CellSpace | None = None) -> str:
+    """The single numbers and texts of a result as a table in Markdown; none for none.
+
+    **Arguments:**
+
+    - `cells`: those on which its positions are; by default its own.
+    """
+    found, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
     rows = [(about.meaning, written(value, about, cells)) for about, value in found.values()]
     return table(("quantity", "value"), rows) if rows else ""
 
@@ -80,13 +85,13 @@ def described(
     - `most`: how many rows are shown.
     """
     several = [results] if isinstance(results, Result) else results
-    about = quantities(type(several[0]))
+    about, cells = quantities(type(several[0])), cells_of(several[0])
     columns: dict[str, Sequence[object]] = dict(first or {})
     for name in names:
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column
         columns[about[name].meaning] = [
-            "" if value is None else written(value, about[name]) for value in column
+            "" if value is None else written(value, about[name], cells) for value in column
         ]
     return table([*columns], list(zip(*columns.values(), strict=True)), most)
 

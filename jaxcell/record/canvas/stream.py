@@ -97,7 +97,7 @@ def send_blueprint(
 def plane(
     origin: str,
     title: str,
-    box: tuple[float, float, float, float],
+    box: Sequence[float | int],
     contents: Sequence[str] | None = None,
 ) -> rrb.Spatial2DView:
     """A view of a box in a plane: left, top, right, bottom, as the viewer has them, y down."""

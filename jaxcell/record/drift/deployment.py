@@ -5,7 +5,7 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots, log_lines
-from ..canvas.palette import BELIEF, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.palette import BELIEF, CLEAR, Color, PictureClass, tint
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import described
 from .groups import group_classes, home_color
@@ -13,8 +13,8 @@ from .map import SeaMap
 
 
 _CELL: Color = (20, 20, 24)
-_SEEN: Color = mix(BELIEF, FREE, 0.7)
-_LEFT_OUT: Color = mix(BELIEF, FREE, 0.35)
+_SEEN: Color = tint(BELIEF, 0.7)
+_LEFT_OUT: Color = tint(BELIEF, 0.35)
 # Behind the marks, which are what one sees.
 _PALE = 0.55
 _CORNERS = 48
@@ -26,14 +26,14 @@ def log_deployment(map: SeaMap) -> rrb.Container:
     drift = map.drift
     found = drift.deployment
     kind, classes = group_classes(drift.layers[0])
-    faint = [PictureClass(one.label, mix(one.color, FREE, _PALE)) for one in classes[1:]]
+    faint = [PictureClass(one.label, tint(one.color, _PALE)) for one in classes[1:]]
     picture = map.picture("deployment", [classes[0], *faint], kind)
     log_dots(map.stream, "map/deployment", map.xy(found.cells), map.mark, _CELL)
     title = f"To reach all: {found.cells.size:,} drifters"
     views: list[rrb.View] = [map.view(title, [picture, "deployment"])]
     legend = [
         ("drop a drifter here", _CELL),
-        ("behind: the groups, pale", mix(home_color(0), FREE, _PALE)),
+        ("behind: the groups, pale", tint(home_color(0), _PALE)),
     ]
     if drift.views is not None:
         views.append(_log_views(map))

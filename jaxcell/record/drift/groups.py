@@ -9,7 +9,7 @@ from jaxtyping import Int, UInt8
 
 from ...drift import Layer, SeaDrift
 from ..canvas.marks import log_labels
-from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, tint
 from ..canvas.prose import counted, described, made_with
 from .currents import currents_of
 from .map import DRIFTER, SeaMap
@@ -18,7 +18,7 @@ from .map import DRIFTER, SeaMap
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
 """The colours of persistent groups, the largest basin first."""
 _SEVERAL: Color = FREE
-_AWAY: Color = mix(CATEGORIES["yellow"], FREE, 0.3)
+_AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
 _PALE = 0.6
 # Pictures have at most 255 classes; so many transient groups have one of their own.
@@ -107,7 +107,7 @@ def _legend(layers: Sequence[Layer]) -> list[tuple[str, Color]]:
     colors = dict(zip(named, HOMES, strict=True)) | {"another persistent group": _OTHERS}
     entries: list[tuple[str, Color]] = []
     for name, color in [*colors.items()][:most]:
-        entries += [(name, color), ("... leads there for sure", mix(color, FREE, _PALE))]
+        entries += [(name, color), ("... leads there for sure", tint(color, _PALE))]
     if any(len(homes) > 1 for homes in ends):
         entries.append(("may end in several", _SEVERAL))
     if (-1,) in ends:

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots
-from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, mix
+from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, tint
 from ..canvas.prose import described
 from .map import SeaMap, place_name
 
@@ -15,8 +15,8 @@ from .map import SeaMap, place_name
 _CLASSES = [
     PictureClass("land", CLEAR),
     PictureClass("out of reach", FREE),
-    PictureClass("if it goes up and down on its way", mix(CATEGORIES["yellow"], FREE, 0.45)),
-    PictureClass("if it stays at the depth to which it dived at first", mix(BELIEF, FREE, 0.6)),
+    PictureClass("if it goes up and down on its way", tint(CATEGORIES["yellow"], 0.45)),
+    PictureClass("if it stays at the depth to which it dived at first", tint(BELIEF, 0.6)),
 ]
 
 

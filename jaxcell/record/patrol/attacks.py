@@ -10,35 +10,24 @@ import rerun.blueprint as rrb
 
 from ...patrol import PatrolledMap
 from ...patrol.map.intruder import Attacks, AttackState, simulate_attacks
+from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_frame, log_walker, send_labels
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    CATEGORIES,
-    CLEAR,
-    FREE,
-    KNOWN,
-    PLAIN,
-    ROBOTS,
-    TARGET,
-    Color,
-    PictureClass,
-    mix,
-    robot_color,
-)
+from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import made_with, numbers
 from ..canvas.stream import send_changing
 from .sight import BASE_VIEW, log_sight, place
 
 
 _STATES: dict[AttackState, tuple[str, Color]] = {
-    AttackState.WAITING: ("the target: nobody attacks it", PLAIN),
-    AttackState.ATTACKING: ("an attack goes on", CATEGORIES["yellow"]),
-    AttackState.CAUGHT: ("it was caught", KNOWN),
-    AttackState.SUCCEEDED: ("it succeeded", TARGET),
+    AttackState.WAITING: ("the target: nobody attacks it", palette.PLAIN),
+    AttackState.ATTACKING: ("an attack goes on", palette.CATEGORIES["yellow"]),
+    AttackState.CAUGHT: ("it was caught", palette.KNOWN),
+    AttackState.SUCCEEDED: ("it succeeded", palette.TARGET),
 }
-_SEVERAL = mix(PLAIN, FREE, 0.3)
+_SEVERAL = palette.tint(palette.PLAIN, 0.3)
 
 
 def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Mapping[str, Any]) -> rrb.Container:
@@ -47,7 +36,7 @@ def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Mapping[str, Any]) -> 
     stream, times = map.stream, np.arange(len(attacks.place))
     _log_seen(map, patrol, attacks)
     for robot, here in enumerate(attacks.place.T):
-        color = robot_color(robot)[1]
+        color = palette.robot_color(robot)[1]
         log_sight(map, patrol, f"map/sight/{robot}", here, color, ("step", times))
         radius = 0.35 * map.cells.cell
         log_walker(stream, f"map/robots/{robot}", map.xy(here), color, radius)
@@ -81,18 +70,21 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     colors = [(*_STATES[state][1], 255) for state in states]
     style = {"positions": [target], "radii": 0.3 * side, "draw_order": 50}
     send_changing(stream, "map/attack", rr.Points2D, times, style=style, colors=colors)
-    log_frame(stream, "map/target", target, 0.5 * side, TARGET, 2.0, 49.0)
+    log_frame(stream, "map/target", target, 0.5 * side, palette.TARGET, 2.0, 49.0)
     above = target + np.array([0, 1.5 * side])
     send_labels(stream, "map/attack_label", shown, times, positions=np.tile(above, (len(shown), 1)))
 
 
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log which robot sees each square."""
-    colors = min(patrol.robots, len(ROBOTS))
-    classes = [PictureClass("not free", CLEAR), PictureClass("nobody sees it", FREE)]
+    colors = min(patrol.robots, len(palette.ROBOTS))
+    classes = [
+        palette.NOT_FREE,
+        PictureClass("nobody sees it", palette.FREE),
+    ]
     for robot in range(colors):
-        name, color = robot_color(robot)
-        classes.append(PictureClass(f"robot {robot} ({name}) sees it", mix(color, FREE, 0.6)))
+        name, color = palette.robot_color(robot)
+        classes.append(PictureClass(f"robot {robot} ({name}) sees it", palette.tint(color, 0.6)))
     classes.append(PictureClass("several robots see it", _SEVERAL))
     classes.append(PictureClass("the base station sees it", BASE_VIEW))
     seen = patrol.visible[attacks.place]
@@ -105,8 +97,8 @@ def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 
 def _legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
     legend = [
-        (f"robot {robot}, its last steps and sight", robot_color(robot)[1])
-        for robot in range(min(patrol.robots, len(ROBOTS)))
+        (f"robot {robot}, its last steps and sight", palette.robot_color(robot)[1])
+        for robot in range(min(patrol.robots, len(palette.ROBOTS)))
     ]
     if patrol.robots > 1:
         legend.append(("in view of several robots", _SEVERAL))

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 from ...patrol import PatrolledMap
 from ..canvas.map import CellMap
 from ..canvas.page import log_legend, log_tab
-from ..canvas.palette import CLEAR, FREE, PLAIN, Color, PictureClass, mix, robot_color
+from ..canvas.palette import FREE, NOT_FREE, PLAIN, Color, PictureClass, robot_color, tint
 from ..canvas.stream import send_changing
 from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, log_sight, only_some, robot_table
@@ -51,11 +51,11 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
 def _classes(robot: int) -> list[PictureClass]:
     color = robot_color(robot)[1]
     return [
-        PictureClass("not free", CLEAR),
+        NOT_FREE,
         PictureClass("not seen yet", FREE),
-        PictureClass("seen from a cell before", mix(color, FREE, 0.75)),
-        PictureClass("seen first from the last cell", mix(color, FREE, 0.4)),
-        PictureClass("not for this robot", mix(PLAIN, FREE, 0.5)),
+        PictureClass("seen from a cell before", tint(color, 0.75)),
+        PictureClass("seen first from the last cell", tint(color, 0.4)),
+        PictureClass("not for this robot", tint(PLAIN, 0.5)),
     ]
 
 

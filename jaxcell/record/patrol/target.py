@@ -8,7 +8,7 @@ from ...patrol import PatrolledMap, Vulnerability
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, KNOWN, TARGET, PictureClass, mix
+from ..canvas.palette import BELIEF, CATEGORIES, FREE, KNOWN, NOT_FREE, TARGET, PictureClass, tint
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import described, numbers
 from .sight import log_sight, place
@@ -27,10 +27,10 @@ def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     """Log the tab of the target."""
     attack, stream = patrol.attack, map.stream
     classes = [
-        PictureClass("not free", CLEAR),
+        NOT_FREE,
         PictureClass("out of view", FREE),
-        PictureClass("in view", mix(BELIEF, FREE, 0.6)),
-        PictureClass("boundary: a robot from outside sees it here first", mix(KNOWN, FREE, 0.2)),
+        PictureClass("in view", tint(BELIEF, 0.6)),
+        PictureClass("boundary: a robot from outside sees it here first", tint(KNOWN, 0.2)),
     ]
     kind = 1 + attack.view.astype(np.uint8) + (attack.view & attack.boundary)
     picture = map.picture("target_view", classes, kind)
@@ -115,5 +115,5 @@ runs. {about}
 
 {described(attack, "attack_time", "exact", "simulated", "fitted")}
 
-{numbers(attack)}
+{numbers(attack, patrol.cells)}
 """
