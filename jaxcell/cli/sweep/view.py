@@ -11,7 +11,7 @@ import tyro
 from ...base.display import has_display
 from ..terminal import note, own_command, status, table
 from ..view import View
-from .run import failure_told
+from .run import in_a_line
 
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...sweep import Failure, Spec
 
 
-_MOST_LISTED = 6
+_MAX_LISTED = 6
 # What people type of a number that they have read, with fewer digits than it has.
 _TYPED = 1e-5
 
@@ -53,7 +53,7 @@ class SweepView:
         from ...sweep import open_sweep
         from ...sweep.store import reading
 
-        failures = [failure_told(one) for one in found.failures]
+        failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
         with open_sweep(self.folder) as dataset, status(f"writing {out}"):
             with reading(self.folder):
@@ -156,9 +156,9 @@ def _place(option: str, text: str, values: Sequence[Any]) -> int:
 
 
 def _listed(values: Sequence[Any]) -> str:
-    if len(values) <= _MOST_LISTED:
+    if len(values) <= _MAX_LISTED:
         return ", ".join(map(str, values))
-    return f"{', '.join(map(str, values[: _MOST_LISTED - 2]))}, ..., {values[-1]}"
+    return f"{', '.join(map(str, values[: _MAX_LISTED - 2]))}, ..., {values[-1]}"
 
 
 def _show(name: str, member: "xr.Dataset") -> None:
