@@ -17,7 +17,7 @@ from .trajectory import TeamOutcome, TeamTrajectory
 # Steps that are simulated at a time: parts are tens to thousands of steps long.
 _CHUNK = 256
 # By default no part is longer, since all joint states that were there are kept.
-_LONGEST_PART = 100_000
+_MAX_PART_STEPS = 100_000
 
 
 def team_trajectory(
@@ -118,7 +118,7 @@ def team_trajectories(
     """
     _check_starts(cells, starts)
     shift = _shifts(bounces, starts.shape[1], cells.directions)
-    limit = min(cells.size, _LONGEST_PART) if part_steps is None else part_steps
+    limit = min(cells.size, _MAX_PART_STEPS) if part_steps is None else part_steps
     for name, value in (("max_parts", max_parts), ("part_steps", limit)):
         if value < 1:
             raise ValueError(f"{name}: expected at least 1, got {value}")

@@ -22,7 +22,7 @@ from .transient import Transient
 _BETTER = 1e-11
 # Actions whose probabilities of arriving differ by less, as a part, arrive equally surely.
 _TIE = 1e-11
-_MOST_ROUNDS = 1000
+_MAX_ROUNDS = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -227,7 +227,7 @@ def _surest(
         best = gain.max(axis=0)
         residual = float(np.abs(best - value)[maybe].max())
         change = maybe & (best > value + _BETTER * value)
-        if not change.any() or rounds >= _MOST_ROUNDS:
+        if not change.any() or rounds >= _MAX_ROUNDS:
             break
         policy = np.where(change, gain.argmax(axis=0), policy)
     return value, policy, Certificate(rounds, residual, PROBABILITY_TOLERANCE)
@@ -257,7 +257,7 @@ def _quickest(
         best = after.min(axis=0)
         residual = max(solved.residual, float((1 - best[inside] / time[inside]).max()))
         change = inside & (best < time * (1 - _BETTER))
-        if not change.any() or rounds >= _MOST_ROUNDS:
+        if not change.any() or rounds >= _MAX_ROUNDS:
             break
         policy = np.where(change, after.argmin(axis=0), policy)
     return time, policy, Certificate(rounds, residual, TIME_TOLERANCE)

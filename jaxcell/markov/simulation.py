@@ -19,7 +19,7 @@ _CHUNK = 16
 # Runs that are made one after the other, while others are made beside them.
 _TURNS = 8
 # Steps are counted in 32 bits.
-_LONGEST = 2**30
+_MAX_STEPS = 2**30
 # Of a normal distribution, 95 % lies within so many standard deviations.
 _NORMAL_95 = 1.959963984540054
 
@@ -85,8 +85,8 @@ def simulate_arrival(
     require_x64("simulate_arrival")
     if runs < 2:
         raise ValueError(f"runs: expected 2 or more, got {runs}")
-    if not 1 <= horizon <= _LONGEST:
-        raise ValueError(f"horizon: expected 1 to {_LONGEST} steps, got {horizon}")
+    if not 1 <= horizon <= _MAX_STEPS:
+        raise ValueError(f"horizon: expected 1 to {_MAX_STEPS} steps, got {horizon}")
     race = Race.of(chains, starts, target)
     lanes = -(-runs // _TURNS)
     placing, walking = jax.random.split(key)

@@ -16,7 +16,7 @@ from ..base.precision import require_x64
 _TOLERANCE = 1e-6
 # A linear program is kept to as much as HiGHS allows.
 _LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
-_MOST_PROFILES = 10_000
+_MAX_PROFILES = 10_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -230,10 +230,10 @@ def _multiple_lp(
 ) -> _Found:
     types, _, targets = C.shape
     profiles = targets**types
-    if profiles > _MOST_PROFILES:
+    if profiles > _MAX_PROFILES:
         raise ValueError(
             f"method: {types} types can answer with {targets} targets in {profiles} ways, and "
-            f"'multiple-lp' tries at most {_MOST_PROFILES}; 'dobss' serves"
+            f"'multiple-lp' tries at most {_MAX_PROFILES}; 'dobss' serves"
         )
     best, bound = None, -np.inf
     for profile in itertools.product(range(targets), repeat=types):

@@ -51,7 +51,7 @@ _VARIANCE = 29 / 15  # Of x over the cross, and of y.
 _WINDOW = 31
 _SMALLEST = 96
 _SHORTEST = 48
-_MOST_POINTS = 400
+_MAX_POINTS = 400
 # The bounds of two measures that an affine map leaves alone: area over the root of the determinant
 # of the second moments (10.3 for the cross), and area over that of the convex hull (0.71).
 _COMPACT = (8.5, 11.5)
@@ -269,7 +269,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
         affine = _normalizing(outline) if whole else None
         if affine is None:
             continue
-        points = outline[:: 1 + len(outline) // _MOST_POINTS, 0].astype(np.float64)
+        points = outline[:: 1 + len(outline) // _MAX_POINTS, 0].astype(np.float64)
         unit = 1 / math.sqrt(np.linalg.det(affine))
         homography = _fit(_through(affine, points), unit, width)
         if homography is not None:

@@ -15,13 +15,13 @@ RANDOM_DIMENSION = "sample"
 
 # `status` is a variable of every result; xarray would mistake a parameter of that name for it.
 _RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
-_MOST_VALUES = 10_000_000
+_MAX_VALUES = 10_000_000
 # So that the difference of two is finite too.
 _LARGEST = 1e300
 # A range ends before its stop, where rounding may have left the last value an ulp too small.
 _STEP_TOLERANCE = 1e-9
-_MOST_LISTED = 6
-_LONGEST = 60
+_MAX_LISTED = 6
+_MAX_LETTERS = 60
 _KIND_NAMES = {"i": "integers", "f": "floats", "b": "booleans", "U": "strings"}
 _TABLE_OF = {LIST_DIMENSION: "[list]", RANDOM_DIMENSION: "[random]"}
 
@@ -125,11 +125,12 @@ def _values(count: int) -> str:
 def _listed(values: Sequence[Any]) -> str:
     """A few of many values."""
     texts = [
-        text if len(text) <= _LONGEST else text[:_LONGEST] + "..." for text in map(str, values)
+        text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
+        for text in map(str, values)
     ]
-    if len(texts) <= _MOST_LISTED:
+    if len(texts) <= _MAX_LISTED:
         return ", ".join(texts)
-    return f"{', '.join(texts[: _MOST_LISTED - 2])}, ..., {texts[-1]}"
+    return f"{', '.join(texts[: _MAX_LISTED - 2])}, ..., {texts[-1]}"
 
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
@@ -195,8 +196,8 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
         return np.linspace(float(start), float(stop), _count("num", given["num"]))
     step = given["step"]
     parts = (stop - start) / step if step else 0
-    if parts > _MOST_VALUES:
-        raise ValueError(f"the number of values: expected at most {_MOST_VALUES}, got {parts:g}")
+    if parts > _MAX_VALUES:
+        raise ValueError(f"the number of values: expected at most {_MAX_VALUES}, got {parts:g}")
     count = math.ceil(max(parts, 0) - _STEP_TOLERANCE)
     if count < 1:
         raise ValueError(f"no value lies from {start} up to {stop} in steps of {step}")
@@ -207,9 +208,9 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
 
 
 def _count(field: str, given: Any) -> int:
-    if not _whole(given) or not 0 < given <= _MOST_VALUES:
+    if not _whole(given) or not 0 < given <= _MAX_VALUES:
         raise ValueError(
-            f"{field}: expected a number from 1 to {_MOST_VALUES}, got {reprlib.repr(given)}"
+            f"{field}: expected a number from 1 to {_MAX_VALUES}, got {reprlib.repr(given)}"
         )
     return given
 

@@ -21,8 +21,8 @@ _TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
 # A chunk is a file for each variable of the result, and a line in the books of the driver.
-_MOST_CHUNKS = 1_000_000
-_LONGEST = 500
+_MAX_CHUNKS = 1_000_000
+_MAX_LETTERS = 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Spec:
         except ValueError as error:
             # A name in it may be of any length.
             message = str(error)
-            cut = message[:_LONGEST] + "..." * (len(message) > _LONGEST)
+            cut = message[:_MAX_LETTERS] + "..." * (len(message) > _MAX_LETTERS)
             raise ValueError(f"{path}: {cut}") from None
 
     @classmethod
@@ -137,10 +137,10 @@ class Spec:
         sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
         lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
         spec = cls(path, folder, text, document, task, seed, fixed, parameters, lengths)
-        if spec.chunk_count > _MOST_CHUNKS:
+        if spec.chunk_count > _MAX_CHUNKS:
             raise ValueError(
                 f"chunk: {spec.chunk_count} chunks for {spec.members} members; expected at most "
-                f"{_MOST_CHUNKS}, so larger ones"
+                f"{_MAX_CHUNKS}, so larger ones"
             )
         return spec
 

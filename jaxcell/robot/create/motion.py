@@ -16,7 +16,7 @@ from .reading import Reading
 _SLOWING = 0.25
 _SLOWEST = 0.03
 _STEERING = 2.0
-_MOST_STEERING = 0.05
+_MAX_STEERING = 0.05
 
 
 class Moved(NamedTuple):
@@ -71,7 +71,7 @@ class Create(Driver):
         def wheels(rest: float, now: Reading) -> tuple[float, float]:
             velocity = _slowed(rest, speed, _SLOWEST)
             steer = _STEERING * (start.heading - now.heading) * WHEEL_BASE / 2
-            steer = min(max(steer, -_MOST_STEERING), _MOST_STEERING)
+            steer = min(max(steer, -_MAX_STEERING), _MAX_STEERING)
             return velocity + steer, velocity - steer
 
         return self._move(

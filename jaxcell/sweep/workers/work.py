@@ -26,7 +26,7 @@ Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
 
 _WIDE = "JAX_ENABLE_X64"
 _KINDS = "biufc"
-_MOST_LINES = 30
+_MAX_LINES = 30
 
 
 @dataclasses.dataclass(frozen=True)
@@ -215,7 +215,7 @@ def failure(error: BaseException) -> Failed:
     lines = "".join(traceback.format_exception(error)).splitlines()
     message = " ".join(str(error).split())
     name = type(error).__name__
-    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MOST_LINES:]))
+    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]))
 
 
 def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
