@@ -158,9 +158,9 @@ def _log_turns(map: CellMap, plan: Plan) -> None:
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
     """Log from where the goal can be reached: in how many headings, and in one at a time."""
     cells, below = map.cells, f"{path}/" if path else ""
-    shades, headings = min(cells.directions, _MAX_SHADES), plan.reaches.sum(axis=0)
+    shades, headings = min(cells.directions, _MAX_SHADES), plan.reaches.sum(axis=0, dtype=float)
     # Level `s` begins with so many headings, and no heading is no level.
-    bounds = 1 + np.arange(shades + 1) * cells.directions // shades
+    bounds = 1.0 + np.arange(shades + 1) * cells.directions // shades
     label = f"from {{}} of {cells.directions} headings".format
     scale = Scale(bounds, label, {_NONE: palette.PLAIN}, whole=True)
     classes = scale.classes
