@@ -347,7 +347,7 @@ def test_the_recording_shows_the_vulnerability(alone, recorded, read):
     assert low.startswith(f"caught with probability {alone.capture[0].min():.3f}"[:-1])
     text = found.static("/vulnerability/text", "TextDocument:text")[0]
     assert f"caught with probability\n**{alone.game.commitment.value:.4f}**" in text
-    assert "| 90 % | " in text
+    assert "| 0.9 | " in text
 
 
 def test_the_recording_shows_the_regions(based, tmp_path, read):
