@@ -179,8 +179,6 @@ on. In the long run each angle takes it to some places more than to others. {div
 
 No other mixture of these angles is nearer to the target in Euclidean distance.
 
-{numbers(policy)}
-
 ## How to look
 
 - **The maps** show the share of time in each square, for each angle alone{left_out}, for the
@@ -189,6 +187,8 @@ No other mixture of these angles is nearer to the target in Euclidean distance.
 - **The bars** are the shares of time of the angles.
 - The other tabs show, for one angle, its persistent groups and where the time goes, direction by
   direction; press play, or drag the slider at the bottom.
+
+{numbers(policy)}
 
 {made_with(spec)}"""
 

@@ -119,10 +119,6 @@ A part ends when all robots together are as they were before, for then they woul
 themselves; the next begins with one robot turned by one direction. The search ended since
 {team.meaning}.
 
-{numbers(team)}
-
-{table(("robot", "colour", "starts at"), rows)}
-
 ## How to look
 
 Press play, or drag the slider `step` at the bottom.{every}
@@ -131,5 +127,9 @@ Press play, or drag the slider `step` at the bottom.{every}
 - **squares** in a pale colour were visited, first by the robot of that colour.
 - **black frames**: robots that collided in the step before.
 - **curves**: the positions visited so far, the collisions so far, and the part.
+
+{numbers(team)}
+
+{table(("robot", "colour", "starts at"), rows)}
 
 {made_with(spec)}"""

@@ -125,8 +125,6 @@ next step at random, so that nobody can know where it will be. {divided}
 
 The map is {patrol.cells.workspace.describe()}.
 
-{numbers(patrol)}
-
 An adversary attacks the cell at {place(patrol, attack.target)} when nobody looks, and needs
 {attack.attack_times[0]:,} steps. It is caught if a robot sees that cell by then:
 **{attack.exact[0]:.3f}** is the probability, if the robots may be anywhere out of view when it
@@ -146,5 +144,7 @@ Press play, or drag the slider `step` at the bottom.
 - The tab **Policies**: how often a robot takes each edge.{base_tab}
 - The tab **The target**: how soon a robot sees it, simulated, exact, and fitted.
 - The tab **Vulnerability**: the same question for every cell.
+
+{numbers(patrol)}
 
 {made_with(spec)}"""

@@ -207,14 +207,6 @@ def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
 next one is drawn at random, whatever came before: the walk is a *Markov chain*.
 
-{numbers(patrol)}
-
-The *hitting time* is the mean number of steps from one vertex to another, the *commute time* there
-and back. *Kemeny's constant* is the time to a vertex drawn by the shares of time, wherever the walk
-starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely
-ones. The mixing time, until total variation is within 1/4, is infinite if the walk is periodic: it
-never forgets its start.
-
 ## How to look
 
 Press play, or drag the slider `step` at the bottom.
@@ -226,6 +218,14 @@ Press play, or drag the slider `step` at the bottom.
 - The tab **Where to next**: the half of an edge next to a vertex is wide and yellow if the
   patroller is likely to leave by it.
 - The tab **Hitting times**: from the vertex of the row to that of the column.
+
+{numbers(patrol)}
+
+The *hitting time* is the mean number of steps from one vertex to another, the *commute time* there
+and back. *Kemeny's constant* is the time to a vertex drawn by the shares of time, wherever the walk
+starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely
+ones. The mixing time, until total variation is within 1/4, is infinite if the walk is periodic: it
+never forgets its start.
 
 {described(patrol, "vertex", "stationary", "mean_time_to")}
 
