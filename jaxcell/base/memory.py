@@ -13,7 +13,7 @@ _NO_LIMIT = 2**60
 
 
 def free() -> int | None:
-    """How many bytes this process may still take, `None` where the system does not tell.
+    """How many bytes this process may still take, `None` where the system does not say.
 
     That is the least of what the machine has available, what the control groups of this process
     leave (containers and batch systems set them), and its own limit of addresses (`ulimit -v`).

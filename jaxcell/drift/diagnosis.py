@@ -92,7 +92,7 @@ def diagnose(
     - `water`, `flow`, `duration`, `start`, `method`, `steps`: those of the map.
     - `groups`: its persistent groups.
 
-    **Returns:** [`Diagnosis`][], whose `warning` is what to tell people.
+    **Returns:** [`Diagnosis`][], whose `warning` is for people.
 
     **Raises:** `ValueError` if the groups are of another map, or as [`jaxcell.drift.flow_map`][].
 

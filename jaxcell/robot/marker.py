@@ -251,7 +251,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
     """The homographies that take what may be a marker to the cross."""
     cv2 = _opencv()
     height, width = level.shape
-    # The median of second differences tells the noise (Immerkaer 1996), of which the smoothing
+    # The median of second differences estimates the noise (Immerkaer 1996), of which the smoothing
     # leaves 3/8. What is darker by three deviations is not noise.
     rough = cv2.filter2D(level, cv2.CV_16S, _SECOND_DIFFERENCES)[::4, ::4]
     noise = float(np.median(np.abs(rough))) / (6 * 0.6745)
@@ -297,7 +297,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
     affine[:2, :2] = np.linalg.inv(np.linalg.cholesky(second / area / _VARIANCE))
     centre = np.array([moments["m10"], moments["m01"]]) / area
     affine[:2, 2] = -affine[:2, :2] @ centre
-    # What is left is a rotation, which the fourth moment of the outline tells up to quarter turns.
+    # What is left is a rotation, which the fourth moment of the outline gives up to quarter turns.
     x, y = _through(affine, outline[:, 0].astype(np.float64)).T
     angle = np.angle(np.sum((x + 1j * y) ** 4)) / 4
     cos, sin = math.cos(angle), math.sin(angle)
@@ -405,7 +405,7 @@ def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> M
     back = np.linalg.inv(homography)
     back /= back[2, 2]
     centre = back[:2, 2]
-    # The derivative at the centre; its polar decomposition tells the rotation.
+    # The derivative at the centre; its polar decomposition gives the rotation.
     slope = back[:2, :2] - np.outer(centre, back[2, :2])
     turned = math.atan2(slope[1, 0] - slope[0, 1], slope[0, 0] + slope[1, 1])
     arm = 3 * scale * math.sqrt(np.linalg.det(slope))

@@ -117,7 +117,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Tells what the step met."""
+        """Report what the step met."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -131,7 +131,7 @@ class Patrol:
             self.goal = None
 
     def report(self, intruder: Any) -> None:
-        """Tells that an intruder was seen."""
+        """Report that an intruder was seen."""
         self._intruder = intruder
 
     @property

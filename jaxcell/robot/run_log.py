@@ -24,7 +24,7 @@ _VERSION = 1
 class RunLog:
     """The log of a run: a JSON object a line, each on the disk before the robot goes on.
 
-    The first line tells what was run; each of the others is an event, with the seconds since then.
+    The first line says what was run; each of the others is an event, with the seconds since then.
     A context manager.
 
     A log of one event, read back:

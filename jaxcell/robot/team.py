@@ -103,7 +103,7 @@ def save_team(
     **Arguments:**
 
     - `path`: the file, which is replaced.
-    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be told.
+    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be kept.
     - `starts`: the pose of each robot, in metres and radians.
     - `bounces`: the bouncing angle of each, in radians.
     - `actions`: the actions of each, of [`member_actions`][].
@@ -178,11 +178,11 @@ class Member:
         return self._bumps > 0
 
     def turn(self) -> None:
-        """Tells that an action without a step is done."""
+        """Report that an action without a step is done."""
         self.index += 1
 
     def observe(self, bumped: bool) -> None:
-        """Tells what the step of the action met."""
+        """Report what the step of the action met."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0

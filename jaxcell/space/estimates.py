@@ -38,7 +38,7 @@ def moves(extent: Extent, step: float | None, collision: str) -> float | int:
 
 
 def groups(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the periodic groups, told on the section of bumps; [`moves`][] are among them."""
+    """Bytes of the periodic groups, found on the section of bumps; [`moves`][] are among them."""
     ways, _, _ = extent.steps(step, collision)
     section = 40 * extent.bumps(step)
     return moves(extent, step, collision) + 35 * ways * extent.positions + section

@@ -39,7 +39,7 @@ class Extent:
 
         **Arguments:** as for [`CellSpace.of`][].
 
-        **Returns:** the extent, or `None` where `CellSpace.of` tells why there is no such space.
+        **Returns:** the extent, or `None` where `CellSpace.of` says why there is no such space.
 
         A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
 

@@ -154,7 +154,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     **Raises:**
 
     `ValueError` that names the field; also for an image that is missing, broken, or over Pillow's
-    limit of size (about 9 * 10^7 pixels), which is told before it is decoded.
+    limit of size (about 9 * 10^7 pixels), which is known before it is decoded.
     """
     try:
         # All scalars as text: YAML 1.1 has it that 5e-2 is not a number and that `no` is one.

@@ -72,8 +72,8 @@ def read_parameters(
         if parameter.dimension == LIST_DIMENSION
     }
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise ValueError(f"[list]: expected lists of one length, got {told}")
+        given = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise ValueError(f"[list]: expected lists of one length, got {given}")
     if random:
         parameters += _read_random(random, seed)
     for parameter in parameters:
@@ -110,12 +110,12 @@ def parameter_difference(there: Parameter | None, here: Parameter | None) -> str
     old, new = there.values.tolist(), here.values.tolist()
     if old == new:
         return None
-    told = f"{_values(len(old))} there, {len(new)} here"
+    counts = f"{_values(len(old))} there, {len(new)} here"
     parts = {"new": Counter(new) - Counter(old), "missing": Counter(old) - Counter(new)}
     if not any(parts.values()):
-        return f"{told}; in another order"
+        return f"{counts}; in another order"
     listed = [f"{name}: {_listed([*some.elements()])}" for name, some in parts.items() if some]
-    return "; ".join([told, ", ".join(listed)])
+    return "; ".join([counts, ", ".join(listed)])
 
 
 def _values(count: int) -> str:
@@ -155,7 +155,7 @@ def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
 
 def _grid_values(given: Any) -> np.ndarray:
     values = _range_values(given) if isinstance(given, Mapping) else _list_values(given)
-    # A dimension is told by its values; with one twice, `sel` would find two places.
+    # A dimension is identified by its values; with one twice, `sel` would find two places.
     ordered = np.sort(values)
     if (ordered[1:] == ordered[:-1]).any():
         raise ValueError(f"expected different values, got {reprlib.repr(values.tolist())}")

@@ -1,4 +1,4 @@
-"""What members read beside their specification, told by its content."""
+"""What members read beside their specification, identified by its content."""
 
 import hashlib
 import importlib.util

@@ -42,7 +42,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
     - `folder`: where; there is nothing yet.
     - `spec`: the specification of the sweep.
     - `first`: what the task gave for one of the chunks.
-    - `attributes`: of the result, beside those that tell the specification.
+    - `attributes`: of the result, beside those that give the specification.
     """
     own = signed({**described(spec), **attributes})
     group = zarr.create_group(folder, zarr_format=3, attributes=own)
@@ -86,7 +86,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
 
 
 def described(spec: Spec) -> dict[str, Any]:
-    """The attributes of a result that tell its specification."""
+    """The attributes of a result that give its specification."""
     attributes: dict[str, Any] = {
         "title": f"Sweep of {spec.task}",
         "source": "jaxcell",

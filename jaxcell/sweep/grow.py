@@ -37,7 +37,7 @@ def grow(
     - `old`: the store; nobody else writes there.
     - `spec`: the larger specification.
     - `places`: where its members are in the store, by `Spec.places_in`.
-    - `attributes`: of the larger result, beside those that tell its specification.
+    - `attributes`: of the larger result, beside those that give its specification.
     """
     temporary = old.folder / f".sweep-{secrets.token_hex(4)}"
     temporary.mkdir()
@@ -66,7 +66,7 @@ def finish_growth(folder: Path) -> None:
             os.replace(folder / "sweep.zarr", grown / "smaller.zarr")
         os.replace(grown / "sweep.zarr", folder / "sweep.zarr")
     if (grown / "spec.toml").exists():
-        # Failures are told by the numbers of chunks, which are others now.
+        # Failures are filed by the numbers of chunks, which are others now.
         shutil.rmtree(folder / "failures", ignore_errors=True)
         os.replace(grown / "spec.toml", folder / "spec.toml")
     shutil.rmtree(grown)

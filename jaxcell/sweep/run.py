@@ -76,7 +76,7 @@ def run_sweep(
         those that failed are tried again. If `spec` has all members of that sweep and others, it
         grows to these.
     - `anyway`: resume although versions, the task, or files that members read are others now; the
-        attribute `resumed_anyway` of the result tells which.
+        attribute `resumed_anyway` of the result says which.
     - `chunks`: the numbers of chunks to compute; by default all that are not done.
     - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
     - `max_failures`: the run ends when more members than that have failed.
@@ -125,13 +125,13 @@ def run_sweep(
             _writing(folder),
         ):
 
-            def tell(failures: Iterable[Failure]) -> None:
-                told = count.told(tuple(failures))
-                write_down(told)
+            def report(failures: Iterable[Failure]) -> None:
+                now = count.progress(tuple(failures))
+                write_down(now)
                 if progress is not None:
-                    progress(told)
+                    progress(now)
 
-            tell(())
+            report(())
             for job, outcome in outcomes:
                 if isinstance(outcome, Computed):
                     try:
@@ -141,11 +141,11 @@ def run_sweep(
                 parts = work.settle(job, outcome)
                 if parts is not None:
                     count.add(parts.members)
-                    tell(store.write(parts))
+                    report(store.write(parts))
                 if max_failures is not None and work.failed > max_failures:
                     # Of chunks that are not whole, what failed is kept.
                     for parts in work.begun.values():
-                        tell(store.write(parts))
+                        report(store.write(parts))
                     break
     return sweep_status(folder)
 
@@ -226,12 +226,12 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
         [1, 1] [1, 1]
     """
     path = Path(out) / "sweep.zarr"
-    told = sweep_status(out)
+    found = sweep_status(out)
     if not path.is_dir():
-        raise ValueError(f"{path}: no chunk is done yet, of {told.chunks}")
-    if told.damaged:
+        raise ValueError(f"{path}: no chunk is done yet, of {found.chunks}")
+    if found.damaged:
         raise ValueError(
-            f"{path}: {told.damaged} of {told.chunks} chunks are damaged; to mend them: "
+            f"{path}: {found.damaged} of {found.chunks} chunks are damaged; to mend them: "
             f"jaxcell sweep verify {out}"
         )
     with reading(Path(out)):

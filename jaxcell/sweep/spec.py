@@ -217,24 +217,24 @@ class Spec:
         A field with both values; of a parameter the number of values and those that are new or
         missing in the other.
         """
-        told = []
+        found = []
         ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
                 place = next((i for i, (a, b) in pairs if a != b), 0)
-                told.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
+                found.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
         there_by, here_by = (
             {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
         )
         for name in dict.fromkeys(itertools.chain(there_by, here_by)):
             difference = parameter_difference(there_by.get(name), here_by.get(name))
             if difference is not None:
-                told.append(f"{name}: {difference}")
-        if not told and list(self.dimensions) != list(other.dimensions):
-            told.append(f"grid: in the order {', '.join(self.dimensions)} there")
-        return told
+                found.append(f"{name}: {difference}")
+        if not found and list(self.dimensions) != list(other.dimensions):
+            found.append(f"grid: in the order {', '.join(self.dimensions)} there")
+        return found
 
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
         """Where the members of another specification are among those of this one.

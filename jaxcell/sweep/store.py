@@ -53,9 +53,9 @@ def reading(folder: Path) -> Iterator[None]:
         message = " ".join(str(error).split())[:500]
         if isinstance(error, ValueError | OSError) and str(folder) in message:
             raise
-        told = f"{type(error).__name__}: {message}" if message else type(error).__name__
+        reason = f"{type(error).__name__}: {message}" if message else type(error).__name__
         raise ValueError(
-            f"{folder}: the sweep there is damaged: {told}; to mend it: "
+            f"{folder}: the sweep there is damaged: {reason}; to mend it: "
             f"jaxcell sweep verify {folder}"
         ) from error
 
@@ -66,10 +66,10 @@ class SweepStore:
     - `sweep.zarr` is the result. Every variable has one file for each chunk of the sweep. That of
         `status` is written last, when the others are on the disk; a chunk without one is computed
         again. Nothing in it depends on the order of chunks or on the time.
-    - `spec.toml` is the specification as it was given, and `origin.json` tells where it lay.
+    - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
-    - `lock` tells which process writes.
+    - `lock` names the process that writes.
     """
 
     def __init__(self, folder: Path, spec: Spec, made: Mapping[str, Any]) -> None:
@@ -123,11 +123,11 @@ class SweepStore:
     def _go_on(cls, folder: Path, spec: Spec, made: Mapping[str, Any], anyway: bool) -> None:
         """Makes a sweep that is there one of a specification, if it can be."""
         there = Spec.load(folder / "spec.toml")
-        told = there.differences(spec)
-        places = spec.places_in(there) if told else None
-        if told and places is None:
+        changes = there.differences(spec)
+        places = spec.places_in(there) if changes else None
+        if changes and places is None:
             raise ValueError(
-                f"{spec.path}: not the specification of the sweep in {folder}: {'; '.join(told)}"
+                f"{spec.path}: not the specification of the sweep in {folder}: {'; '.join(changes)}"
             )
         store = cls(folder, there, made)
         others = store.differences()
@@ -156,11 +156,11 @@ class SweepStore:
         return sorted(set(self.arrays) - own - set(self.variables))
 
     def went_on(self, others: Sequence[str] = ()) -> dict[str, Any]:
-        """The attribute that tells with what a run went on all the same, if one did."""
+        """The attribute that says with what a run went on all the same, if one did."""
         if not self.arrays:
             return {}
-        told = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
-        return {"resumed_anyway": json.dumps(told)} if told else {}
+        notes = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
+        return {"resumed_anyway": json.dumps(notes)} if notes else {}
 
     def states(self) -> np.ndarray:
         """The state of each chunk, by number: failed if a member failed, done if all are done."""

@@ -18,7 +18,7 @@ Method: TypeAlias = Literal["exact", "layered"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Roadmap:
-    """All that a robot can do, told by its bumps (the roadmap of Alam 2018, section 3.4.1).
+    """All that a robot can do, by its bumps (the roadmap of Alam 2018, section 3.4.1).
 
     A robot chooses only where it bumps. The cells where it does are the *walls*, numbered by
     direction, then position. Every cell is on the *line* of one wall: it runs there in its own
@@ -247,5 +247,5 @@ def _check_precision(roadmap: Roadmap) -> None:
     if not exact:
         raise ValueError(
             f"change: {roadmap.change:g} is too much beside keep {roadmap.keep:g}: plans may cost "
-            f"{float(largest):g}, which 64 bits cannot tell from one step more"
+            f"{float(largest):g}, which 64 bits cannot distinguish from one step more"
         )

@@ -40,7 +40,7 @@ class Sweep:
     """Go on with the sweep in the folder, if there is one; with more values of its parameters,
     too."""
     anyway: bool = False
-    """With --resume: go on although files, the task or versions are others now. The result tells
+    """With --resume: go on although files, the task or versions are others now. The result says
     which, in the attribute resumed_anyway."""
     timeout: float | None = None
     """Seconds after which a chunk is ended and computed again in halves, until the members that

@@ -77,8 +77,8 @@ class SweepView:
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:
-            told = [one.message for one in failures if one.index == places]
-            why = "; ".join(told) if state == 2 else "it is not computed yet"
+            messages = [one.message for one in failures if one.index == places]
+            why = "; ".join(messages) if state == 2 else "it is not computed yet"
             note(f"There is no result of the member {name}: {why}")
             return 1
         out = self.folder / "members" / f"{name}.rrd" if self.out is None else self.out
@@ -130,7 +130,7 @@ def named(spec: "Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
 
 
 def _values(spec: "Spec") -> list[tuple[str, list[Any]]]:
-    """The values that tell members along each dimension."""
+    """The values that identify members along each dimension."""
     own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
     return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
 

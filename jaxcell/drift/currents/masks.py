@@ -53,7 +53,7 @@ def read_mask(
     **Arguments:**
 
     - `file`: an open file.
-    - `dims`: of y and x, which tell on which points.
+    - `dims`: of y and x, which say on which points.
     - `rows`, `columns`, `places`: what to read.
     - `depth`: the dimension of depth, which a mask may have.
 

@@ -1,4 +1,4 @@
-"""The colours of all recordings, told apart by colour-blind people too.
+"""The colours of all recordings, which colour-blind people can distinguish too.
 
 What stands for one thing is the same everywhere: obstacles are dark, free space is light, the
 robot is vermilion, where it may be is blue, and what is known in the end is green. A way goes from

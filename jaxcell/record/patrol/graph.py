@@ -224,8 +224,8 @@ Press play, or drag the slider `step` at the bottom.
 The *hitting time* is the mean number of steps from one vertex to another, the *commute time* there
 and back. *Kemeny's constant* is the time to a vertex drawn by the shares of time, wherever the walk
 starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely
-ones. The mixing time, until total variation is within 1/4, is infinite if the walk is periodic: it
-never forgets its start.
+ones. The mixing time, until total variation is within 1/4, is *never* if the walk is
+periodic: it does not forget its start.
 
 {described(patrol, "vertex", "stationary", "mean_time_to")}
 

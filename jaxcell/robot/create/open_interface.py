@@ -143,7 +143,7 @@ class StreamParser:
     changed, lost or doubled. Two things make it so: wherever a frame could be read out of step, two
     or more known bytes disagree; and the last packet has one byte that never equals the header, or
     else that byte could get lost and the next header pass for the checksum. Worse damage can go
-    unseen, as an eight-bit checksum cannot tell one in 256 damaged frames that keep their length
+    unseen, as an eight-bit checksum misses one in 256 damaged frames that keep their length
     and packet numbers from a right one.
 
     **Arguments:**
@@ -227,7 +227,7 @@ class Command:
     opcode: int
     "The number of the command."
     data: bytes = b""
-    "Its data; a song's, stream's or query list's begins with the bytes that tell its length."
+    "Its data; a song's, stream's or query list's begins with the bytes that give its length."
 
     @property
     def words(self) -> tuple[int, ...]:

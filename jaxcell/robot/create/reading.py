@@ -9,7 +9,7 @@ from .packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, encoder_differ
 
 
 STREAM = (7, 9, 10, 11, 12, 43, 44, 21, 22, 25, 26, 34, 35)
-"""The packets of the stream. `StreamParser` tells why the mode, 35, comes last."""
+"""The packets of the stream. `StreamParser` says why the mode, 35, comes last."""
 
 
 @dataclass(frozen=True)

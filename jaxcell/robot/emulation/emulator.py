@@ -130,7 +130,7 @@ class Emulator:
 
     @property
     def wheels(self) -> tuple[int, int]:
-        """The speeds at which the left and the right wheel are told to turn, in mm/s."""
+        """The commanded speeds of the left and the right wheel, in mm/s."""
         return self._wheels
 
     @property

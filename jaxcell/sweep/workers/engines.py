@@ -75,7 +75,7 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
             f"engine: expected local, processes, dask or dask://host:port, got {name!r}"
         )
     if workers is not None and name not in ("processes", "dask"):
-        raise ValueError(f"workers: the engine {name} is not told how many, got {workers}")
+        raise ValueError(f"workers: the engine {name} takes none, got {workers}")
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if count < 1:
         raise ValueError(f"workers: expected at least 1, got {count}")
@@ -261,7 +261,7 @@ def _end_apart(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """What processes that share this machine are told before they start.
+    """The environment of processes that share this machine.
 
     Each gets its part of the processors: JAX heeds `PJRT_NPROC`, and nothing else that limits
     threads.

@@ -48,7 +48,7 @@ class Count:
         self._ended += 1
         self._members += members
 
-    def told(self, failures: tuple[Failure, ...]) -> Progress:
+    def progress(self, failures: tuple[Failure, ...]) -> Progress:
         self.failed += len(failures)
         seconds = max(time.monotonic() - self._began, 1e-9)
         each = seconds / self._ended if self._ended else float("nan")

@@ -133,7 +133,7 @@ def check_parameters(spec: Spec) -> None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """A specification that has been looked at, as jobs are told it: with its files found.
+    """A specification as jobs are given it: checked, with its files found.
 
     **Raises:** `ValueError` as `check_parameters` and `with_files_found` do, with its name.
     """
