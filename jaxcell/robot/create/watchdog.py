@@ -1,10 +1,10 @@
 """A process of its own that stops the robot when the process that drives it is gone or hangs.
 
 The Open Interface has no timeout: the wheels keep their last speed until the next command.
-A process that is killed by SIGKILL cannot stop them. So the driver starts this one, which inherits the open
-serial line and a pipe. The driver beats into the pipe. When the pipe ends, or stays silent for too
-long, the watchdog writes the stop itself. It is in a session of its own and ignores the signals of
-the terminal, so that what stops the driver does not stop it.
+A process that is killed by SIGKILL cannot stop them. So the driver starts this one, which inherits
+the open serial line and a pipe. The driver beats into the pipe. When the pipe ends, or stays silent
+for too long, the watchdog writes the stop itself. It is in a session of its own and ignores the
+signals of the terminal, so that what stops the driver does not stop it.
 
 What it cannot help against: a cable pulled out, the loss of power of the computer, and whatever
 kills both processes at once (a container or `systemd` unit that is killed whole).
