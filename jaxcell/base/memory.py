@@ -23,7 +23,7 @@ def free() -> int | None:
 
 
 def check(needed: float | int, doing: str, instead: str) -> None:
-    """Refuses what takes more memory than is free, before it begins.
+    """Refuse what takes more memory than is free, before it begins.
 
     What is free is not always known, and then nothing is refused.
 

@@ -285,7 +285,7 @@ class _Part:
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: _Steps) -> None:
-        """Adds those of some steps that still belong to the part."""
+        """Add those of some steps that still belong to the part."""
         states = steps.state[: self.limit - self.length]
         stop = len(states)
         self.growing = self.length + stop < self.limit
@@ -312,7 +312,7 @@ def _hashable(states: Int[np.ndarray, "steps robots"]) -> list[bytes]:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Completes parts side by side; one that has ended leaves its lane to others."""
+    """Complete parts side by side; one that has ended leaves its lane to others."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
         # Each number of lanes is compiled once, so there are few: the powers of two.

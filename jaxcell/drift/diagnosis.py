@@ -85,7 +85,7 @@ def diagnose(
     method: str = "euler",
     steps: int = 1,
 ) -> Diagnosis:
-    """Says how far the persistent groups of a drift map can be trusted.
+    """Say how far the persistent groups of a drift map can be trusted.
 
     **Arguments:**
 

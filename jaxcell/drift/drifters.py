@@ -156,7 +156,7 @@ def compare(
     drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
-    """Compares a drift map with simulated drifters.
+    """Compare a drift map with simulated drifters.
 
     Both begin with the places of release.
 

@@ -205,7 +205,7 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -
 def simulate_voyages(
     key: jax.Array, voyage: Voyage, start: npt.ArrayLike | int, drifters: int, steps: int
 ) -> Tracks:
-    """Lets drifters go that follow a voyage, each on its own.
+    """Let drifters go that follow a voyage, each on its own.
 
     **Arguments:**
 

@@ -107,7 +107,7 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Continues the probability that no robot has arrived.
+        """Continue the probability that no robot has arrived.
 
         **Arguments:**
 

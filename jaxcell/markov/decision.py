@@ -133,7 +133,7 @@ def value_iteration(
     *,
     throw: bool = True,
 ) -> Optimum:
-    """Finds the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
+    """Find the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
 
     The value is the source's, `V = discount * max_u (r_u + P_u V)`, in which the reward of the
     first step is discounted already. Most texts and programs have `W = max_u (r_u + discount * P_u

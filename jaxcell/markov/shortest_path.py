@@ -46,7 +46,7 @@ class ShortestPath:
 def stochastic_shortest_path(
     model: DecisionModel, goal: npt.ArrayLike | int, *, throw: bool = True
 ) -> ShortestPath:
-    """Finds the policy that most likely arrives, and of such policies the quickest.
+    """Find the policy that most likely arrives, and of such policies the quickest.
 
     That is the question without a discount, which Alam 2018, section 5.4.7, has one for. Rewards
     do not matter.
@@ -159,7 +159,7 @@ class _Moves:
         usable: Bool[np.ndarray, "actions cells"],
         target: Bool[np.ndarray, "cells"],
     ) -> Int[np.ndarray, "cells"]:
-        """Makes a policy take usable actions that may come nearer to a target, where there are any.
+        """Make a policy take usable actions that may come nearer to a target, where there are any.
 
         Nearer in steps, so that it may arrive from each of those cells.
         """
@@ -211,7 +211,7 @@ def _surest(
     sure: Bool[np.ndarray, "cells"],
     maybe: Bool[np.ndarray, "cells"],
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improves a policy, which may arrive from all cells in `maybe`, to one that does so best."""
+    """Improve a policy, which may arrive from all cells in `maybe`, to one that does so best."""
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0
     # No class of cells that a better policy never leaves can hold a cell that was changed, for the
@@ -240,7 +240,7 @@ def _quickest(
     probability: Float[np.ndarray, "cells"],
     there: Bool[np.ndarray, "cells"],
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improves a policy by actions that keep the probability of arriving.
+    """Improve a policy by actions that keep the probability of arriving.
 
     **Returns:** the expected times over the ways that arrive, the policy, and the part by which it
     could still be quicker.

@@ -58,7 +58,7 @@ def simulate_arrival(
     *,
     horizon: int = 100_000,
 ) -> Arrivals:
-    """Moves robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
+    """Move robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
 
     **Arguments:**
 
@@ -122,7 +122,7 @@ class _Tables:
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":
-        """Makes the tables of all chains."""
+        """Make the tables of all chains."""
         images, probabilities = [], []
         slots = 1 + max(chain.image.shape[0] for chain in race.chains)
         places = race.there.size + 1
@@ -227,7 +227,7 @@ def _walk(
     cells: Int[Array, "robots turns lanes"],
     horizon: Int[Array, ""],
 ) -> Float[Array, "turns lanes"]:
-    """Walks from the starts until all runs have arrived or are given up.
+    """Walk from the starts until all runs have arrived or are given up.
 
     A lane makes its runs one after the other. That takes fewer steps than all runs side by side,
     which would wait for the longest of them, several times the mean.

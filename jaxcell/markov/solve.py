@@ -54,7 +54,7 @@ def solve_transient(
     *,
     adjoint: bool = False,
 ) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """Solves `x = right + Q x`, or `x = right + Q' x`, for a matrix whose powers tend to 0.
+    """Solve `x = right + Q x`, or `x = right + Q' x`, for a matrix whose powers tend to 0.
 
     **Arguments:**
 
@@ -137,7 +137,7 @@ def solve_stationary(
 def _solve(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
 ) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """Solves `x = right + matrix x` with a factorisation; gives the products it took beside."""
+    """Solve `x = right + matrix x` with a factorisation; give the products it took beside."""
     if matrix.shape[0] > _LARGEST_COMPLETE:
         return _solve_large(matrix, right)
     identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")

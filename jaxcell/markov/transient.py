@@ -32,7 +32,7 @@ class Transient:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Takes a part out of a chain.
+        """Take a part out of a chain.
 
         **Arguments:**
 

@@ -174,7 +174,7 @@ def _dobss(
     R: Float[np.ndarray, "types strategies targets"],
     C: Float[np.ndarray, "types strategies targets"],
 ) -> _Found:
-    """Solves for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
+    """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
@@ -283,7 +283,7 @@ def _commit(
 
 
 def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
-    """Removes the rounding of a solver."""
+    """Remove the rounding of a solver."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 

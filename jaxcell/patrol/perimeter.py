@@ -297,7 +297,7 @@ def simulate(
     steps: int,
     key: jax.Array,
 ) -> Float[Array, "runs"]:
-    """Moves the robots until they are in a segment.
+    """Move the robots until they are in a segment.
 
     **Arguments:**
 

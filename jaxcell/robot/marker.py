@@ -84,7 +84,7 @@ class Marker:
 
 
 def find_cross(frame: Frame) -> Marker | None:
-    """Finds the marker, or the one with the highest score if there are several.
+    """Find the marker, or the one with the highest score if there are several.
 
     At the frame's resolution and halves of it, shapes darker than the mean around them are taken
     out. An affine map takes the moments of a shape to those of the cross, and then a homography its
@@ -125,7 +125,7 @@ def find_cross(frame: Frame) -> Marker | None:
 
 
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
-    """Draws the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
+    """Draw the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
 
     **Arguments:**
 
@@ -153,7 +153,7 @@ class CrossLook:
     "Gives a frame of what is before the robot, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
-        """Takes a frame, and reports the marker if it is there.
+        """Take a frame, and report the marker if it is there.
 
         **Raises:** what the source and `find_cross` raise.
         """
@@ -167,7 +167,7 @@ class CrossLook:
 
 
 def camera(device: int = 0) -> Callable[[], Frame]:
-    """Opens a camera, by its number, as a source of frames.
+    """Open a camera, by its number, as a source of frames.
 
     **Arguments:**
 

@@ -98,7 +98,7 @@ def save_team(
     bounces: Sequence[float],
     actions: Sequence[str],
 ) -> None:
-    """Writes what the robots of a team do, for [`jaxcell.robot.load_task`][].
+    """Write what the robots of a team do, for [`jaxcell.robot.load_task`][].
 
     **Arguments:**
 
@@ -193,7 +193,7 @@ class Member:
             self._refuted = "no wall"
 
     def replay(self, observations: str) -> None:
-        """Takes all that was observed in a run."""
+        """Take all that was observed in a run."""
         for observation in observations:
             while self.action in (ROBOT, LEFT, RIGHT):
                 self.turn()
@@ -230,7 +230,7 @@ def run_member(
     pause: float = 2.0,
     sleep: Callable[[float], object] = time.sleep,
 ) -> RunOutcome:
-    """Lets a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
+    """Let a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
 
     The robots neither see each other nor share a clock, so they come a little early or late to
     where the trajectory has two of them meet. There each stays for one step and turns, as the

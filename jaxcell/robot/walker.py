@@ -17,10 +17,10 @@ class Drivable(Protocol):
     """What a walker needs of a robot, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Goes straight, back if negative; forward it stops when the bumper is pressed."""
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turns in place, by radians counter-clockwise."""
+        """Turn in place, by radians counter-clockwise."""
 
 
 def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
@@ -168,7 +168,7 @@ class Walker:
         return bumped
 
     def rotate(self, angle: float) -> None:
-        """Turns the heading by an angle in radians, counter-clockwise.
+        """Turn the heading by an angle in radians, counter-clockwise.
 
         **Raises:** `ValueError` if the heading is known and the angle is no whole number of
         directions.

@@ -96,7 +96,7 @@ def walk(vertices: int, edges: int, weighted: bool) -> float | int:
 
 
 def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:
-    """Refuses a study that takes more memory than is free.
+    """Refuse a study that takes more memory than is free.
 
     **Arguments:**
 

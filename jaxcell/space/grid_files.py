@@ -36,7 +36,7 @@ class _Loader(yaml.BaseLoader):
 
 
 def parse_ascii(text: str) -> dict[str, Any]:
-    """Reads an ASCII grid.
+    """Read an ASCII grid.
 
     ```text
     ; name a corridor
@@ -135,7 +135,7 @@ def format_ascii(
 
 
 def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
-    """Reads the YAML file of a ROS map_server map, and its image.
+    """Read the YAML file of a ROS map_server map, and its image.
 
     `image`, `resolution` (m a pixel), `origin` (x, y and yaw of the lower left corner; the yaw must
     be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may be given as

@@ -88,7 +88,7 @@ def read_parameters(
 
 
 def check_name(name: str) -> None:
-    """Raises `ValueError` if a parameter cannot have this name."""
+    """Raise `ValueError` if a parameter cannot have this name."""
     if not name.isidentifier() or name in _RESERVED:
         reserved = ", ".join(_RESERVED)
         raise ValueError(

@@ -23,7 +23,7 @@ def find_file(spec: Spec, name: str) -> Path | None:
 
 
 def keep_folder(out: Path, spec: Spec) -> None:
-    """Keeps in a store where the files start that its specification names.
+    """Keep in a store where the files start that its specification names.
 
     The path is relative to the store, so that both can be moved together; where they have no
     folder in common, to the current folder.
@@ -37,7 +37,7 @@ def keep_folder(out: Path, spec: Spec) -> None:
 
 
 def kept_spec(out: Path) -> Spec:
-    """Reads the specification of a sweep from its store.
+    """Read the specification of a sweep from its store.
 
     **Raises:** `ValueError` if there is none, or it is damaged.
     """

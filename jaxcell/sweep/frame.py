@@ -35,7 +35,7 @@ _SIGNATURE = "attributes_sha256"
 
 
 def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[str, Any]) -> None:
-    """Makes a result with nothing in it.
+    """Make a result with nothing in it.
 
     **Arguments:**
 
@@ -127,7 +127,7 @@ def variables_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> dict[str, tupl
 
 
 def check_fits(spec: Spec, arrays: Mapping[str, zarr.Array], computed: Computed) -> None:
-    """Raises `ValueError` if a chunk has not the variables of the chunk that was done first."""
+    """Raise `ValueError` if a chunk has not the variables of the chunk that was done first."""
     own = {*spec.dimensions, "status", *(one.name for one in spec.parameters)}
     given = {**computed.variables, **computed.coordinates}
     if set(given) != set(arrays) - own:
@@ -204,7 +204,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 def write_attributes(folder: Path, attributes: Mapping[str, Any]) -> None:
-    """Puts others in the place of the attributes of a result."""
+    """Put others in the place of the attributes of a result."""
     path = folder / "zarr.json"
     document = {**json.loads(path.read_bytes()), "attributes": signed(attributes)}
     with replacing(path) as temporary:

@@ -30,7 +30,7 @@ def grow(
     places: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any],
 ) -> None:
-    """Makes a store one of a larger specification; chunks that are damaged are to do there.
+    """Make a store one of a larger specification; chunks that are damaged are to do there.
 
     **Arguments:**
 
@@ -57,7 +57,7 @@ def grow(
 
 
 def finish_growth(folder: Path) -> None:
-    """Puts a larger store in place, if one was made."""
+    """Put a larger store in place, if one was made."""
     grown = folder / "grown"
     if not grown.is_dir():
         return
@@ -96,7 +96,7 @@ def _frame(old: "SweepStore") -> Computed:
 def _copy(
     old: "SweepStore", arrays: Mapping[str, zarr.Array], chunk: Chunk, places: list[np.ndarray]
 ) -> None:
-    """Copies the members of a chunk of the larger store that are done in the smaller one."""
+    """Copy the members of a chunk of the larger store that are done in the smaller one."""
     sources = [place[part] for place, part in zip(places, chunk.region, strict=True)]
     inside = tuple(np.flatnonzero(source >= 0) for source in sources)
     if not all(one.size for one in inside):

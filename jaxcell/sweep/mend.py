@@ -1,4 +1,4 @@
-"""What is damaged in the store of a sweep: found, and computed again."""
+"""Find what is damaged in the store of a sweep, and compute it again."""
 
 import contextlib
 import dataclasses
@@ -39,13 +39,13 @@ class Verified:
     """What was damaged in a sweep."""
 
     chunks: int
-    "Chunks that were looked at."
+    "Chunks that were checked."
     damaged: tuple[str, ...]
     "A line for each chunk that is damaged, and for each file that belongs to no chunk."
     recomputed: int
     "How many of these are whole again."
     status: SweepStatus
-    "How far the sweep is now."
+    "The progress of the sweep after that."
 
     @property
     def whole(self) -> bool:
@@ -60,7 +60,7 @@ def verify_sweep(
     workers: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Verified:
-    """Reads all that is in the store of a sweep, and computes again what is damaged.
+    """Read all that is in the store of a sweep, and compute again what is damaged.
 
     Damaged is what cannot be read, or does not have its checksum, or is gone: of chunks that are
     done, of coordinates, and of metadata. Chunks that were never done are left alone.
@@ -210,7 +210,7 @@ def _json(path: Path) -> Any:
 def _rebuild(
     folder: Path, spec: Spec, made: Mapping[str, Any], start: Engine, files: list[str]
 ) -> None:
-    """Makes coordinates and metadata anew, by what the task gives for a chunk.
+    """Make coordinates and metadata anew, by what the task gives for a chunk.
 
     **Raises:** `ValueError` if the result was made with others, or no chunk can be computed.
     """

@@ -1,4 +1,4 @@
-"""Sweeps: run, gone on with, looked at."""
+"""Run, resume and inspect sweeps."""
 
 import contextlib
 import dataclasses
@@ -23,7 +23,7 @@ from .workers.work import Computed, Job, failure, jax_is_wide, prepared
 
 @dataclasses.dataclass(frozen=True)
 class SweepStatus:
-    """How far a sweep is."""
+    """The progress of a sweep."""
 
     task: str
     dimensions: Mapping[str, int]
@@ -60,7 +60,7 @@ def run_sweep(
     max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
-    """Runs a sweep.
+    """Run a sweep.
 
     A chunk is in the store whole or not at all, so a run may end at any moment, and another one
     goes on with what is missing. What comes out does not depend on the engine, the order of chunks,
@@ -82,7 +82,7 @@ def run_sweep(
     - `max_failures`: the run ends when more members than that have failed.
     - `progress`: called when the work begins and with each chunk that ends.
 
-    **Returns:** how far the sweep is. A chunk that fails is computed again in halves, and these in
+    **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and these in
     halves, so that only the members fail that do so alone. They do not stop the others.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
@@ -151,7 +151,7 @@ def run_sweep(
 
 
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """How far the sweep in a folder is; while it runs, too.
+    """Find the progress of the sweep in a folder, also while it runs.
 
     **Arguments:**
 
@@ -248,7 +248,7 @@ def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Says where there was no room."""
+    """Say where there was no room."""
     try:
         yield
     except OSError as error:

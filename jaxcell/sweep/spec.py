@@ -84,7 +84,7 @@ class Spec:
     def load(
         cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
     ) -> "Spec":
-        """Reads a specification.
+        """Read a specification.
 
         **Arguments:**
 

@@ -46,7 +46,7 @@ DAMAGED = 3
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Turns all that readers of a damaged store raise into a `ValueError` that names it."""
+    """Turn all that readers of a damaged store raise into a `ValueError` that names it."""
     try:
         yield
     except Exception as error:  # Zarr and its codecs have errors of many types.
@@ -93,7 +93,7 @@ class SweepStore:
         made: Mapping[str, Any],
         anyway: bool = False,
     ) -> Iterator["SweepStore"]:
-        """Makes the folder, or opens it again, and keeps others out of it.
+        """Make the folder, or open it again, and keep others out of it.
 
         A sweep that is there grows if the specification has all its members, and others.
 
@@ -121,7 +121,7 @@ class SweepStore:
 
     @classmethod
     def _go_on(cls, folder: Path, spec: Spec, made: Mapping[str, Any], anyway: bool) -> None:
-        """Makes a sweep that is there one of a specification, if it can be."""
+        """Make a sweep that is there one of a specification, if it can be."""
         there = Spec.load(folder / "spec.toml")
         changes = there.differences(spec)
         places = spec.places_in(there) if changes else None
@@ -147,7 +147,7 @@ class SweepStore:
             return read_attributes(self.zarr)
 
     def differences(self) -> list[str]:
-        """What the result was made with that is otherwise now: versions, files, the task."""
+        """What has changed since the result was made: versions, files, the task."""
         return differences(self.folder, self.attributes(), self.made) if self.arrays else []
 
     def coordinates(self) -> list[str]:
@@ -235,7 +235,7 @@ class SweepStore:
         return found
 
     def forget(self, chunk: Chunk) -> None:
-        """Makes a chunk one that is to do."""
+        """Make a chunk one that is to do."""
         for path in [self._file("status", chunk), *self._files(chunk).values()]:
             path.unlink(missing_ok=True)
 
@@ -266,7 +266,7 @@ class SweepStore:
                     yield from read_report(self.folder, number)
 
     def check(self, computed: Computed) -> None:
-        """Looks at the result of a job, and makes the store for results as the first one.
+        """Check the result of a job, and make the store for results as the first one.
 
         **Raises:** `ValueError` if it has not the variables of the first one.
         """
@@ -280,7 +280,7 @@ class SweepStore:
         check_fits(self.spec, self.arrays, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Writes what is known of the members of a chunk that are missing.
+        """Write what is known of the members of a chunk that are missing.
 
         **Returns:** those that failed.
         """
@@ -299,7 +299,7 @@ class SweepStore:
         return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
 
     def _write_members(self, parts: Parts) -> None:
-        """Writes the results, and when they are on the disk the states."""
+        """Write the results, and when they are on the disk the states."""
         chunk, kept = parts.chunk, ~self.missing(parts.chunk)
         for name in self.variables if parts.computed else ():
             array = self.arrays[name]
@@ -337,20 +337,20 @@ class SweepStore:
             self.variables = variables_of(self.spec, self.arrays)
 
     def _create(self, first: Computed) -> None:
-        """Makes the result with nothing in it."""
+        """Make the result with nothing in it."""
         temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
         make_frame(temporary, self.spec, first, self.made)
         os.replace(temporary, self.zarr)
 
     def _sync(self, chunk: Chunk) -> None:
-        """Waits until the files of a chunk are on the disk."""
+        """Wait until the files of a chunk are on the disk."""
         for path in self._files(chunk).values():
             with open(path, "rb") as file:
                 os.fsync(file.fileno())
 
 
 def tidy(folder: Path) -> None:
-    """Ends the growth that a run was killed in, and removes what it left half written."""
+    """End the growth that a run was killed in, and remove what it left half written."""
     finish_growth(folder)
     for path in folder.glob(".sweep-????????"):
         shutil.rmtree(path)
@@ -376,11 +376,11 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 
 
 def differences(folder: Path, attributes: Mapping[str, Any], made: Mapping[str, Any]) -> list[str]:
-    """What a result was made with, by its attributes, that is otherwise now."""
+    """What has changed since a result was made, by its attributes."""
     if "digests" not in attributes:
         raise ValueError(
             f"{folder}: an old version of jaxcell wrote it, without checksums; it can be read, but "
-            "not verified or gone on with"
+            "not verified or resumed"
         )
     with reading(folder):
         return [

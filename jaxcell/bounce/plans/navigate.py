@@ -250,7 +250,7 @@ def replay(
     step: float | None = None,
     collision: Collision = "swept",
 ) -> Int[np.ndarray, "visited"]:
-    """Runs an action string in the bounce dynamics.
+    """Run an action string in the bounce dynamics.
 
     **Arguments:**
 

@@ -241,7 +241,7 @@ def _largest_cost(roadmap: Roadmap) -> int | float:
 
 
 def _check_precision(roadmap: Roadmap) -> None:
-    """Raises `ValueError` if a plan may cost so much that one more step is lost in rounding."""
+    """Raise `ValueError` if a plan may cost so much that one more step is lost in rounding."""
     largest = _largest_cost(roadmap)
     exact = largest < 2**62 if roadmap.number.kind == "i" else largest * 2.0**-52 < roadmap.keep
     if not exact:

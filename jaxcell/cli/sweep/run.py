@@ -95,7 +95,7 @@ class Sweep:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepState:
-    """Show how far a sweep is, while it runs too, and which members failed with which parameters.
+    """Show the progress of a sweep, also while it runs, and which members failed.
 
     Exit status: 0 all done, 1 not yet, or some members failed."""
 
@@ -174,7 +174,7 @@ def _shown(spec: "Spec") -> "Iterator[Callable[[Progress], None]]":
 
 @contextlib.contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """Makes SIGTERM do what Ctrl-C does."""
+    """Make SIGTERM do what Ctrl-C does."""
     kept = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

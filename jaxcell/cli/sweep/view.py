@@ -162,7 +162,7 @@ def _listed(values: Sequence[Any]) -> str:
 
 
 def _show(name: str, member: "xr.Dataset") -> None:
-    """Prints what the sweep found for a member."""
+    """Print what the sweep found for a member."""
     rows = [
         (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
         for key, one in member.data_vars.items()
@@ -172,7 +172,7 @@ def _show(name: str, member: "xr.Dataset") -> None:
 
 
 def _open(recording: Path) -> int:
-    """Opens a recording, or says how to."""
+    """Open a recording, or say how to."""
     if has_display():
         return View(results=recording).run()
     note(

@@ -44,7 +44,7 @@ def read_mask(
     places: Int[np.ndarray, " levels"] | None = None,
     depth: str | None = None,
 ) -> Mask | None:
-    """Reads the mask of a file on some of its points.
+    """Read the mask of a file on some of its points.
 
     That is the variable that has the name which ROMS, CROCO or NEMO gives to its mask, in which 1
     is water; else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`,

@@ -49,7 +49,7 @@ class Velocity:
 
 
 def choose_velocity(file: OceanFile, variables: Sequence[str] | None = None) -> Velocity:
-    """Decides which variables are the current.
+    """Decide which variables are the current.
 
     By standard name, then by the names that ocean models use; a bare `u` only where its dimensions
     say which axes it is along: the sides of the cells of a C-grid, or longitude and latitude. The

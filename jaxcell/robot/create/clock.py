@@ -21,7 +21,7 @@ class Wheeled(Protocol):
         """Set the speeds of the wheels; say whether no bump has stopped them."""
 
     def stop(self) -> None:
-        """Stops the wheels."""
+        """Stop the wheels."""
 
 
 class ByClock:
@@ -59,13 +59,13 @@ class ByClock:
         self._clock, self._pause = clock, pause
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Goes straight, back if negative; forward it stops when the bumper is pressed."""
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
         wheel = math.copysign(self._speed, distance)
         seconds, bumped = self._for(abs(distance) / self._speed, wheel, wheel, distance > 0)
         return Moved(wheel * seconds, 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turns in place, by radians counter-clockwise."""
+        """Turn in place, by radians counter-clockwise."""
         rate = math.copysign(self._turning, angle)
         wheel = rate * WHEEL_BASE / 2
         seconds, _ = self._for(abs(angle) / self._turning, wheel, -wheel, False)

@@ -53,7 +53,7 @@ class Reading:
         previous: "Reading | None",
         first_mode: int = 0,
     ) -> "Reading":
-        """Makes a reading of a frame.
+        """Make a reading of a frame.
 
         The distances come from the encoders, as the robot's own (packets 19 and 20) are wrong in
         most firmware. The encoders do not sense in which direction a wheel turns; the robot takes

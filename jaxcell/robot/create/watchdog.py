@@ -80,7 +80,7 @@ class Watchdog:
         os.write(self._beats, _BEAT)
 
     def dismiss(self) -> None:
-        """Ends the watchdog without a farewell, once the driver has stopped the robot itself."""
+        """End the watchdog without a farewell, once the driver has stopped the robot itself."""
         with contextlib.suppress(OSError):
             os.write(self._beats, _GOODBYE)
         self._end()
@@ -109,7 +109,7 @@ def _watch(line: int, pause: bytes, farewell: bytes, patience: float) -> None:
 
 
 def _write(line: int, data: bytes) -> None:
-    """Writes all of `data`, whether or not the line blocks, for at most a second."""
+    """Write all of `data`, whether or not the line blocks, for at most a second."""
     end = time.monotonic() + 1
     while data and time.monotonic() < end:
         try:

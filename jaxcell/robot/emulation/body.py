@@ -109,7 +109,7 @@ class Body:
         return int(left), int(right)
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Lets the wheels turn for a tick, each at its speed in m/s."""
+        """Let the wheels turn for a tick, each at its speed in m/s."""
         if self._stretch(left, right) != self._stretch(*self._command):
             distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
             self._slip = float(distance), float(rotation)

@@ -238,7 +238,7 @@ _beside: dict[tuple[str, int], Worker] = {}
 
 
 def _apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Computes a chunk in a process of its own, which is kept for the next one."""
+    """Compute a chunk in a process of its own, which is kept for the next one."""
     place = run, threading.get_ident()
     for _ in range(_MAX_DEATHS):
         worker = _beside.pop(place, None) or Worker({})

@@ -195,7 +195,7 @@ def jax_is_wide() -> bool:
 
 
 def compute(job: Job) -> Computed | Failed:
-    """Computes a job. Whatever goes wrong with it is its failure and nobody else's."""
+    """Compute a job. Whatever goes wrong with it is its failure and nobody else's."""
     try:
         # A worker of somebody's cluster does not know. Tasks may import JAX when they are called.
         os.environ[_WIDE] = str(int(job.wide))
