@@ -82,8 +82,8 @@ def run_sweep(
     - `max_failures`: the run ends when more members than that have failed.
     - `progress`: called when the work begins and with each chunk that ends.
 
-    **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and these in
-    halves, so that only the members fail that do so alone. They do not stop the others.
+    **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and
+    these in halves, so that only the members fail that do so alone. They do not stop the others.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not take, or if the sweep that is there is of another specification, or was begun with another

@@ -82,7 +82,8 @@ def compare_game(game: StrategyGame) -> list[Comparison]:
         cost = -game.patroller_payoff[:, vertex]
         solved = scipy.optimize.linprog(cost, gains, no_gain, *shares, method="highs-ipm")
         best = max(best, -solved.fun) if solved.status == 0 else best
-    most, what = float((game.share @ paid).max()), "what the adversary is paid, by all vertices"
+    most = float((game.share @ paid).max())
+    what = "what the adversary is paid, by the best of all vertices"
     scale = _TIME * max(1.0, float(np.abs(game.patroller_payoff).max()))
     return [
         Comparison.close("value of the game, by interior points", [game.value], [best], scale),

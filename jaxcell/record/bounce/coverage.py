@@ -10,7 +10,7 @@ from jaxtyping import Float, Int, UInt8
 from ...bounce import CoveragePolicy
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, CATEGORIES, FREE, NOT_FREE, Color, PictureClass, mix
+from ..canvas.palette import BELIEF, CATEGORIES, FREE, NOT_FREE, Color, PictureClass, mix, ranks
 from ..canvas.prose import counted, describe, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
@@ -150,8 +150,7 @@ def _group_kinds(
 ) -> UInt8[np.ndarray, "directions positions"]:
     """The class of each cell; groups have ranks by their weights."""
     colors = len(CATEGORIES)
-    rank = np.empty(weights.size, np.int64)
-    rank[np.argsort(-weights, kind="stable")] = np.arange(weights.size)
+    rank = ranks(weights)
     place = np.where(rank < colors, rank, colors + rank % colors)
     return np.where(group < 0, 1, 2 + place[group]).astype(np.uint8)
 

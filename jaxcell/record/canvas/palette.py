@@ -8,7 +8,7 @@ the blue start to the green goal, and what an adversary attacks is pink.
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Num, UInt8
 
 
 Color: TypeAlias = tuple[int, int, int] | tuple[int, int, int, int]
@@ -115,6 +115,13 @@ def _group_classes() -> list[PictureClass]:
 GROUP_CLASSES = _group_classes()
 """The classes in pictures of groups: what is not free, then for each rank the cells that lead to
 the group and the cells on it, which are darker. The groups past the colours are pale."""
+
+
+def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
+    """The rank of each size, 0 for the largest; equal ones in their order."""
+    rank = np.empty(sizes.size, np.int64)
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(sizes.size)
+    return rank
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:

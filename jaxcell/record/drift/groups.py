@@ -9,7 +9,7 @@ from jaxtyping import Int, UInt8
 
 from ...drift import Layer, SeaDrift
 from ..canvas.marks import log_labels
-from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, tint
+from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, ranks, tint
 from ..canvas.prose import counted, described, made_with
 from .currents import currents_of
 from .map import DRIFTER, SeaMap
@@ -72,10 +72,7 @@ def group_classes(layer: Layer) -> tuple[UInt8[np.ndarray, "cells"], list[Pictur
 
 def _basin_rank(layer: Layer) -> Int[np.ndarray, "groups"]:
     """The rank of each persistent group by the cells that lead to it for sure, its own included."""
-    size = layer.groups_cells + layer.groups_single_domicile_cells
-    rank = np.empty(size.size, np.int64)
-    rank[np.argsort(-size, kind="stable")] = np.arange(size.size)
-    return rank
+    return ranks(layer.groups_cells + layer.groups_single_domicile_cells)
 
 
 def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) -> PictureClass:
