@@ -111,12 +111,9 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Mapping[str, Any]) -> st
     attack = patrol.attack
     caught, done = int(attacks.caught[-1]), int(attacks.caught[-1] + attacks.succeeded[-1])
     who = "A robot patrols" if patrol.robots == 1 else f"{patrol.robots} robots patrol"
-    divided, base_tab = "Each walks over the whole map, and needs to hear of no other.", ""
+    divided = "Each walks over the whole map, and needs to hear of no other."
     if patrol.regions is not None:
         divided = "Each has a region of its own, and reports to a base station."
-        base_tab = (
-            "\n- The tab **Base and regions**: who patrols where, and what the base station sees."
-        )
     assert patrol.cells.workspace is not None
     return f"""# Patrolling with limited visibility
 
@@ -140,10 +137,8 @@ Press play, or drag the slider `step` at the bottom.
 - **the pink frame**: the target. The dot in it is yellow during an attack, then green if that was
   caught, and pink if not.
 - **the curves**: the attacks so far.
-- The tab **Cover**: cells from which a robot sees everything, one by one.
-- The tab **Policies**: how often a robot takes each edge.{base_tab}
-- The tab **The target**: how soon a robot sees it, simulated, exact, and fitted.
-- The tab **Vulnerability**: the same question for every cell.
+
+The other tabs show how the robots walk, and how vulnerable each cell is.
 
 {numbers(patrol)}
 
