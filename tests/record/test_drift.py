@@ -208,6 +208,10 @@ def test_deployment_files(gyres, dataset, tmp_path):
         assert len(set(cells).union(*(nx.descendants(graph, one) for one in cells))) == 538
     with pytest.raises(FileNotFoundError, match="no folder"):
         record.save_deployment(gyres, tmp_path / "none" / "d.csv")
+    with pytest.raises(
+        ValueError, match=r"d\.xls: expected a name that ends in \.csv or \.geojson"
+    ):
+        record.save_deployment(gyres, tmp_path / "d.xls")
 
 
 @pytest.fixture(scope="module")

@@ -214,9 +214,6 @@ def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
 A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
 as the plan says, and runs on. It senses its bumps and counts its steps, and nothing else.
 
-- **start**: {pose(cells, plan.start)}
-- **goal**: {pose(cells, plan.goal)}
-
 {_outcome(plan)}
 
 {slider}
