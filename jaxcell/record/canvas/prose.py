@@ -11,6 +11,8 @@ from ..data.described import cells_of
 
 
 _MAX_ROWS = 60
+# Letters of the heads of columns, beyond which their names stand for their meanings.
+_MAX_HEAD = 72
 
 
 def describe(cells: CellSpace) -> str:
@@ -74,7 +76,7 @@ def described(
     first: Mapping[str, Sequence[object]] | None = None,
     most: int = _MAX_ROWS,
 ) -> str:
-    """A table of quantities in Markdown, with their meanings as its head.
+    """A table of quantities in Markdown, with their meanings, or their names, as its head.
 
     **Arguments:**
 
@@ -86,11 +88,12 @@ def described(
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
+    short = sum(len(about[name].meaning) for name in names) > _MAX_HEAD
     columns: dict[str, Sequence[object]] = dict(first or {})
     for name in names:
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column
-        columns[about[name].meaning] = [
+        columns[name.replace("_", " ") if short else about[name].meaning] = [
             "" if value is None else written(value, about[name], cells) for value in column
         ]
     return table([*columns], list(zip(*columns.values(), strict=True)), most)
