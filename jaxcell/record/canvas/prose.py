@@ -88,12 +88,15 @@ def described(
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
-    short = sum(len(about[name].meaning) for name in names) > _MAX_HEAD
     columns: dict[str, Sequence[object]] = dict(first or {})
-    for name in names:
+    heads = {name: about[name].meaning for name in names}
+    if sum(map(len, heads.values())) > _MAX_HEAD:
+        of = several[0].tables.get(" ".join(about[names[0]].dims), "")
+        heads = {name: name.removeprefix(f"{of}_").replace("_", " ") for name in names}
+    for name, head in heads.items():
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column
-        columns[name.replace("_", " ") if short else about[name].meaning] = [
+        columns[head] = [
             "" if value is None else written(value, about[name], cells) for value in column
         ]
     return table([*columns], list(zip(*columns.values(), strict=True)), most)
