@@ -4,7 +4,7 @@ The state space of a robot, or of a drifter in the sea, is cut into *cells*, and
 mapped to its *image*, the cell where one step from its centre leads. If that is known, it is a
 *simple* map, a graph in which each cell has one successor; if not, it is a *generalized* one, a
 finite Markov chain. What one asks of the system is then asked of that map: where it ends up (its
-periodic or persistent groups), when, and with what probability; which observations tell where it
+periodic or persistent groups), when, and with what probability; which observations reveal where it
 is; and which plan, policy or mixture is best. This is the method of T. Alam's dissertation (2018),
 whose sections, equations and algorithms the packages name.
 

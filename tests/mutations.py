@@ -20,7 +20,7 @@ DATA = Path(__file__).parents[1] / "data"
 
 _CASES = int(os.environ.get("JAXCELL_FUZZ", "0"))
 _SECONDS = 5
-_MOST_BYTES = 3 * 2**30
+_MAX_BYTES = 3 * 2**30
 _LONGEST_LINE = 1500
 
 # What is written where a number, a name or a bracket was.
@@ -98,7 +98,7 @@ def limits():
     statm = Path("/proc/self/statm")
     if statm.exists():
         now = int(statm.read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (now + _MOST_BYTES, sizes[1]))
+        resource.setrlimit(resource.RLIMIT_AS, (now + _MAX_BYTES, sizes[1]))
     signal.setitimer(signal.ITIMER_PROF, _SECONDS)
     try:
         yield

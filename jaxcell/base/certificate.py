@@ -30,7 +30,7 @@ class Certificate:
         return Outcome.CONVERGED if self.residual <= self.tolerance else Outcome.STALLED
 
     def check(self, what: str, throw: bool) -> None:
-        """Raises if asked to, and if the answer did not converge.
+        """Raise if asked to, and if the answer did not converge.
 
         **Raises:** `RuntimeError` with the sentence of the outcome and the residual.
         """

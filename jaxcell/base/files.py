@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Gives the name of a new file beside `path`, which replaces it when the block ends.
+    """Give the name of a new file beside `path`, which replaces it when the block ends.
 
     If the block raises, the new file is removed. So `path` never holds half a file.
 

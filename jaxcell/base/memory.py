@@ -13,7 +13,7 @@ _NO_LIMIT = 2**60
 
 
 def free() -> int | None:
-    """How many bytes this process may still take, `None` where the system does not tell.
+    """How many bytes this process may still take, `None` where the system does not say.
 
     That is the least of what the machine has available, what the control groups of this process
     leave (containers and batch systems set them), and its own limit of addresses (`ulimit -v`).
@@ -23,7 +23,7 @@ def free() -> int | None:
 
 
 def check(needed: float | int, doing: str, instead: str) -> None:
-    """Refuses what takes more memory than is free, before it begins.
+    """Refuse what takes more memory than is free, before it begins.
 
     What is free is not always known, and then nothing is refused.
 

@@ -5,7 +5,7 @@ import numpy as np
 
 
 def require_x64(what: str) -> None:
-    """Refuses to go on where JAX would silently compute with 32 bits.
+    """Refuse to go on where JAX would silently compute with 32 bits.
 
     **Raises:** `RuntimeError` that says how to turn 64-bit numbers on.
     """

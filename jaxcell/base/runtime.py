@@ -7,7 +7,7 @@ import jax
 
 
 def configure_jax() -> None:
-    """Turns on 64-bit numbers, and a compilation cache in a private directory of the user.
+    """Turn on 64-bit numbers, and a compilation cache in a private directory of the user.
 
     The cache runs what it finds, so nobody else may write there. Where no such directory can be
     made, there is no cache.

@@ -9,7 +9,7 @@ from threadpoolctl import ThreadpoolController
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keeps BLAS and LAPACK to one thread.
+    """Keep BLAS and LAPACK to one thread.
 
     Factors of some hundreds of rows gain nothing from a second one. Threads of OpenBLAS wait for
     each other by spinning, so that where anything else runs, JAX in the same process included, they

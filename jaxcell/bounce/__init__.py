@@ -48,10 +48,10 @@ numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 
 from .coverage import (
-    CoveragePolicy as CoveragePolicy,
     coverage_policy as coverage_policy,
     coverage_target as coverage_target,
 )
+from .covered import CoveragePolicy as CoveragePolicy
 from .dynamics import (
     Collision as Collision,
     Moves as Moves,

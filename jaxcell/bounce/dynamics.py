@@ -99,7 +99,7 @@ def grid_moves(
     Works under `jit` and `vmap` over `free`.
 
     All squares are positions here, row by row from the lowest, so that grids of one shape with
-    different obstacles are arrays of one shape; `Moves.free` tells the free ones.
+    different obstacles are arrays of one shape; `Moves.free` marks the free ones.
 
     **Arguments:**
 
@@ -154,7 +154,7 @@ def _free_positions(
     square: Int[Array, "positions"],
     position_of_square: Int[Array, "rows columns"],
 ) -> Moves:
-    """The moves on a grid, told by its free squares alone."""
+    """The moves on a grid, from its free squares alone."""
     return Moves(
         position_of_square.ravel()[moves.target[:, square]],
         moves.way,

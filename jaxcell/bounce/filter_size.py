@@ -6,7 +6,7 @@ from .walls import Walls
 
 # All candidates of a robot that knows its heading have the same heading. After a bump they stand at
 # walls; then each runs to its next wall, and those that are still on their way after `t` steps make
-# one state of the filter, until all have bumped. So what tells a state is the walls ahead, how
+# one state of the filter, until all have bumped. So a state is given by the walls ahead, how
 # much nearer than the farthest each is, and how far off that is: the first two stay the same until
 # the next candidate bumps, and of the third only the range counts.
 
@@ -21,7 +21,7 @@ def heading_filter_sizes(
     not, as in [`jaxcell.automata.subset_construction`][]. Runs are not followed cell by cell, so
     that a state costs less the longer they are.
 
-    Sets are told apart by sums of 64 bits: among a million states two are taken for one with a
+    Sets are distinguished by sums of 64 bits: among a million states two are taken for one with a
     probability of 3e-8.
 
     **Arguments:**
@@ -138,7 +138,7 @@ class _Groups:
         words = np.cumsum(_mix(slot | later << 16))
         before = np.append(np.zeros(1, np.uint64), words)[set_start]
         self.key = words[self.end] - before[of_group]
-        "Tells the walls ahead of the members up to this group, and how much nearer each is."
+        "Encodes the walls ahead of the members up to this group, and how much nearer each is."
         self.size_so_far = self.end - set_start[of_group] + 1
         self.least = later[self.end]
         last_of_set = np.append(of_group[1:] != of_group[:-1], True)
@@ -173,7 +173,7 @@ class _Groups:
 def _salt(
     angle: Int[np.ndarray, "_"], bumps: int, order: Int[np.ndarray, "angles"], directions: int
 ) -> UInt64[np.ndarray, "_"]:
-    """Tells angles and headings, in words that walls do not have."""
+    """Encode angles and headings, in words that walls do not have."""
     return _mix(1 << 40 | angle * directions + (bumps % order)[angle])
 
 

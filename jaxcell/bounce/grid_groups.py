@@ -228,7 +228,7 @@ def _pull(
     lead: Int[np.ndarray, "places"],
     wanted: Bool[np.ndarray, "places"],
 ) -> tuple[Int[np.ndarray, "places"], Int[np.ndarray, "cycles"]]:
-    """Goes backwards through the layers, from the mappings from the first layer to its groups.
+    """Go backwards through the layers, from the mappings from the first layer to its groups.
 
     **Arguments:**
 

@@ -31,7 +31,7 @@ class JointImage:
 
 
 def squares_of(cells: CellSpace) -> Int[np.ndarray, "2 positions"]:
-    """Find the column and row of each position, which tell where robots meet.
+    """Find the column and row of each position, which show where robots meet.
 
     **Arguments:**
 

@@ -96,7 +96,7 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
 
     - `simple_map`: image and observation of every cell.
     - `filter`: a localization filter, of this map or (open world) of another.
-    - `start`: the cell of the robot, which the filter is not told.
+    - `start`: the cell of the robot, which the filter does not know.
 
     **Returns:** [`Localization`][]. With an open-world filter of another map the run may end in the
     trap instead, with no candidates.

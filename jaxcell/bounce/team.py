@@ -17,7 +17,7 @@ from .trajectory import TeamOutcome, TeamTrajectory
 # Steps that are simulated at a time: parts are tens to thousands of steps long.
 _CHUNK = 256
 # By default no part is longer, since all joint states that were there are kept.
-_LONGEST_PART = 100_000
+_MAX_PART_STEPS = 100_000
 
 
 def team_trajectory(
@@ -118,7 +118,7 @@ def team_trajectories(
     """
     _check_starts(cells, starts)
     shift = _shifts(bounces, starts.shape[1], cells.directions)
-    limit = min(cells.size, _LONGEST_PART) if part_steps is None else part_steps
+    limit = min(cells.size, _MAX_PART_STEPS) if part_steps is None else part_steps
     for name, value in (("max_parts", max_parts), ("part_steps", limit)):
         if value < 1:
             raise ValueError(f"{name}: expected at least 1, got {value}")
@@ -285,7 +285,7 @@ class _Part:
         return int(self.covered.sum() - self.run.covered.sum())
 
     def extend(self, steps: _Steps) -> None:
-        """Adds those of some steps that still belong to the part."""
+        """Add those of some steps that still belong to the part."""
         states = steps.state[: self.limit - self.length]
         stop = len(states)
         self.growing = self.length + stop < self.limit
@@ -312,7 +312,7 @@ def _hashable(states: Int[np.ndarray, "steps robots"]) -> list[bytes]:
 def _simulate(
     orbits: Callable[[Int[Array, "lanes robots"]], JointImage], parts: list[_Part]
 ) -> None:
-    """Completes parts side by side; one that has ended leaves its lane to others."""
+    """Complete parts side by side; one that has ended leaves its lane to others."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
         # Each number of lanes is compiled once, so there are few: the powers of two.

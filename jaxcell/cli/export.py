@@ -15,7 +15,7 @@ class Export:
     file: tyro.conf.Positional[Path]
     """File to write; its suffix says which format."""
     minimal: bool = False
-    """Merge states that no observation tells apart by colour."""
+    """Merge states that no observation distinguishes by colour."""
 
     def run(self) -> int:
         from .. import automata

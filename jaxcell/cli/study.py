@@ -11,7 +11,7 @@ import tyro
 
 from ..study import Study
 from .options import say_memory, starting, write_text
-from .terminal import note, note_results, say as print_line, status, stdout_on_stderr, telling
+from .terminal import note, note_results, progress, say as print_line, status, stdout_on_stderr
 
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Command:
             with starting():
                 from .. import record
             began = time.perf_counter()
-            with stdout_on_stderr(), telling(self.called) as say:
+            with stdout_on_stderr(), progress(self.called) as say:
                 result = asked.run(say)
                 say("summing up")
                 found = record.summary(result)

@@ -1,12 +1,12 @@
 """The tables of any result in the terminal, from the descriptions of its quantities."""
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
-from .terminal import configuration, table
+from ..base.quantities import Result, columns, is_single, parts, summarized
+from ..base.written import written
+from .terminal import table
 
 
 if TYPE_CHECKING:
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
 
 _MAX_ROWS = 30
-_MAX_TEXT = 60
 # Columns of a table whose meanings are in its head; beyond, their names are.
 _MAX_LONG = 8
 
@@ -90,37 +89,3 @@ def _side_by_side(several: tuple[Result, ...], title: str) -> None:
     table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
     for number, part in enumerate(several):
         _tables(part, f"{title.removesuffix('s')} {number}: ", None)
-
-
-def written(value: Any, about: Quantity, cells: "CellSpace | None" = None) -> str:
-    """A value as people read it, with its unit; a place in some cells with its pose."""
-    if isinstance(value, np.ndarray | list | tuple):
-        every = [written(one, about, cells) for one in np.asarray(value).tolist()]
-        lengths = np.cumsum([len(one) + 2 for one in every])
-        shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
-        rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []
-        return ", ".join(every[:shown] + rest) or "none"
-    if isinstance(value, bool | np.bool_):
-        return "yes" if value else "no"
-    if isinstance(value, str):
-        return value
-    number = float(value)
-    located = about.kind in ("cell", "place", "position")
-    if math.isnan(number) or (located and number < 0):
-        return "none"
-    if about.kind == "place" and cells is not None:
-        x, y, _ = cells.centre(int(number))
-        return f"({float(x):g}, {float(y):g})"
-    if located and cells is not None:
-        return configuration(cells, int(number), heading=about.kind == "cell")
-    if not math.isfinite(number):
-        return "never" if about.kind == "time" else f"{number}"
-    if about.kind in ("share", "distribution"):
-        return f"{round(100 * number, 9):.4g} %"
-    if about.kind == "residual":
-        return f"{number:.1e}"
-    text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
-    unit = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}.get(
-        about.units, f" {about.units}"
-    )
-    return text + unit

@@ -2,7 +2,6 @@
 
 import contextlib
 import ctypes
-import math
 import os
 import shutil
 import sys
@@ -10,14 +9,9 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
-
-
-if TYPE_CHECKING:
-    from ..space import CellSpace
 
 
 # Seconds until the first line and between others, away from a terminal.
@@ -41,72 +35,48 @@ def status(text: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextlib.contextmanager
-def steps(text: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """Show how much of some work is done, and how long the rest will take at the rate so far.
+def progress(text: str) -> Iterator[Callable[..., None]]:
+    """Show what is being done, how much of it, and how long the rest will take at the rate so far.
 
-    Yields a function that takes the number of steps done, and more about them.
+    Yields a function that takes what is being done, how much of how much, and more about it.
     """
-    began, first, done, about = math.nan, None, 0, ""
-
-    def line() -> str:
-        parts = [f"{text}: {done:,} of {total:,}", about]
-        if first is not None and done > first:
-            each = (time.monotonic() - began) / (done - first)
-            parts.append(f"{duration(each * (total - done))} left")
-        return ", ".join(filter(None, parts))
-
-    with status(line()) as change:
-
-        def show(now: int, more: str) -> None:
-            nonlocal began, first, done, about
-            if first is None:
-                began, first = time.monotonic(), now
-            done, about = now, more
-            change(line())
-
-        yield show
-
-
-@contextlib.contextmanager
-def telling(text: str) -> Iterator[Callable[..., None]]:
-    """Show what a study says of its work, and how long the rest will take at the rate so far."""
     with status(text) as change:
-        current, began, first = text, 0.0, 0
+        current, began, first = None, 0.0, 0
 
-        def say(doing: str, done: int = 0, total: int = 0) -> None:
+        def say(doing: str, done: int = 0, total: int = 0, more: str = "") -> None:
             nonlocal current, began, first
             if doing != current:
                 current, began, first = doing, time.monotonic(), done
             if not total:
                 change(doing)
                 return
-            left = ""
+            parts = [f"{doing}: {done:,} of {total:,}", more]
             if done > first:
                 each = (time.monotonic() - began) / (done - first)
-                left = f", {duration(each * (total - done))} left"
-            change(f"{doing}: {done:,} of {total:,}{left}")
+                parts.append(f"{duration(each * (total - done))} left")
+            change(", ".join(filter(None, parts)))
 
         yield say
 
 
 @contextlib.contextmanager
 def _in_lines(line: Callable[[], str]) -> Iterator[None]:
-    """Print how far work is after a moment, and then every minute."""
+    """Print what is being done after a moment, and then every minute."""
     ended, began = threading.Event(), time.monotonic()
 
-    def tell() -> None:
+    def report() -> None:
         wait = _FIRST_LINE
         while not ended.wait(wait):
             wait = _LINES
             note(f"{line()} ... ({duration(time.monotonic() - began)})")
 
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
+    reporter = threading.Thread(target=report, daemon=True)
+    reporter.start()
     try:
         yield
     finally:
         ended.set()
-        teller.join()
+        reporter.join()
 
 
 def duration(seconds: float) -> str:
@@ -148,15 +118,6 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     for row in body:
         grid.add_row(*row)
     Console().print(grid)
-
-
-def configuration(cells: "CellSpace", z: int, heading: bool = True) -> str:
-    """A cell, or a position, as people read it: its number and its pose."""
-    if z < 0:
-        return "none"
-    x, y, theta = cells.centre(z)
-    facing = f", {math.degrees(float(theta)):g}°" if heading else ""
-    return f"{z} ({float(x):g} m, {float(y):g} m{facing})"
 
 
 @contextlib.contextmanager

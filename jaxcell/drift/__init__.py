@@ -32,7 +32,7 @@ edges but for the solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* say in which.
 
-`diagnose` and `group_counts` tell whether groups can be trusted; `simulate_drifters` moves drifters
+`diagnose` and `group_counts` say whether groups can be trusted; `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
 

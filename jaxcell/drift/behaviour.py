@@ -49,7 +49,7 @@ class LongTermBehaviour:
     def probability(self) -> Absorption:
         """The probability of ending in each persistent group, or off the grid.
 
-        It takes a solve and 8 bytes a cell for every group. Its `certificate` tells how good it is.
+        It takes a solve and 8 bytes a cell for every group. Its `certificate` says how good it is.
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
@@ -102,7 +102,7 @@ def long_term_behaviour(
     - `throw`: whether to raise when the absorption times are not good enough, and the probabilities
         and the limiting distribution once they are asked for.
         Not so by default: times from some 10^9 steps on, where an eddy that is no group holds
-        drifters almost for ever, are beyond 64-bit numbers. The `certificate` of each tells.
+        drifters almost for ever, are beyond 64-bit numbers. The `certificate` of each says so.
 
     **Returns:** [`LongTermBehaviour`][]; probabilities and the limiting distribution are computed
     when they are asked for.

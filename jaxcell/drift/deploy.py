@@ -52,7 +52,7 @@ class VisibleDeployment:
 
 
 def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
-    """Chooses where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
+    """Choose where to drop drifters (Alam 2018, section 5.4.4 and Alg. 5.2).
 
     In a persistent group any cell leads to all others; the smallest is taken, where the source
     draws one. The cells of a transient group are gone through from the longest absorption time to
@@ -207,7 +207,7 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
 def visible_deployment(
     water: Water, reach: float | int, groups: PersistentGroups
 ) -> VisibleDeployment:
-    """Chooses where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
+    """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
     it lies wholly within it; nothing is in the way. Distances are those at the cell of the camera.

@@ -85,14 +85,14 @@ def diagnose(
     method: str = "euler",
     steps: int = 1,
 ) -> Diagnosis:
-    """Says how far the persistent groups of a drift map can be trusted.
+    """Say how far the persistent groups of a drift map can be trusted.
 
     **Arguments:**
 
     - `water`, `flow`, `duration`, `start`, `method`, `steps`: those of the map.
     - `groups`: its persistent groups.
 
-    **Returns:** [`Diagnosis`][], whose `warning` is what to tell people.
+    **Returns:** [`Diagnosis`][], whose `warning` is for people.
 
     **Raises:** `ValueError` if the groups are of another map, or as [`jaxcell.drift.flow_map`][].
 

@@ -145,7 +145,7 @@ class Comparison:
     total_variation: Float[np.ndarray, "times"]
     "The share of drifters that the chain has in a wrong cell, 0 to 1."
     sampling: Float[np.ndarray, "times"]
-    "That between two halves of the drifters; where it is as large, more drifters would tell more."
+    "That between two halves of the drifters; where it is as large, more drifters would show more."
     transport: Float[np.ndarray, "times"]
     "How far they are apart in cells: the larger of the Wasserstein distances along x and y."
 
@@ -156,7 +156,7 @@ def compare(
     drifted: Drifters,
     hours: Sequence[float | int] = (1, 12, 24),
 ) -> Comparison:
-    """Compares a drift map with simulated drifters.
+    """Compare a drift map with simulated drifters.
 
     Both begin with the places of release.
 

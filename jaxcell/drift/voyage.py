@@ -134,7 +134,7 @@ def discounted_voyage(
     - `tolerance`: of the error of the values.
     - `throw`: whether to raise when the values or the arrival are not known well enough. Not so by
         default, as in [`jaxcell.drift.long_term_behaviour`][]: where an eddy holds drifters almost
-        for ever, times are beyond 64-bit numbers. `certificate` and `arrival` of the result tell.
+        for ever, times are beyond 64-bit numbers. `certificate` and `arrival` of the result say so.
 
     **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values.
 
@@ -205,7 +205,7 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -
 def simulate_voyages(
     key: jax.Array, voyage: Voyage, start: npt.ArrayLike | int, drifters: int, steps: int
 ) -> Tracks:
-    """Lets drifters go that follow a voyage, each on its own.
+    """Let drifters go that follow a voyage, each on its own.
 
     **Arguments:**
 

@@ -122,7 +122,7 @@ def reaching(
 
 
 def persistent_groups(chain: Chain) -> PersistentGroups:
-    """Finds the persistent groups of a chain: its closed communicating classes.
+    """Find the persistent groups of a chain: its closed communicating classes.
 
     They are the strongly connected components that nothing leaves, neither for another cell nor for
     the sink; all other cells are transient. On the host, in time proportional to the number of

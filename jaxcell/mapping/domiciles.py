@@ -43,7 +43,7 @@ class TransientGroups:
 
 
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
-    """Finds the transient groups of a chain: cells with the same domiciles.
+    """Find the transient groups of a chain: cells with the same domiciles.
 
     Strongly connected cells have the same domiciles, and those of a component are the union of
     those of the components that it leads to. These are numbered backwards from the ends, a whole

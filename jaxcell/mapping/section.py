@@ -14,7 +14,7 @@ class Section:
     """The first-return map of a simple map to a set of its cells that every orbit meets.
 
     Outside the section the map must be one-to-one: no cell is the image of two cells outside it, as
-    on straight runs. Then a slot and a number of mappings to it tell a cell.
+    on straight runs. Then a slot and a number of mappings to it identify a cell.
 
     It is a simple map itself, with far fewer cells and the same cycles. The arrays may be longer
     than the section, so that many sections share one compiled program; `live` marks the slots in

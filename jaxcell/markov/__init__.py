@@ -31,7 +31,7 @@ when what has arrived before is taken away. Of several robots that move independ
 arrived with the product of the probabilities that each has not (section 4.4.6).
 `arrival_probabilities`, `hitting_times`, `conditional_hitting_times`; `first_passage`, `survival`;
 `first_arrival`, `mean_first_arrival`, and `simulate_arrival` by runs (`Distinct` for robots that
-start in different cells).
+start in different cells); `sample_walks` draws a few walks step by step.
 
 **Between all pairs.** An irreducible chain, one with a single group and no transient cells, has a
 hitting time `H_ij` for every pair of cells, and there and back a *commute time* `H_ij + H_ji` (Eq.
@@ -98,3 +98,4 @@ from .shortest_path import (
     stochastic_shortest_path as stochastic_shortest_path,
 )
 from .simulation import Arrivals as Arrivals, simulate_arrival as simulate_arrival
+from .walks import sample_walks as sample_walks

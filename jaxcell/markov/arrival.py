@@ -18,7 +18,7 @@ from .passage import check_steps, start_distribution, survivals
 
 # Steps that are made at once. Most short periods divide it, for a periodic chain to shrink evenly.
 _CHUNK = 240
-_MOST_STEPS = 2**20
+_MAX_STEPS = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Race:
     def survive(
         self, values: list[Float[Array, "cells"]], chunks: int
     ) -> tuple[Float[np.ndarray, "steps"], list[Float[Array, "cells"]]]:
-        """Continues the probability that no robot has arrived.
+        """Continue the probability that no robot has arrived.
 
         **Arguments:**
 
@@ -234,7 +234,7 @@ def mean_first_arrival(
         least, most = _series(block, low), _series(block, high)
         value = total + (least + most) / 2
         residual = (most - least) / 2 / value if value else 0.0
-        if residual <= tolerance or steps >= _MOST_STEPS:
+        if residual <= tolerance or steps >= _MAX_STEPS:
             break
         chunks *= 2
     certificate = Certificate(steps, residual, tolerance)

@@ -16,7 +16,7 @@ from ..mapping.generalized import Chain
 # Sweeps with a fixed policy between two choices of a policy. Of 2 to 40, 5 are the fastest for a
 # drifter that is to come to a goal and 40 where nothing ends; 10 are nearly so for both.
 _SWEEPS = 10
-_MOST_SWEEPS = 100_000
+_MAX_SWEEPS = 100_000
 # Actions whose gains differ by less, as a part of the largest value, are equally good.
 _TIE = 1e-12
 
@@ -133,7 +133,7 @@ def value_iteration(
     *,
     throw: bool = True,
 ) -> Optimum:
-    """Finds the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
+    """Find the best policy of a decision model by value iteration (Alam 2018, Alg. 5.5).
 
     The value is the source's, `V = discount * max_u (r_u + P_u V)`, in which the reward of the
     first step is discounted already. Most texts and programs have `W = max_u (r_u + discount * P_u
@@ -280,7 +280,7 @@ def _iterate(
 
     def going_on(state):  # type: ignore[no-untyped-def]
         (_, _, _, low, high, rounding), sweeps = state
-        return (gap(low, high) > tolerance) & ~rounding & (sweeps < _MOST_SWEEPS)
+        return (gap(low, high) > tolerance) & ~rounding & (sweeps < _MAX_SWEEPS)
 
     def improve(state):  # type: ignore[no-untyped-def]
         (value, policy, *_), sweeps = state

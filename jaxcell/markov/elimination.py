@@ -10,7 +10,7 @@ def eliminate(
     *,
     adjoint: bool = False,
 ) -> Float[np.ndarray, "rows columns"]:
-    """Solves `x = right + Q x`, or `x = right + Q' x`, without a subtraction.
+    """Solve `x = right + Q x`, or `x = right + Q' x`, without a subtraction.
 
     States are taken out one after the other, as Grassmann, Taksar and Heyman (1985) do: what a
     state does not keep is summed from where it goes, not subtracted from 1. So every number has

@@ -201,7 +201,7 @@ def _times(
     what: str,
     throw: bool,
 ) -> Solution:
-    """Fills in the expected numbers of steps until a part of a chain is left."""
+    """Fill in the expected numbers of steps until a part of a chain is left."""
     found, certificate = leaving_times(matrix, inside)
     certificate.check(what, throw)
     # No time is less than 1: what is, is noise about one that is too long for 64-bit numbers.

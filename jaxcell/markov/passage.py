@@ -86,7 +86,7 @@ def survival(
 def survivals(
     chain: Chain, there: Bool[Array, "cells"], value: Float[Array, "cells"], steps: int
 ) -> tuple[Float[Array, "{steps} cells"], Float[Array, "cells"]]:
-    """Continues the probabilities of not having arrived, as a pure function of arrays.
+    """Continue the probabilities of not having arrived, as a pure function of arrays.
 
     **Arguments:**
 

@@ -22,7 +22,7 @@ from .transient import Transient
 _BETTER = 1e-11
 # Actions whose probabilities of arriving differ by less, as a part, arrive equally surely.
 _TIE = 1e-11
-_MOST_ROUNDS = 1000
+_MAX_ROUNDS = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class ShortestPath:
 def stochastic_shortest_path(
     model: DecisionModel, goal: npt.ArrayLike | int, *, throw: bool = True
 ) -> ShortestPath:
-    """Finds the policy that most likely arrives, and of such policies the quickest.
+    """Find the policy that most likely arrives, and of such policies the quickest.
 
     That is the question without a discount, which Alam 2018, section 5.4.7, has one for. Rewards
     do not matter.
@@ -159,7 +159,7 @@ class _Moves:
         usable: Bool[np.ndarray, "actions cells"],
         target: Bool[np.ndarray, "cells"],
     ) -> Int[np.ndarray, "cells"]:
-        """Makes a policy take usable actions that may come nearer to a target, where there are any.
+        """Make a policy take usable actions that may come nearer to a target, where there are any.
 
         Nearer in steps, so that it may arrive from each of those cells.
         """
@@ -211,7 +211,7 @@ def _surest(
     sure: Bool[np.ndarray, "cells"],
     maybe: Bool[np.ndarray, "cells"],
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improves a policy, which may arrive from all cells in `maybe`, to one that does so best."""
+    """Improve a policy, which may arrive from all cells in `maybe`, to one that does so best."""
     value = sure.astype(np.float64)
     rounds, residual = 0, 0.0
     # No class of cells that a better policy never leaves can hold a cell that was changed, for the
@@ -227,7 +227,7 @@ def _surest(
         best = gain.max(axis=0)
         residual = float(np.abs(best - value)[maybe].max())
         change = maybe & (best > value + _BETTER * value)
-        if not change.any() or rounds >= _MOST_ROUNDS:
+        if not change.any() or rounds >= _MAX_ROUNDS:
             break
         policy = np.where(change, gain.argmax(axis=0), policy)
     return value, policy, Certificate(rounds, residual, PROBABILITY_TOLERANCE)
@@ -240,7 +240,7 @@ def _quickest(
     probability: Float[np.ndarray, "cells"],
     there: Bool[np.ndarray, "cells"],
 ) -> tuple[Float[np.ndarray, "cells"], Int[np.ndarray, "cells"], Certificate]:
-    """Improves a policy by actions that keep the probability of arriving.
+    """Improve a policy by actions that keep the probability of arriving.
 
     **Returns:** the expected times over the ways that arrive, the policy, and the part by which it
     could still be quicker.
@@ -257,7 +257,7 @@ def _quickest(
         best = after.min(axis=0)
         residual = max(solved.residual, float((1 - best[inside] / time[inside]).max()))
         change = inside & (best < time * (1 - _BETTER))
-        if not change.any() or rounds >= _MOST_ROUNDS:
+        if not change.any() or rounds >= _MAX_ROUNDS:
             break
         policy = np.where(change, after.argmin(axis=0), policy)
     return time, policy, Certificate(rounds, residual, TIME_TOLERANCE)

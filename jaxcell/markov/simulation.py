@@ -19,7 +19,7 @@ _CHUNK = 16
 # Runs that are made one after the other, while others are made beside them.
 _TURNS = 8
 # Steps are counted in 32 bits.
-_LONGEST = 2**30
+_MAX_STEPS = 2**30
 # Of a normal distribution, 95 % lies within so many standard deviations.
 _NORMAL_95 = 1.959963984540054
 
@@ -58,7 +58,7 @@ def simulate_arrival(
     *,
     horizon: int = 100_000,
 ) -> Arrivals:
-    """Moves robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
+    """Move robots at random until the first of them is in a set of cells (Alam 2018, 4.4.6).
 
     **Arguments:**
 
@@ -85,8 +85,8 @@ def simulate_arrival(
     require_x64("simulate_arrival")
     if runs < 2:
         raise ValueError(f"runs: expected 2 or more, got {runs}")
-    if not 1 <= horizon <= _LONGEST:
-        raise ValueError(f"horizon: expected 1 to {_LONGEST} steps, got {horizon}")
+    if not 1 <= horizon <= _MAX_STEPS:
+        raise ValueError(f"horizon: expected 1 to {_MAX_STEPS} steps, got {horizon}")
     race = Race.of(chains, starts, target)
     lanes = -(-runs // _TURNS)
     placing, walking = jax.random.split(key)
@@ -122,7 +122,7 @@ class _Tables:
 
     @classmethod
     def of(cls, race: Race) -> "_Tables":
-        """Makes the tables of all chains."""
+        """Make the tables of all chains."""
         images, probabilities = [], []
         slots = 1 + max(chain.image.shape[0] for chain in race.chains)
         places = race.there.size + 1
@@ -227,7 +227,7 @@ def _walk(
     cells: Int[Array, "robots turns lanes"],
     horizon: Int[Array, ""],
 ) -> Float[Array, "turns lanes"]:
-    """Walks from the starts until all runs have arrived or are given up.
+    """Walk from the starts until all runs have arrived or are given up.
 
     A lane makes its runs one after the other. That takes fewer steps than all runs side by side,
     which would wait for the longest of them, several times the mean.

@@ -32,7 +32,7 @@ _WORTHWHILE = 400
 _LARGEST_COMPLETE = 500_000
 # A matrix with more rows is not factored at all; products go on instead.
 _LARGEST_FACTOR = 20_000_000
-_MOST_PRODUCTS = 50_000
+_MAX_PRODUCTS = 50_000
 # The probabilities of all ways out of a part sum to 1. Where a factorisation misses that by more,
 # and there are no more rows than so many, the matrix is eliminated.
 _ILL, _LARGEST_ELIMINATION = 1e-8, 2_000
@@ -54,7 +54,7 @@ def solve_transient(
     *,
     adjoint: bool = False,
 ) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """Solves `x = right + Q x`, or `x = right + Q' x`, for a matrix whose powers tend to 0.
+    """Solve `x = right + Q x`, or `x = right + Q' x`, for a matrix whose powers tend to 0.
 
     **Arguments:**
 
@@ -70,7 +70,7 @@ def solve_transient(
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
-    for products in range(1, _MOST_PRODUCTS + 1):
+    for products in range(1, _MAX_PRODUCTS + 1):
         term = matrix @ term
         total += term
         largest = float(term.max())
@@ -111,7 +111,7 @@ def solve_stationary(
     x = 1 / size[group]
     goal = 1e-14 * size.size
     first = 0.0
-    for products in range(1, _MOST_PRODUCTS + 1):
+    for products in range(1, _MAX_PRODUCTS + 1):
         change = matrix @ x - x
         largest = float(np.abs(change).sum())
         first = first or largest
@@ -137,7 +137,7 @@ def solve_stationary(
 def _solve(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
 ) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """Solves `x = right + matrix x` with a factorisation; gives the products it took beside."""
+    """Solve `x = right + matrix x` with a factorisation; give the products it took beside."""
     if matrix.shape[0] > _LARGEST_COMPLETE:
         return _solve_large(matrix, right)
     identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
@@ -179,7 +179,7 @@ def _solve_large(
             if not better or np.abs(left).max() <= _ROUNDING * np.abs(found).max():
                 break
         goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(found).max())
-        while np.abs(left).max() > goal and products < _MOST_PRODUCTS:
+        while np.abs(left).max() > goal and products < _MAX_PRODUCTS:
             found += left
             left = matrix @ left
             products += 1

@@ -14,7 +14,7 @@ class Transient:
     Between branchings a chain goes one certain way, as a robot does between two bumps. Such *runs*
     are taken out first: what is asked of a cell on a run follows from the *branching* cell that the
     run ends in, the first whose image in the part is not certain. Of a bouncing robot's cells one
-    in six is such. Arrays are over the cells of the part, which are told by their places in it.
+    in six is such. Arrays are over the cells of the part, which are named by their places in it.
     """
 
     cells: Int[np.ndarray, "part"]
@@ -32,7 +32,7 @@ class Transient:
 
     @classmethod
     def of(cls, matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "cells"]) -> "Transient":
-        """Takes a part out of a chain.
+        """Take a part out of a chain.
 
         **Arguments:**
 

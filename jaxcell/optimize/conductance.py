@@ -257,7 +257,7 @@ def _interior_point(
 def _inverse(
     design: _Design, unit: float, stiffness: Float[np.ndarray, "edges"]
 ) -> Callable[[Float[np.ndarray, "edges *sides"]], Float[np.ndarray, "edges *sides"]]:
-    """Divides by the Hessian with a stiffness on its diagonal.
+    """Divide by the Hessian with a stiffness on its diagonal.
 
     A large one is factorised in 32 bits, in half the time and memory: a step that is off by a part
     in a thousand is as good, because the next one starts from residuals in 64 bits.

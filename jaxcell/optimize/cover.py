@@ -38,7 +38,7 @@ class MinimumCover:
 
 
 def greedy_cover(sets: Bool[np.ndarray, "sets elements"], choice: int = 0) -> Cover:
-    """Covers all elements, one set after the other (Alam 2018, Alg. 4.3; Chvatal 1979).
+    """Cover all elements, one set after the other (Alam 2018, Alg. 4.3; Chvatal 1979).
 
     Every step ranks the sets by how many elements they would gain, the first of equals first, and
     takes the best one, or with another `choice` the one that comes so many places after it. Where
@@ -95,7 +95,7 @@ def minimum_cover(
     time_limit: float | None = None,
     throw: bool = True,
 ) -> MinimumCover:
-    """Covers all elements with the fewest sets, by a mixed-integer program.
+    """Cover all elements with the fewest sets, by a mixed-integer program.
 
     A yardstick for [`greedy_cover`][]: the time grows exponentially with the number of sets in bad
     cases. It is a fraction of a second for 200 cells of a room. HiGHS, which solves the program,

@@ -16,7 +16,7 @@ from ..base.precision import require_x64
 _TOLERANCE = 1e-6
 # A linear program is kept to as much as HiGHS allows.
 _LP_OPTIONS = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
-_MOST_PROFILES = 10_000
+_MAX_PROFILES = 10_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ def _dobss(
     R: Float[np.ndarray, "types strategies targets"],
     C: Float[np.ndarray, "types strategies targets"],
 ) -> _Found:
-    """Solves for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
+    """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
     eye, ones = scipy.sparse.eye_array, np.ones
     C_of_x = scipy.sparse.csr_array(C.transpose(0, 2, 1).reshape(types * targets, strategies))
@@ -230,10 +230,10 @@ def _multiple_lp(
 ) -> _Found:
     types, _, targets = C.shape
     profiles = targets**types
-    if profiles > _MOST_PROFILES:
+    if profiles > _MAX_PROFILES:
         raise ValueError(
             f"method: {types} types can answer with {targets} targets in {profiles} ways, and "
-            f"'multiple-lp' tries at most {_MOST_PROFILES}; 'dobss' serves"
+            f"'multiple-lp' tries at most {_MAX_PROFILES}; 'dobss' serves"
         )
     best, bound = None, -np.inf
     for profile in itertools.product(range(targets), repeat=types):
@@ -283,7 +283,7 @@ def _commit(
 
 
 def _on_simplex(weights: Float[np.ndarray, "strategies"]) -> Float[np.ndarray, "strategies"]:
-    """Removes the rounding of a solver."""
+    """Remove the rounding of a solver."""
     positive = np.maximum(0.0, weights)
     return positive / positive.sum()
 

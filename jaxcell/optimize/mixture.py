@@ -27,7 +27,7 @@ class Mixture:
 
 
 def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
-    """Minimises `|A x - b|^2` over the `x >= 0` that sum to 1 (Alam 2018, Eq. 3.8).
+    """Minimise `|A x - b|^2` over the `x >= 0` that sum to 1 (Alam 2018, Eq. 3.8).
 
     That is the point of least norm in the convex hull of the columns of `A - b`, and Wolfe's active
     set finds it exactly, in as many steps as columns come and go. Where columns are affinely
@@ -116,7 +116,7 @@ def _minimise_on(
     weights: Float[np.ndarray, "columns"],
     active: Int[np.ndarray, "active"],
 ) -> Float[np.ndarray, "columns"]:
-    """Goes to the nearest point of the affine hull of the active columns.
+    """Go to the nearest point of the affine hull of the active columns.
 
     Where that point is outside their convex hull, drops the column that is left behind first and
     goes on with the others.

@@ -17,14 +17,14 @@ from ..markov import hitting_times
 
 # Of a probability of detection.
 _TOLERANCE = 1e-12
-# Narrower intervals of p cannot be told apart by their bounds.
+# Narrower intervals of p have equal bounds.
 _NARROWEST = 2.0**-44
 
 
 class Movement(enum.Enum):
     """How the robots of a perimeter decide where to go, by the same coin for all in every cycle.
 
-    The source tells them by their initials:
+    The source names them by their initials:
 
         >>> from jaxcell import patrol
         >>> [movement.name for movement in patrol.Movement]
@@ -41,7 +41,7 @@ class Perimeter:
     """Robots on a cycle of segments, at equal distances, that move in step (Agmon et al. 2008).
 
     An attack begins as the robots head clockwise and are about to decide. Because they move in
-    step, the segments between one robot and the next tell the whole perimeter: segment `i` is `i`
+    step, the segments between one robot and the next determine all of them: segment `i` is `i`
     ahead of a robot and `distance - i` behind the next. Segment 0 is that of a robot: the adversary
     enters as the robot leaves, and is detected when a robot is next there. A robot that turns in
     place is in its segment.
@@ -297,7 +297,7 @@ def simulate(
     steps: int,
     key: jax.Array,
 ) -> Float[Array, "runs"]:
-    """Moves the robots until they are in a segment.
+    """Move the robots until they are in a segment.
 
     **Arguments:**
 

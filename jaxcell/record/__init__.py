@@ -21,8 +21,8 @@ people and scripts want. What datasets guarantee:
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
 
-Cells to drop drifters in are also written for other programs, as CSV by `save_deployment_csv` and
-as GeoJSON by `save_deployment_geojson`.
+Cells to drop drifters in are also written for other programs, as CSV or GeoJSON, by
+`save_deployment`.
 
 **Recordings.** `save_recording` and `log_sweep` write a file that opens in the viewer with a layout
 of its own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text
@@ -40,10 +40,7 @@ from typing import TYPE_CHECKING, Any
 
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
-from .drift.files import (
-    save_deployment_csv as save_deployment_csv,
-    save_deployment_geojson as save_deployment_geojson,
-)
+from .drift.files import save_deployment as save_deployment
 from .recordings import save_recording as save_recording
 
 

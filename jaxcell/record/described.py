@@ -1,49 +1,45 @@
 """The recording of a result that has none of its own, from the descriptions of its quantities."""
 
 import math
-import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from ..base.quantities import Quantity, Result, values
 from .canvas.curves import curve_view, log_curve
 from .canvas.map import CellMap
 from .canvas.page import legend_view, log_legend, log_tab
-from .canvas.prose import describe, made_with, table
+from .canvas.prose import describe, made_with, numbers
 from .canvas.scale import Scale
-from .canvas.stream import recording, send_blueprint
-from .data.described import cells_of, summary
+from .canvas.stream import send_blueprint
+from .data.described import cells_of
 
 
 _LEGEND_ROWS = 5
 _ON_A_MAP = ("position",), ("direction", "position")
 
 
-def log_result(
-    result: Result, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
-) -> None:
-    """Write a recording with maps and curves of whatever quantities a result has."""
-    cells = cells_of(result)
-    described = values(result)
-    maps = {name: one for name, one in described.items() if one[0].dims in _ON_A_MAP}
-    curves = {name: one for name, one in described.items() if one[0].dims == ("step",)}
+def log_result(stream: rr.RecordingStream, result: Result, spec: Mapping[str, Any]) -> None:
+    """Log maps and curves of whatever quantities a result has."""
+    cells, quantities = cells_of(result), values(result)
+    maps = {name: one for name, one in quantities.items() if one[0].dims in _ON_A_MAP}
+    curves = {name: one for name, one in quantities.items() if one[0].dims == ("step",)}
     timeline = "step" if curves else "direction"
-    with recording(path, "result") as stream:
-        views: list[rrb.View | rrb.Container] = []
-        if cells is not None:
-            map = CellMap(stream, cells)
-            views += [_log_map(map, name, *one, timeline) for name, one in maps.items()]
-        for name, (about, value) in curves.items():
-            log_curve(stream, f"curves/{name}", np.asarray(value))
-            views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
-        grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
-        place = [describe(cells)] if cells is not None else []
-        text = "\n\n".join([f"# {result.title}", *place, _numbers(result), made_with(spec or {})])
-        tab = log_tab(stream, "", result.title, grid, text, [], timeline=timeline)
-        send_blueprint(stream, tab, timeline, speed=4.0)
+    views: list[rrb.View | rrb.Container] = []
+    if cells is not None:
+        map = CellMap(stream, cells)
+        views += [_log_map(map, name, *one, timeline) for name, one in maps.items()]
+    for name, (about, value) in curves.items():
+        log_curve(stream, f"curves/{name}", np.asarray(value))
+        views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
+    grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
+    place = [describe(cells)] if cells is not None else []
+    text = "\n\n".join([f"# {result.title}", *place, numbers(result), made_with(spec)])
+    tab = log_tab(stream, "", result.title, grid, text, [], timeline=timeline)
+    send_blueprint(stream, [tab], timeline, 4.0)
 
 
 def _log_map(map: CellMap, name: str, about: Quantity, value: Any, timeline: str) -> rrb.Container:
@@ -68,10 +64,3 @@ def _titled(about: Quantity) -> str:
 
 def _unit(about: Quantity) -> str:
     return "" if about.units in (None, "1") else str(about.units)
-
-
-def _numbers(result: Result) -> str:
-    single = {name: one for name, one in values(result).items() if not one[0].dims}
-    plain = summary(result)
-    rows = [(_titled(about), plain[name]) for name, (about, _) in single.items()]
-    return table(("quantity", "value"), rows) if rows else ""

@@ -11,12 +11,12 @@ from ..base.quantities import Result
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
     "BounceGroups": "bounce.groups:log_groups",
-    "CostSummary": "bounce.navigation:log_costliest",
+    "CostSummary": "bounce.navigation:log_navigation",
     "CoveragePolicy": "bounce.coverage:log_coverage",
-    "GraphPatrol": "patrol.graph:log_graph_patrol",
+    "GraphPatrol": "patrol.graph:log_patrol_graph",
     "Localized": "bounce.localization:log_localization",
-    "PatrolledMap": "patrol.map:log_patrolled_map",
-    "Plan": "bounce.navigation:log_plan",
+    "PatrolledMap": "patrol.map:log_patrol_map",
+    "Plan": "bounce.navigation:log_navigation",
     "SeaDrift": "drift.sea:log_drift",
     "TeamTrajectory": "bounce.team:log_team",
 }
@@ -54,8 +54,11 @@ def save_recording(
         ...     path.exists()
         True
     """
+    from .canvas.stream import recording
+
     names = (kind.__name__ for kind in type(result).__mro__)
     family = next((_FAMILIES[name] for name in names if name in _FAMILIES), "described:log_result")
     module, _, function = family.partition(":")
     log = getattr(importlib.import_module(f".{module}", __package__), function)
-    log(result, path, spec=spec or {})
+    with recording(path, function.removeprefix("log_")) as stream:
+        log(stream, result, spec or {})

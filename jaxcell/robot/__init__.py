@@ -7,7 +7,7 @@ back to Passive; and Full, in which nothing does. This package never uses Full. 
 metres, angles in radians counter-clockwise, times in seconds.
 
 **What is guaranteed.** The Open Interface has no timeout: the wheels keep their last speed until
-told otherwise. So a `Create` stops them
+the next command. So a `Create` stops them
 
 - when its `with` block ends, however it ends, by signals too;
 - when a wheel drops, at a cliff or a charger, with a low battery, or outside mode Safe: then

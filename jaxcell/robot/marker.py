@@ -47,7 +47,7 @@ _VARIANCE = 29 / 15  # Of x over the cross, and of y.
 _WINDOW = 31
 _SMALLEST = 96
 _SHORTEST = 48
-_MOST_POINTS = 400
+_MAX_POINTS = 400
 # The bounds of two measures that an affine map leaves alone: area over the root of the determinant
 # of the second moments (10.3 for the cross), and area over that of the convex hull (0.71).
 _COMPACT = (8.5, 11.5)
@@ -80,7 +80,7 @@ class Marker:
 
 
 def find_cross(frame: Frame) -> Marker | None:
-    """Finds the marker, or the one with the highest score if there are several.
+    """Find the marker, or the one with the highest score if there are several.
 
     At the frame's resolution and halves of it, shapes darker than the mean around them are taken
     out. An affine map takes the moments of a shape to those of the cross, and then a homography its
@@ -121,7 +121,7 @@ def find_cross(frame: Frame) -> Marker | None:
 
 
 def draw_cross(side: int) -> UInt8[np.ndarray, "side side"]:
-    """Draws the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
+    """Draw the marker with its sheet, to be printed; a `side` of a multiple of 10 is exact.
 
     **Arguments:**
 
@@ -149,7 +149,7 @@ class CrossLook:
     "Gives a frame of what is before the robot, such as `camera()` or `pictures(folder)`."
 
     def __call__(self, cell: int) -> str | None:
-        """Takes a frame, and reports the marker if it is there.
+        """Take a frame, and report the marker if it is there.
 
         **Raises:** what the source and `find_cross` raise.
         """
@@ -169,7 +169,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
     """The homographies that take what may be a marker to the cross."""
     cv2 = opencv()
     height, width = level.shape
-    # The median of second differences tells the noise (Immerkaer 1996), of which the smoothing
+    # The median of second differences estimates the noise (Immerkaer 1996), of which the smoothing
     # leaves 3/8. What is darker by three deviations is not noise.
     rough = cv2.filter2D(level, cv2.CV_16S, _SECOND_DIFFERENCES)[::4, ::4]
     noise = float(np.median(np.abs(rough))) / (6 * 0.6745)
@@ -187,7 +187,7 @@ def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndar
         affine = _normalizing(outline) if whole else None
         if affine is None:
             continue
-        points = outline[:: 1 + len(outline) // _MOST_POINTS, 0].astype(np.float64)
+        points = outline[:: 1 + len(outline) // _MAX_POINTS, 0].astype(np.float64)
         unit = 1 / math.sqrt(np.linalg.det(affine))
         homography = _fit(_through(affine, points), unit, width)
         if homography is not None:
@@ -215,7 +215,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
     affine[:2, :2] = np.linalg.inv(np.linalg.cholesky(second / area / _VARIANCE))
     centre = np.array([moments["m10"], moments["m01"]]) / area
     affine[:2, 2] = -affine[:2, :2] @ centre
-    # What is left is a rotation, which the fourth moment of the outline tells up to quarter turns.
+    # What is left is a rotation, which the fourth moment of the outline gives up to quarter turns.
     x, y = _through(affine, outline[:, 0].astype(np.float64)).T
     angle = np.angle(np.sum((x + 1j * y) ** 4)) / 4
     cos, sin = math.cos(angle), math.sin(angle)
@@ -323,7 +323,7 @@ def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> M
     back = np.linalg.inv(homography)
     back /= back[2, 2]
     centre = back[:2, 2]
-    # The derivative at the centre; its polar decomposition tells the rotation.
+    # The derivative at the centre; its polar decomposition gives the rotation.
     slope = back[:2, :2] - np.outer(centre, back[2, :2])
     turned = math.atan2(slope[1, 0] - slope[0, 1], slope[0, 0] + slope[1, 1])
     arm = 3 * scale * math.sqrt(np.linalg.det(slope))

@@ -117,7 +117,7 @@ class Patrol:
         return None
 
     def observe(self, way: int, bumped: bool) -> None:
-        """Tells what the step met."""
+        """Report what the step met."""
         self.observations += str(int(bumped))
         self.facing = way
         if not bumped:
@@ -131,7 +131,7 @@ class Patrol:
             self.goal = None
 
     def report(self, intruder: Any) -> None:
-        """Tells that an intruder was seen."""
+        """Report that an intruder was seen."""
         self._intruder = intruder
 
     @property
@@ -145,7 +145,7 @@ class Patrol:
         return "unfinished" if len(self.observations) >= self._limit else None
 
     def _draw(self) -> None:
-        """Draws the next cell, among those that can be reached."""
+        """Draw the next cell, among those that can be reached."""
         image, probability = self._task.image[:, self._at], self._task.probability[:, self._at]
         reached = wave(self._ways, self.position)[image] >= 0
         weight = np.cumsum(np.where(reached, probability, 0.0))
@@ -190,7 +190,7 @@ def run_patrol(
     look: Callable[[int], Any] | None = None,
     log: RunLog | None = None,
 ) -> PatrolOutcome:
-    """Lets a robot patrol the cells of a map (Alam 2018, section 4.5.7).
+    """Let a robot patrol the cells of a map (Alam 2018, section 4.5.7).
 
     **Arguments:**
 
@@ -247,7 +247,7 @@ def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None)
 
 
 def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
-    """Gives a patrol what a robot sensed and saw in a logged run.
+    """Give a patrol what a robot sensed and saw in a logged run.
 
     **Arguments:**
 

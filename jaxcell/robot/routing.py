@@ -44,7 +44,7 @@ def grid_steps(
 
 
 def close(steps: Int[np.ndarray, "4 positions"], position: int, way: int) -> None:
-    """Closes a way and its way back, in place."""
+    """Close a way and its way back, in place."""
     there = int(steps[way, position])
     if there != position:
         steps[way, position], steps[(way + 2) % 4, there] = position, there

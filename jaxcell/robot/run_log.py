@@ -24,7 +24,7 @@ _VERSION = 1
 class RunLog:
     """The log of a run: a JSON object a line, each on the disk before the robot goes on.
 
-    The first line tells what was run; each of the others is an event, with the seconds since then.
+    The first line says what was run; each of the others is an event, with the seconds since then.
     A context manager.
 
     A log of one event, read back:
@@ -56,14 +56,14 @@ class RunLog:
         self._write({"format": _FORMAT, "version": _VERSION, **header})
 
     def event(self, name: str, **fields: Any) -> None:
-        """Writes an event."""
+        """Write an event."""
         seconds = round(time.monotonic() - self._began, 3)
         self._write({"event": name, "seconds": seconds, **fields})
         if self.on_event is not None:
             self.on_event(name, {"seconds": seconds, **fields})
 
     def observation(self, walker: Walker, **fields: Any) -> None:
-        """Writes what a robot has sensed last, and where it takes itself to be."""
+        """Write what a robot has sensed last, and where it takes itself to be."""
         self.event(
             "observation",
             observation=int(walker.observations[-1]),
@@ -140,14 +140,14 @@ def stopped(outcome: _O, run: LoggedRun) -> _O:
 
 
 def finished(outcome: RunOutcome, log: RunLog | None) -> RunOutcome:
-    """Writes how a run ended, and returns it."""
+    """Write how a run ended, and return it."""
     if log is not None:
         log.event("end", result=outcome.result, reason=outcome.reason)
     return outcome
 
 
 def read_log(path: str | os.PathLike[str]) -> LoggedRun:
-    """Reads the log of a run, of one that was cut off too.
+    """Read the log of a run, of one that was cut off too.
 
     **Arguments:**
 

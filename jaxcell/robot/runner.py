@@ -10,7 +10,7 @@ from .walker import Walker
 def run_filter(
     walker: Walker, filter: Filter, bounce: float, *, log: RunLog | None = None, limit: int = 10_000
 ) -> RunOutcome:
-    """Lets a robot bounce until a filter knows where it is, or that it cannot be in the map.
+    """Let a robot bounce until a filter knows where it is, or that it cannot be in the map.
 
     At each bump the robot turns by the bouncing angle (Alam 2018, section 2.4).
 
@@ -58,7 +58,7 @@ def run_filter(
 def run_plan(
     walker: Walker, actions: Sequence[float | int], *, log: RunLog | None = None
 ) -> RunOutcome:
-    """Lets a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
+    """Let a robot follow the action string of a navigation plan (Alam 2018, section 3.4.1).
 
     **Arguments:**
 
@@ -127,7 +127,7 @@ def plan_outcome(actions: Sequence[float | int], observations: str) -> RunOutcom
 
 
 def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
-    """Gives a filter what a robot sensed in a logged run.
+    """Give a filter what a robot sensed in a logged run.
 
     **Arguments:**
 
@@ -174,7 +174,7 @@ class _Follower:
         self._filter, self._state = filter, filter.start()
 
     def observe(self, observation: int) -> None:
-        """Takes the next observation, 0 or 1."""
+        """Take the next observation, 0 or 1."""
         self.observations += str(observation)
         if self._filter.transition[self._state.index, observation] < 0:
             self.result = "refuted"

@@ -98,12 +98,12 @@ def save_team(
     bounces: Sequence[float],
     actions: Sequence[str],
 ) -> None:
-    """Writes what the robots of a team do, for [`jaxcell.robot.load_task`][].
+    """Write what the robots of a team do, for [`jaxcell.robot.load_task`][].
 
     **Arguments:**
 
     - `path`: the file, which is replaced.
-    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be told.
+    - `common`: `cell_m`, `directions`, `step_m`, `robot_radius_m`, and what else is to be kept.
     - `starts`: the pose of each robot, in metres and radians.
     - `bounces`: the bouncing angle of each, in radians.
     - `actions`: the actions of each, of [`member_actions`][].
@@ -178,11 +178,11 @@ class Member:
         return self._bumps > 0
 
     def turn(self) -> None:
-        """Tells that an action without a step is done."""
+        """Report that an action without a step is done."""
         self.index += 1
 
     def observe(self, bumped: bool) -> None:
-        """Tells what the step of the action met."""
+        """Report what the step of the action met."""
         self.observations += str(int(bumped))
         if bumped == (self.action == WALL):
             self.index, self._bumps = self.index + 1, 0
@@ -193,7 +193,7 @@ class Member:
             self._refuted = "no wall"
 
     def replay(self, observations: str) -> None:
-        """Takes all that was observed in a run."""
+        """Take all that was observed in a run."""
         for observation in observations:
             while self.action in (ROBOT, LEFT, RIGHT):
                 self.turn()
@@ -230,7 +230,7 @@ def run_member(
     pause: float = 2.0,
     sleep: Callable[[float], object] = time.sleep,
 ) -> RunOutcome:
-    """Lets a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
+    """Let a robot do its part in a joint trajectory (Alam 2018, Alg. 3.4).
 
     The robots neither see each other nor share a clock, so they come a little early or late to
     where the trajectory has two of them meet. There each stays for one step and turns, as the

@@ -17,10 +17,10 @@ class Drivable(Protocol):
     """What a walker needs of a robot, such as a [`Create`][jaxcell.robot.create.motion.Create]."""
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Goes straight, back if negative; forward it stops when the bumper is pressed."""
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turns in place, by radians counter-clockwise."""
+        """Turn in place, by radians counter-clockwise."""
 
 
 def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
@@ -61,9 +61,9 @@ class Walker:
     that it came from. A wall on the way to the centre counts as one in the way of the step.
 
     To know where the centre is takes the heading, as from a compass, or from how the robot was put
-    down. The filter is not told. Without `strides` the walker needs none and takes every step to be
-    of one length, which is the model's where all headings are along the axes, and an approximation
-    otherwise.
+    down; the filter does not know it. Without `strides` the walker needs none and takes every step
+    to be of one length, which is the model's where all headings are along the axes, and an
+    approximation otherwise.
 
     Each target is a place in the frame of the odometry: what a step misses is made good in the
     next. What the encoders do not see (slip) is not.
@@ -141,7 +141,7 @@ class Walker:
         return abs(self._at - self._centre)
 
     def step(self) -> bool:
-        """Takes a step, and tells whether it was a bump: then the robot is where it was."""
+        """Take a step; return whether it was a bump: then the robot is where it was."""
         ahead = cmath.rect(1.0, self._heading)
         end = self._centre + self._step * ahead
         targets = [end]
@@ -168,7 +168,7 @@ class Walker:
         return bumped
 
     def rotate(self, angle: float) -> None:
-        """Turns the heading by an angle in radians, counter-clockwise.
+        """Turn the heading by an angle in radians, counter-clockwise.
 
         **Raises:** `ValueError` if the heading is known and the angle is no whole number of
         directions.
@@ -186,7 +186,7 @@ class Walker:
         self._face(self._heading)
 
     def _go(self, target: complex, *, back: bool = False) -> bool:
-        """Drives to a place, and tells whether something was in the way."""
+        """Drive to a place; return whether something was in the way."""
         way = target - self._at
         if abs(way) < self._tolerance:
             return False
@@ -203,7 +203,7 @@ class Walker:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
 
     def _count(self, moved: Moved) -> bool:
-        """Takes note of a motion, and tells whether a bump ended it."""
+        """Take note of a motion; return whether a bump ended it."""
         self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
         self._facing += moved.angle
         return moved.bumped

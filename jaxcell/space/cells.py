@@ -70,7 +70,7 @@ class CellSpace:
 
     @classmethod
     def of(cls, workspace: Workspace, cell: float, directions: int) -> "CellSpace":
-        """Cuts the free space of a map into cells.
+        """Cut the free space of a map into cells.
 
         **Arguments:**
 
@@ -102,7 +102,7 @@ class CellSpace:
         directions: int | None = None,
         robot_radius: float | None = None,
     ) -> "CellSpace":
-        """Reads a map file and cuts its free space into cells, by default as the map suggests.
+        """Read a map file and cut its free space into cells, by default as the map suggests.
 
         **Arguments:**
 

@@ -38,7 +38,7 @@ def moves(extent: Extent, step: float | None, collision: str) -> float | int:
 
 
 def groups(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the periodic groups, told on the section of bumps; [`moves`][] are among them."""
+    """Bytes of the periodic groups, found on the section of bumps; [`moves`][] are among them."""
     ways, _, _ = extent.steps(step, collision)
     section = 40 * extent.bumps(step)
     return moves(extent, step, collision) + 35 * ways * extent.positions + section
@@ -96,7 +96,7 @@ def walk(vertices: int, edges: int, weighted: bool) -> float | int:
 
 
 def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:
-    """Refuses a study that takes more memory than is free.
+    """Refuse a study that takes more memory than is free.
 
     **Arguments:**
 

@@ -11,9 +11,9 @@ from .workspace import Workspace, edges
 
 
 # With more directions, steps of a few squares do nothing new.
-_MOST_DIRECTIONS = 3600
+_MAX_DIRECTIONS = 3600
 # Stencils that cross more squares take long to list.
-_MOST_CROSSED = 50_000
+_MAX_CROSSED = 50_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Extent:
 
         **Arguments:** as for [`CellSpace.of`][].
 
-        **Returns:** the extent, or `None` where `CellSpace.of` tells why there is no such space.
+        **Returns:** the extent, or `None` where `CellSpace.of` says why there is no such space.
 
         A room of 4 x 2 m has 800 cells of 0.1 m, whatever the number of directions:
 
@@ -104,9 +104,9 @@ class Extent:
         **Arguments:** as for [`jaxcell.bounce.moves`][].
         """
         length = 1.0 if step is None else min(step / self.cell, 1e9)
-        directions = min(self.directions, _MOST_DIRECTIONS)
+        directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
-        if self.gridded and collision == "swept" and length * directions > _MOST_CROSSED:
+        if self.gridded and collision == "swept" and length * directions > _MAX_CROSSED:
             ends = stencil(directions, length, "endpoint", grid)
             inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
             ways = int(np.count_nonzero(inside)) + (not inside.all())

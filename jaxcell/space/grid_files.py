@@ -36,7 +36,7 @@ class _Loader(yaml.BaseLoader):
 
 
 def parse_ascii(text: str) -> dict[str, Any]:
-    """Reads an ASCII grid.
+    """Read an ASCII grid.
 
     ```text
     ; name a corridor
@@ -135,7 +135,7 @@ def format_ascii(
 
 
 def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
-    """Reads the YAML file of a ROS map_server map, and its image.
+    """Read the YAML file of a ROS map_server map, and its image.
 
     `image`, `resolution` (m a pixel), `origin` (x, y and yaw of the lower left corner; the yaw must
     be 0), `negate`, `occupied_thresh` and `free_thresh` are required. `mode` may be given as
@@ -154,7 +154,7 @@ def parse_map_server(text: str, folder: Path) -> dict[str, Any]:
     **Raises:**
 
     `ValueError` that names the field; also for an image that is missing, broken, or over Pillow's
-    limit of size (about 9 * 10^7 pixels), which is told before it is decoded.
+    limit of size (about 9 * 10^7 pixels), which is known before it is decoded.
     """
     try:
         # All scalars as text: YAML 1.1 has it that 5e-2 is not a number and that `no` is one.

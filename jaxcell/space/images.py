@@ -7,7 +7,7 @@ from PIL import Image
 
 
 def read_image(content: bytes, formats: tuple[str, ...] | None = None) -> Image.Image:
-    """Decodes a picture.
+    """Decode a picture.
 
     **Arguments:**
 

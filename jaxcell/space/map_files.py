@@ -55,7 +55,7 @@ _UNITS = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000)}
 
 
 def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Reads a map file of any format.
+    """Read a map file of any format.
 
     **Arguments:**
 
@@ -93,7 +93,7 @@ def write_map(
     fields: Mapping[str, Any],
     environment: shapely.Polygon | shapely.MultiPolygon,
 ) -> None:
-    """Writes a map file in the format of its suffix; see `Workspace.save`.
+    """Write a map file in the format of its suffix; see `Workspace.save`.
 
     **Arguments:**
 
@@ -122,7 +122,7 @@ def write_map(
 
 
 def parse_json(text: str) -> dict[str, Any]:
-    """Reads a map in our own format.
+    """Read a map in our own format.
 
     **Arguments:**
 

@@ -20,7 +20,7 @@ MOST_SQUARES = 2**30
 def blocked_rings(
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> list[Int[np.ndarray, "_ 2"]]:
-    """Cuts the blocked squares of a grid into simple polygons that do not overlap.
+    """Cut the blocked squares of a grid into simple polygons that do not overlap.
 
     An obstacle is one ring and so cannot hold free squares inside it. The squares are therefore cut
     as in a boustrophedon decomposition: a run of blocked squares in a row continues the polygon of

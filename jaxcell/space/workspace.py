@@ -173,7 +173,7 @@ class Workspace:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
-        """Reads a map file; see `jaxcell.space.map_files` for the formats.
+        """Read a map file; see `jaxcell.space.map_files` for the formats.
 
         **Arguments:**
 
@@ -192,7 +192,7 @@ class Workspace:
             raise ValueError(f"{os.fspath(path)}: {error}") from error
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a map file in the format of its suffix; no reader ever sees half a file.
+        """Write a map file in the format of its suffix; no reader ever sees half a file.
 
         A `.json` file keeps everything. A grid keeps for each square of side `cell` whether its
         centre is free, and a map_server file has no place for the name, the radius and the number
@@ -282,7 +282,7 @@ def _check_polygons(
     boundary: Float[np.ndarray, "vertices 2"],
     obstacles: tuple[Float[np.ndarray, "_ 2"], ...],
 ) -> None:
-    """Refuses polygons without area, those that meet themselves, and obstacles outside."""
+    """Refuse polygons without area, those that meet themselves, and obstacles outside."""
     fields = ["boundary", *(f"obstacles[{i}]" for i in range(len(obstacles)))]
     shapes = np.array([shapely.Polygon(ring) for ring in (boundary, *obstacles)])
 

@@ -73,12 +73,7 @@ class Cover(MapStudy):
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..verify import compare_coverage
 
+        error = math.radians(self.error)
         return compare_coverage(
-            result.cells,
-            result,
-            result.bounce,
-            math.radians(self.error),
-            self.reliability,
-            weights=self.weights,
-            **self.motion,
+            result, error, self.reliability, weights=self.weights, **self.motion
         )

@@ -114,8 +114,8 @@ class Drift(Study):
     def write(self, result: "SeaDrift", out: Path) -> None:
         from .. import record
 
-        record.save_deployment_csv(result, out / "deployment.csv")
-        record.save_deployment_geojson(result, out / "deployment.geojson")
+        record.save_deployment(result, out / "deployment.csv")
+        record.save_deployment(result, out / "deployment.geojson")
 
     def verify(self, result: "SeaDrift") -> "Sequence[Comparison]":
         from ..verify import compare_drift

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from ..space import CellSpace
 
 
-_MOST_VALUES = 100_000_000
+_MAX_VALUES = 100_000_000
 _LARGEST_COORDINATE = 1e9
 
 
@@ -72,8 +72,8 @@ def _variable(cells: "CellSpace", path: Path, variable: str) -> Float[np.ndarray
             names = ", ".join(map(str, file.dataset.data_vars)) or "no variables"
             raise ValueError(f"expected a variable of the file, which holds {names}")
         array = file.dataset[variable]
-        if array.size > _MOST_VALUES:
-            raise ValueError(f"it has {array.size:,} values; expected at most {_MOST_VALUES:,}")
+        if array.size > _MAX_VALUES:
+            raise ValueError(f"it has {array.size:,} values; expected at most {_MAX_VALUES:,}")
         array = array.copy(data=file.read(array))
     if array.dims == ("position",):
         return np.asarray(array, float)

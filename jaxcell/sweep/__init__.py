@@ -27,8 +27,8 @@ place in the batch, nor on the others there.
 
 `run_sweep` computes the chunks by an engine (`engine_named`: this process, several, or Dask), and
 `open_sweep` gives the result: one Dataset with a dimension for each parameter, and a `status` that
-is 1 where a member is done. `sweep_status` says how far a sweep is, also while it runs. What they
-guarantee:
+is 1 where a member is done. `sweep_status` gives the progress of a sweep, also while it runs. What
+they guarantee:
 
 - A chunk is in the store whole or not at all. A run may end at any moment, by a kill or a loss of
     power, and with `resume` another one computes what is missing and no more.
@@ -36,7 +36,7 @@ guarantee:
     order in which chunks end, or interruptions. The bytes of the store are the same. A store that
     was begun with another specification, another version of jaxcell or JAX, another module of the
     task, or other contents of the files that parameters name, is refused. (`anyway` goes on, and
-    the attribute `resumed_anyway` of the result tells with what.)
+    the attribute `resumed_anyway` of the result says with what.)
 - A sweep grows: a specification with all members of the one in the store, and others anywhere among
     them, keeps what is done, and the result is that of a run of the larger one from the start.
 - Every file of the result has a checksum, and every chunk that is done has all its files.
@@ -50,7 +50,7 @@ guarantee:
 - Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
     halves of one that failed have others. Only a few chunks are in memory at a time.
 - Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
-    or else to the current one; the store remembers where that folder is. Workers are told whole
+    or else to the current one; the store remembers where that folder is. Workers are given whole
     paths. A task of your own is given what the specification says.
 
 Nothing here imports JAX; the tasks do.

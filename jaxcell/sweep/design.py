@@ -15,13 +15,13 @@ RANDOM_DIMENSION = "sample"
 
 # `status` is a variable of every result; xarray would mistake a parameter of that name for it.
 _RESERVED = (LIST_DIMENSION, RANDOM_DIMENSION, "status")
-_MOST_VALUES = 10_000_000
+_MAX_VALUES = 10_000_000
 # So that the difference of two is finite too.
 _LARGEST = 1e300
 # A range ends before its stop, where rounding may have left the last value an ulp too small.
 _STEP_TOLERANCE = 1e-9
-_MOST_LISTED = 6
-_LONGEST = 60
+_MAX_LISTED = 6
+_MAX_LETTERS = 60
 _KIND_NAMES = {"i": "integers", "f": "floats", "b": "booleans", "U": "strings"}
 _TABLE_OF = {LIST_DIMENSION: "[list]", RANDOM_DIMENSION: "[random]"}
 
@@ -72,8 +72,8 @@ def read_parameters(
         if parameter.dimension == LIST_DIMENSION
     }
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise ValueError(f"[list]: expected lists of one length, got {told}")
+        given = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise ValueError(f"[list]: expected lists of one length, got {given}")
     if random:
         parameters += _read_random(random, seed)
     for parameter in parameters:
@@ -88,7 +88,7 @@ def read_parameters(
 
 
 def check_name(name: str) -> None:
-    """Raises `ValueError` if a parameter cannot have this name."""
+    """Raise `ValueError` if a parameter cannot have this name."""
     if not name.isidentifier() or name in _RESERVED:
         reserved = ", ".join(_RESERVED)
         raise ValueError(
@@ -110,12 +110,12 @@ def parameter_difference(there: Parameter | None, here: Parameter | None) -> str
     old, new = there.values.tolist(), here.values.tolist()
     if old == new:
         return None
-    told = f"{_values(len(old))} there, {len(new)} here"
+    counts = f"{_values(len(old))} there, {len(new)} here"
     parts = {"new": Counter(new) - Counter(old), "missing": Counter(old) - Counter(new)}
     if not any(parts.values()):
-        return f"{told}; in another order"
+        return f"{counts}; in another order"
     listed = [f"{name}: {_listed([*some.elements()])}" for name, some in parts.items() if some]
-    return "; ".join([told, ", ".join(listed)])
+    return "; ".join([counts, ", ".join(listed)])
 
 
 def _values(count: int) -> str:
@@ -125,11 +125,12 @@ def _values(count: int) -> str:
 def _listed(values: Sequence[Any]) -> str:
     """A few of many values."""
     texts = [
-        text if len(text) <= _LONGEST else text[:_LONGEST] + "..." for text in map(str, values)
+        text if len(text) <= _MAX_LETTERS else text[:_MAX_LETTERS] + "..."
+        for text in map(str, values)
     ]
-    if len(texts) <= _MOST_LISTED:
+    if len(texts) <= _MAX_LISTED:
         return ", ".join(texts)
-    return f"{', '.join(texts[: _MOST_LISTED - 2])}, ..., {texts[-1]}"
+    return f"{', '.join(texts[: _MAX_LISTED - 2])}, ..., {texts[-1]}"
 
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
@@ -154,7 +155,7 @@ def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
 
 def _grid_values(given: Any) -> np.ndarray:
     values = _range_values(given) if isinstance(given, Mapping) else _list_values(given)
-    # A dimension is told by its values; with one twice, `sel` would find two places.
+    # A dimension is identified by its values; with one twice, `sel` would find two places.
     ordered = np.sort(values)
     if (ordered[1:] == ordered[:-1]).any():
         raise ValueError(f"expected different values, got {reprlib.repr(values.tolist())}")
@@ -195,8 +196,8 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
         return np.linspace(float(start), float(stop), _count("num", given["num"]))
     step = given["step"]
     parts = (stop - start) / step if step else 0
-    if parts > _MOST_VALUES:
-        raise ValueError(f"the number of values: expected at most {_MOST_VALUES}, got {parts:g}")
+    if parts > _MAX_VALUES:
+        raise ValueError(f"the number of values: expected at most {_MAX_VALUES}, got {parts:g}")
     count = math.ceil(max(parts, 0) - _STEP_TOLERANCE)
     if count < 1:
         raise ValueError(f"no value lies from {start} up to {stop} in steps of {step}")
@@ -207,9 +208,9 @@ def _range_values(given: Mapping[str, Any]) -> np.ndarray:
 
 
 def _count(field: str, given: Any) -> int:
-    if not _whole(given) or not 0 < given <= _MOST_VALUES:
+    if not _whole(given) or not 0 < given <= _MAX_VALUES:
         raise ValueError(
-            f"{field}: expected a number from 1 to {_MOST_VALUES}, got {reprlib.repr(given)}"
+            f"{field}: expected a number from 1 to {_MAX_VALUES}, got {reprlib.repr(given)}"
         )
     return given
 

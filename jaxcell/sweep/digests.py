@@ -1,4 +1,4 @@
-"""What members read beside their specification, told by its content."""
+"""What members read beside their specification, identified by its content."""
 
 import hashlib
 import importlib.util
@@ -21,7 +21,7 @@ def digests(spec: Spec) -> dict[str, str]:
 
     These are the files that a parameter or a fixed value names, where there is one; the images of
     such files in the format of map_server; and the module of a task that is none of ours, under the
-    name of the task. What that module imports is not looked at.
+    name of the task. What that module imports is not checked.
     """
     found = {}
     for text in sorted(set(_texts(spec))):

@@ -35,7 +35,7 @@ def read_report(folder: Path, number: int) -> list[Failure]:
 
 
 def write_report(folder: Path, number: int, failures: Sequence[Failure]) -> None:
-    """Writes down which members of a chunk failed."""
+    """Write down which members of a chunk failed."""
     path = _file(folder, number)
     path.parent.mkdir(exist_ok=True)
     with replacing(path) as temporary:
@@ -44,7 +44,7 @@ def write_report(folder: Path, number: int, failures: Sequence[Failure]) -> None
 
 
 def remove_report(folder: Path, number: int) -> None:
-    """Removes the report of a chunk, if it has one."""
+    """Remove the report of a chunk, if it has one."""
     _file(folder, number).unlink(missing_ok=True)
 
 

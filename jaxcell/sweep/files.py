@@ -23,10 +23,10 @@ def find_file(spec: Spec, name: str) -> Path | None:
 
 
 def keep_folder(out: Path, spec: Spec) -> None:
-    """Keeps in a store where the files start that its specification names.
+    """Keep in a store where the files start that its specification names.
 
-    This is told from the store, so that both can be moved together; where they have no folder in
-    common, from the current folder.
+    The path is relative to the store, so that both can be moved together; where they have no
+    folder in common, to the current folder.
     """
     there, here = spec.folder.resolve(), out.resolve()
     near = len(os.path.commonpath((there, here))) > 1
@@ -37,7 +37,7 @@ def keep_folder(out: Path, spec: Spec) -> None:
 
 
 def kept_spec(out: Path) -> Spec:
-    """Reads the specification of a sweep from its store.
+    """Read the specification of a sweep from its store.
 
     **Raises:** `ValueError` if there is none, or it is damaged.
     """

@@ -35,14 +35,14 @@ _SIGNATURE = "attributes_sha256"
 
 
 def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[str, Any]) -> None:
-    """Makes a result with nothing in it.
+    """Make a result with nothing in it.
 
     **Arguments:**
 
     - `folder`: where; there is nothing yet.
     - `spec`: the specification of the sweep.
     - `first`: what the task gave for one of the chunks.
-    - `attributes`: of the result, beside those that tell the specification.
+    - `attributes`: of the result, beside those that give the specification.
     """
     own = signed({**described(spec), **attributes})
     group = zarr.create_group(folder, zarr_format=3, attributes=own)
@@ -86,7 +86,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
 
 
 def described(spec: Spec) -> dict[str, Any]:
-    """The attributes of a result that tell its specification."""
+    """The attributes of a result that give its specification."""
     attributes: dict[str, Any] = {
         "title": f"Sweep of {spec.task}",
         "source": "jaxcell",
@@ -127,7 +127,7 @@ def variables_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> dict[str, tupl
 
 
 def check_fits(spec: Spec, arrays: Mapping[str, zarr.Array], computed: Computed) -> None:
-    """Raises `ValueError` if a chunk has not the variables of the chunk that was done first."""
+    """Raise `ValueError` if a chunk has not the variables of the chunk that was done first."""
     own = {*spec.dimensions, "status", *(one.name for one in spec.parameters)}
     given = {**computed.variables, **computed.coordinates}
     if set(given) != set(arrays) - own:
@@ -204,7 +204,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
 
 
 def write_attributes(folder: Path, attributes: Mapping[str, Any]) -> None:
-    """Puts others in the place of the attributes of a result."""
+    """Put others in the place of the attributes of a result."""
     path = folder / "zarr.json"
     document = {**json.loads(path.read_bytes()), "attributes": signed(attributes)}
     with replacing(path) as temporary:

@@ -30,14 +30,14 @@ def grow(
     places: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any],
 ) -> None:
-    """Makes a store one of a larger specification; chunks that are damaged are to do there.
+    """Make a store one of a larger specification; chunks that are damaged are to do there.
 
     **Arguments:**
 
     - `old`: the store; nobody else writes there.
     - `spec`: the larger specification.
     - `places`: where its members are in the store, by `Spec.places_in`.
-    - `attributes`: of the larger result, beside those that tell its specification.
+    - `attributes`: of the larger result, beside those that give its specification.
     """
     temporary = old.folder / f".sweep-{secrets.token_hex(4)}"
     temporary.mkdir()
@@ -57,7 +57,7 @@ def grow(
 
 
 def finish_growth(folder: Path) -> None:
-    """Puts a larger store in place, if one was made."""
+    """Put a larger store in place, if one was made."""
     grown = folder / "grown"
     if not grown.is_dir():
         return
@@ -66,7 +66,7 @@ def finish_growth(folder: Path) -> None:
             os.replace(folder / "sweep.zarr", grown / "smaller.zarr")
         os.replace(grown / "sweep.zarr", folder / "sweep.zarr")
     if (grown / "spec.toml").exists():
-        # Failures are told by the numbers of chunks, which are others now.
+        # Failures are filed by the numbers of chunks, which are others now.
         shutil.rmtree(folder / "failures", ignore_errors=True)
         os.replace(grown / "spec.toml", folder / "spec.toml")
     shutil.rmtree(grown)
@@ -96,7 +96,7 @@ def _frame(old: "SweepStore") -> Computed:
 def _copy(
     old: "SweepStore", arrays: Mapping[str, zarr.Array], chunk: Chunk, places: list[np.ndarray]
 ) -> None:
-    """Copies the members of a chunk of the larger store that are done in the smaller one."""
+    """Copy the members of a chunk of the larger store that are done in the smaller one."""
     sources = [place[part] for place, part in zip(places, chunk.region, strict=True)]
     inside = tuple(np.flatnonzero(source >= 0) for source in sources)
     if not all(one.size for one in inside):

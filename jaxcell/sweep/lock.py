@@ -14,7 +14,7 @@ _PATIENCE = 0.5
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Holds a lock on a file, made if need be, which tells who holds it.
+    """Hold a lock on a file, made if need be, which says who holds it.
 
     The system lets go of it when the process ends, however it ends.
 
@@ -25,7 +25,7 @@ def locked(path: Path) -> Iterator[None]:
         limit = time.monotonic() + _PATIENCE
         while not _taken(file.fileno(), fcntl.LOCK_EX):
             if time.monotonic() > limit:
-                raise BlockingIOError(f"{path.parent}: {_told(path)} is at work on it")
+                raise BlockingIOError(f"{path.parent}: {_holder_named(path)} is at work on it")
             time.sleep(0.02)
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
@@ -42,7 +42,7 @@ def holder(path: Path) -> str | None:
     if not path.exists():
         return None
     with open(path, encoding="utf-8") as file:
-        return None if _taken(file.fileno(), fcntl.LOCK_SH) else _told(path)
+        return None if _taken(file.fileno(), fcntl.LOCK_SH) else _holder_named(path)
 
 
 def _taken(descriptor: int, kind: int) -> bool:
@@ -53,5 +53,5 @@ def _taken(descriptor: int, kind: int) -> bool:
     return True
 
 
-def _told(path: Path) -> str:
+def _holder_named(path: Path) -> str:
     return path.read_text(encoding="utf-8").strip() or "another process"

@@ -1,4 +1,4 @@
-"""What is damaged in the store of a sweep: found, and computed again."""
+"""Find what is damaged in the store of a sweep, and compute it again."""
 
 import contextlib
 import dataclasses
@@ -39,13 +39,13 @@ class Verified:
     """What was damaged in a sweep."""
 
     chunks: int
-    "Chunks that were looked at."
+    "Chunks that were checked."
     damaged: tuple[str, ...]
     "A line for each chunk that is damaged, and for each file that belongs to no chunk."
     recomputed: int
     "How many of these are whole again."
     status: SweepStatus
-    "How far the sweep is now."
+    "The progress of the sweep after that."
 
     @property
     def whole(self) -> bool:
@@ -60,7 +60,7 @@ def verify_sweep(
     workers: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Verified:
-    """Reads all that is in the store of a sweep, and computes again what is damaged.
+    """Read all that is in the store of a sweep, and compute again what is damaged.
 
     Damaged is what cannot be read, or does not have its checksum, or is gone: of chunks that are
     done, of coordinates, and of metadata. Chunks that were never done are left alone.
@@ -106,9 +106,12 @@ def verify_sweep(
         # Raises where there are no checksums at all.
         others = store.differences()
         found = store.damaged() if store.arrays else {}
-        told = [*files, *(f"chunk {number}: {', '.join(names)}" for number, names in found.items())]
+        damage = [
+            *files,
+            *(f"chunk {number}: {', '.join(names)}" for number, names in found.items()),
+        ]
         if found and others:
-            raise _refused(folder, told, others)
+            raise _refused(folder, damage, others)
         failed = {number: _failed(folder, number) for number in found}
         for number in found:
             store.forget(spec.chunk(number))
@@ -130,7 +133,7 @@ def verify_sweep(
         # Members that failed before may do so again.
         or (states[number] == FAILED and _failed(folder, number) <= failed[number])
     ]
-    return Verified(spec.chunk_count, tuple(told), len(files) + len(mended), sweep_status(folder))
+    return Verified(spec.chunk_count, tuple(damage), len(files) + len(mended), sweep_status(folder))
 
 
 def _failed(folder: Path, number: int) -> set[tuple[int, ...]]:
@@ -141,9 +144,9 @@ def _failed(folder: Path, number: int) -> set[tuple[int, ...]]:
         return {tuple(one.index.values()) for one in read_report(folder, number)}
 
 
-def _refused(folder: Path, told: list[str], others: list[str]) -> ValueError:
+def _refused(folder: Path, damage: list[str], others: list[str]) -> ValueError:
     return ValueError(
-        f"{folder}: damaged ({'; '.join(told[:3])}{'; ...' * (len(told) > 3)}), and begun with "
+        f"{folder}: damaged ({'; '.join(damage[:3])}{'; ...' * (len(damage) > 3)}), and begun with "
         f"others: {'; '.join(others)}; verify it with what it was begun with"
     )
 
@@ -207,7 +210,7 @@ def _json(path: Path) -> Any:
 def _rebuild(
     folder: Path, spec: Spec, made: Mapping[str, Any], start: Engine, files: list[str]
 ) -> None:
-    """Makes coordinates and metadata anew, by what the task gives for a chunk.
+    """Make coordinates and metadata anew, by what the task gives for a chunk.
 
     **Raises:** `ValueError` if the result was made with others, or no chunk can be computed.
     """
@@ -216,8 +219,8 @@ def _rebuild(
     try:
         kept = read_attributes(root)
     except (OSError, KeyError, TypeError, ValueError):
-        told = ["the attributes were damaged, and are those of the run that mended them"]
-        attributes = {**made, "resumed_anyway": json.dumps(told)}
+        notes = ["the attributes were damaged, and are those of the run that mended them"]
+        attributes = {**made, "resumed_anyway": json.dumps(notes)}
     else:
         if others := differences(folder, kept, made):
             raise _refused(folder, files, others)

@@ -1,4 +1,4 @@
-"""Sweeps: run, gone on with, looked at."""
+"""Run, resume and inspect sweeps."""
 
 import contextlib
 import dataclasses
@@ -23,7 +23,7 @@ from .workers.work import Computed, Job, failure, jax_is_wide, prepared
 
 @dataclasses.dataclass(frozen=True)
 class SweepStatus:
-    """How far a sweep is."""
+    """The progress of a sweep."""
 
     task: str
     dimensions: Mapping[str, int]
@@ -60,7 +60,7 @@ def run_sweep(
     max_failures: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepStatus:
-    """Runs a sweep.
+    """Run a sweep.
 
     A chunk is in the store whole or not at all, so a run may end at any moment, and another one
     goes on with what is missing. What comes out does not depend on the engine, the order of chunks,
@@ -76,14 +76,14 @@ def run_sweep(
         those that failed are tried again. If `spec` has all members of that sweep and others, it
         grows to these.
     - `anyway`: resume although versions, the task, or files that members read are others now; the
-        attribute `resumed_anyway` of the result tells which.
+        attribute `resumed_anyway` of the result says which.
     - `chunks`: the numbers of chunks to compute; by default all that are not done.
     - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
     - `max_failures`: the run ends when more members than that have failed.
     - `progress`: called when the work begins and with each chunk that ends.
 
-    **Returns:** how far the sweep is. A chunk that fails is computed again in halves, and these in
-    halves, so that only the members fail that do so alone. They do not stop the others.
+    **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and
+    these in halves, so that only the members fail that do so alone. They do not stop the others.
 
     **Raises:** `ValueError` for an unknown task or engine, for parameters that a built-in task does
     not take, or if the sweep that is there is of another specification, or was begun with another
@@ -125,13 +125,13 @@ def run_sweep(
             _writing(folder),
         ):
 
-            def tell(failures: Iterable[Failure]) -> None:
-                told = count.told(tuple(failures))
-                write_down(told)
+            def report(failures: Iterable[Failure]) -> None:
+                now = count.progress(tuple(failures))
+                write_down(now)
                 if progress is not None:
-                    progress(told)
+                    progress(now)
 
-            tell(())
+            report(())
             for job, outcome in outcomes:
                 if isinstance(outcome, Computed):
                     try:
@@ -141,17 +141,17 @@ def run_sweep(
                 parts = work.settle(job, outcome)
                 if parts is not None:
                     count.add(parts.members)
-                    tell(store.write(parts))
+                    report(store.write(parts))
                 if max_failures is not None and work.failed > max_failures:
                     # Of chunks that are not whole, what failed is kept.
                     for parts in work.begun.values():
-                        tell(store.write(parts))
+                        report(store.write(parts))
                     break
     return sweep_status(folder)
 
 
 def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """How far the sweep in a folder is; while it runs, too.
+    """Find the progress of the sweep in a folder, also while it runs.
 
     **Arguments:**
 
@@ -226,12 +226,12 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
         [1, 1] [1, 1]
     """
     path = Path(out) / "sweep.zarr"
-    told = sweep_status(out)
+    found = sweep_status(out)
     if not path.is_dir():
-        raise ValueError(f"{path}: no chunk is done yet, of {told.chunks}")
-    if told.damaged:
+        raise ValueError(f"{path}: no chunk is done yet, of {found.chunks}")
+    if found.damaged:
         raise ValueError(
-            f"{path}: {told.damaged} of {told.chunks} chunks are damaged; to mend them: "
+            f"{path}: {found.damaged} of {found.chunks} chunks are damaged; to mend them: "
             f"jaxcell sweep verify {out}"
         )
     with reading(Path(out)):
@@ -248,7 +248,7 @@ def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:
 
 @contextlib.contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """Says where there was no room."""
+    """Say where there was no room."""
     try:
         yield
     except OSError as error:

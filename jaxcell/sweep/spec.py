@@ -21,8 +21,8 @@ _TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
 # A chunk is a file for each variable of the result, and a line in the books of the driver.
-_MOST_CHUNKS = 1_000_000
-_LONGEST = 500
+_MAX_CHUNKS = 1_000_000
+_MAX_LETTERS = 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Spec:
     def load(
         cls, path: str | os.PathLike[str], folder: str | os.PathLike[str] | None = None
     ) -> "Spec":
-        """Reads a specification.
+        """Read a specification.
 
         **Arguments:**
 
@@ -108,7 +108,7 @@ class Spec:
         except ValueError as error:
             # A name in it may be of any length.
             message = str(error)
-            cut = message[:_LONGEST] + "..." * (len(message) > _LONGEST)
+            cut = message[:_MAX_LETTERS] + "..." * (len(message) > _MAX_LETTERS)
             raise ValueError(f"{path}: {cut}") from None
 
     @classmethod
@@ -137,10 +137,10 @@ class Spec:
         sizes = {parameter.dimension: parameter.values.size for parameter in parameters}
         lengths = _chunk_lengths(document.get("chunk", _CHUNK), sizes)
         spec = cls(path, folder, text, document, task, seed, fixed, parameters, lengths)
-        if spec.chunk_count > _MOST_CHUNKS:
+        if spec.chunk_count > _MAX_CHUNKS:
             raise ValueError(
                 f"chunk: {spec.chunk_count} chunks for {spec.members} members; expected at most "
-                f"{_MOST_CHUNKS}, so larger ones"
+                f"{_MAX_CHUNKS}, so larger ones"
             )
         return spec
 
@@ -217,24 +217,24 @@ class Spec:
         A field with both values; of a parameter the number of values and those that are new or
         missing in the other.
         """
-        told = []
+        found = []
         ours, theirs = dict(_flat(self._rest())), dict(_flat(other._rest()))
         for field in dict.fromkeys(itertools.chain(ours, theirs)):
             there, here = ours.get(field, "nothing"), theirs.get(field, "nothing")
             if there != here:
                 pairs = enumerate(zip(there, here, strict=False))
                 place = next((i for i, (a, b) in pairs if a != b), 0)
-                told.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
+                found.append(f"{field}: {_cut(there, place)} there, {_cut(here, place)} here")
         there_by, here_by = (
             {parameter.name: parameter for parameter in spec.parameters} for spec in (self, other)
         )
         for name in dict.fromkeys(itertools.chain(there_by, here_by)):
             difference = parameter_difference(there_by.get(name), here_by.get(name))
             if difference is not None:
-                told.append(f"{name}: {difference}")
-        if not told and list(self.dimensions) != list(other.dimensions):
-            told.append(f"grid: in the order {', '.join(self.dimensions)} there")
-        return told
+                found.append(f"{name}: {difference}")
+        if not found and list(self.dimensions) != list(other.dimensions):
+            found.append(f"grid: in the order {', '.join(self.dimensions)} there")
+        return found
 
     def places_in(self, old: "Spec") -> dict[str, np.ndarray] | None:
         """Where the members of another specification are among those of this one.

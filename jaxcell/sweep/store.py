@@ -46,16 +46,16 @@ DAMAGED = 3
 
 @contextlib.contextmanager
 def reading(folder: Path) -> Iterator[None]:
-    """Turns all that readers of a damaged store raise into a `ValueError` that names it."""
+    """Turn all that readers of a damaged store raise into a `ValueError` that names it."""
     try:
         yield
     except Exception as error:  # Zarr and its codecs have errors of many types.
         message = " ".join(str(error).split())[:500]
         if isinstance(error, ValueError | OSError) and str(folder) in message:
             raise
-        told = f"{type(error).__name__}: {message}" if message else type(error).__name__
+        reason = f"{type(error).__name__}: {message}" if message else type(error).__name__
         raise ValueError(
-            f"{folder}: the sweep there is damaged: {told}; to mend it: "
+            f"{folder}: the sweep there is damaged: {reason}; to mend it: "
             f"jaxcell sweep verify {folder}"
         ) from error
 
@@ -66,10 +66,10 @@ class SweepStore:
     - `sweep.zarr` is the result. Every variable has one file for each chunk of the sweep. That of
         `status` is written last, when the others are on the disk; a chunk without one is computed
         again. Nothing in it depends on the order of chunks or on the time.
-    - `spec.toml` is the specification as it was given, and `origin.json` tells where it lay.
+    - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
-    - `lock` tells which process writes.
+    - `lock` names the process that writes.
     """
 
     def __init__(self, folder: Path, spec: Spec, made: Mapping[str, Any]) -> None:
@@ -93,7 +93,7 @@ class SweepStore:
         made: Mapping[str, Any],
         anyway: bool = False,
     ) -> Iterator["SweepStore"]:
-        """Makes the folder, or opens it again, and keeps others out of it.
+        """Make the folder, or open it again, and keep others out of it.
 
         A sweep that is there grows if the specification has all its members, and others.
 
@@ -121,13 +121,13 @@ class SweepStore:
 
     @classmethod
     def _go_on(cls, folder: Path, spec: Spec, made: Mapping[str, Any], anyway: bool) -> None:
-        """Makes a sweep that is there one of a specification, if it can be."""
+        """Make a sweep that is there one of a specification, if it can be."""
         there = Spec.load(folder / "spec.toml")
-        told = there.differences(spec)
-        places = spec.places_in(there) if told else None
-        if told and places is None:
+        changes = there.differences(spec)
+        places = spec.places_in(there) if changes else None
+        if changes and places is None:
             raise ValueError(
-                f"{spec.path}: not the specification of the sweep in {folder}: {'; '.join(told)}"
+                f"{spec.path}: not the specification of the sweep in {folder}: {'; '.join(changes)}"
             )
         store = cls(folder, there, made)
         others = store.differences()
@@ -147,7 +147,7 @@ class SweepStore:
             return read_attributes(self.zarr)
 
     def differences(self) -> list[str]:
-        """What the result was made with that is otherwise now: versions, files, the task."""
+        """What has changed since the result was made: versions, files, the task."""
         return differences(self.folder, self.attributes(), self.made) if self.arrays else []
 
     def coordinates(self) -> list[str]:
@@ -156,11 +156,11 @@ class SweepStore:
         return sorted(set(self.arrays) - own - set(self.variables))
 
     def went_on(self, others: Sequence[str] = ()) -> dict[str, Any]:
-        """The attribute that tells with what a run went on all the same, if one did."""
+        """The attribute that says with what a run went on all the same, if one did."""
         if not self.arrays:
             return {}
-        told = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
-        return {"resumed_anyway": json.dumps(told)} if told else {}
+        notes = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
+        return {"resumed_anyway": json.dumps(notes)} if notes else {}
 
     def states(self) -> np.ndarray:
         """The state of each chunk, by number: failed if a member failed, done if all are done."""
@@ -235,7 +235,7 @@ class SweepStore:
         return found
 
     def forget(self, chunk: Chunk) -> None:
-        """Makes a chunk one that is to do."""
+        """Make a chunk one that is to do."""
         for path in [self._file("status", chunk), *self._files(chunk).values()]:
             path.unlink(missing_ok=True)
 
@@ -266,7 +266,7 @@ class SweepStore:
                     yield from read_report(self.folder, number)
 
     def check(self, computed: Computed) -> None:
-        """Looks at the result of a job, and makes the store for results as the first one.
+        """Check the result of a job, and make the store for results as the first one.
 
         **Raises:** `ValueError` if it has not the variables of the first one.
         """
@@ -280,7 +280,7 @@ class SweepStore:
         check_fits(self.spec, self.arrays, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Writes what is known of the members of a chunk that are missing.
+        """Write what is known of the members of a chunk that are missing.
 
         **Returns:** those that failed.
         """
@@ -299,7 +299,7 @@ class SweepStore:
         return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
 
     def _write_members(self, parts: Parts) -> None:
-        """Writes the results, and when they are on the disk the states."""
+        """Write the results, and when they are on the disk the states."""
         chunk, kept = parts.chunk, ~self.missing(parts.chunk)
         for name in self.variables if parts.computed else ():
             array = self.arrays[name]
@@ -337,20 +337,20 @@ class SweepStore:
             self.variables = variables_of(self.spec, self.arrays)
 
     def _create(self, first: Computed) -> None:
-        """Makes the result with nothing in it."""
+        """Make the result with nothing in it."""
         temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
         make_frame(temporary, self.spec, first, self.made)
         os.replace(temporary, self.zarr)
 
     def _sync(self, chunk: Chunk) -> None:
-        """Waits until the files of a chunk are on the disk."""
+        """Wait until the files of a chunk are on the disk."""
         for path in self._files(chunk).values():
             with open(path, "rb") as file:
                 os.fsync(file.fileno())
 
 
 def tidy(folder: Path) -> None:
-    """Ends the growth that a run was killed in, and removes what it left half written."""
+    """End the growth that a run was killed in, and remove what it left half written."""
     finish_growth(folder)
     for path in folder.glob(".sweep-????????"):
         shutil.rmtree(path)
@@ -376,11 +376,11 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 
 
 def differences(folder: Path, attributes: Mapping[str, Any], made: Mapping[str, Any]) -> list[str]:
-    """What a result was made with, by its attributes, that is otherwise now."""
+    """What has changed since a result was made, by its attributes."""
     if "digests" not in attributes:
         raise ValueError(
             f"{folder}: an old version of jaxcell wrote it, without checksums; it can be read, but "
-            "not verified or gone on with"
+            "not verified or resumed"
         )
     with reading(folder):
         return [

@@ -2,7 +2,7 @@
 
 Each function takes a result and what it was made from, and computes a sample of it as plainly as
 can be: one cell at a time, by exact geometry, dense algebra or a general-purpose solver, and by
-none of the functions that made the result. It returns [`jaxcell.verify.Comparison`][]s, which tell
+none of the functions that made the result. It returns [`jaxcell.verify.Comparison`][]s, which say
 how many numbers were compared, how far they differ, and how much rounding may explain.
 
 Samples are of fixed size and the same each time.

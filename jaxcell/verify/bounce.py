@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import scipy.sparse
 import shapely
@@ -29,9 +31,9 @@ def compare_images(
     simple_map: SimpleMap,
     bounce: float,
     *,
+    only: Int[np.ndarray, "some"] | None = None,
     step: float | None = None,
     collision: str = "swept",
-    only: Int[np.ndarray, "some"] | None = None,
 ) -> Comparison:
     """Compare the images of some cells with steps that shapely makes in the free space.
 
@@ -40,12 +42,12 @@ def compare_images(
     - `cells`: the cells of a map.
     - `simple_map`: the map to compare.
     - `bounce`: its bouncing angle, in radians.
-    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
     - `only`: the cells to compare; by default 200 of all.
+    - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
     """
     z = sample(cells.size, _IMAGES) if only is None else only
+    target, clear = _targets(cells, z, step or cells.cell, collision)
     direction, position = np.divmod(z, cells.positions)
-    target, clear = _targets(cells, direction, position, step or cells.cell, collision)
     bumps = target == position
     shift = round(bounce * cells.directions / (2 * np.pi))
     expected = (direction + shift * bumps) % cells.directions * cells.positions + target
@@ -59,11 +61,7 @@ def compare_images(
 
 
 def _targets(
-    cells: CellSpace,
-    direction: Int[np.ndarray, "cells"],
-    position: Int[np.ndarray, "cells"],
-    step: float,
-    collision: str,
+    cells: CellSpace, z: Int[np.ndarray, "cells"], step: float, collision: str
 ) -> tuple[Int[np.ndarray, "cells"], Bool[np.ndarray, "cells"]]:
     """The position after a step from each cell, its own where the robot bumps; and whether that
     does not depend on what a step is that touches walls on both sides, or ends in a corner.
@@ -73,34 +71,39 @@ def _targets(
     shrunk, grown = (space.buffer(by, join_style="mitre") for by in (-near, near))
     shapely.prepare(shrunk)
     shapely.prepare(grown)
-    row, column = np.divmod(cells.square[position], cells.free.shape[1])
-    start = np.stack([column, row], axis=1) + 0.5
-    angle = 2 * np.pi * direction / cells.directions
-    ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    end = start + step / cells.cell * ahead
-    square = np.floor(np.round(end, 9)).astype(int)
+    x, y, theta = cells.centre(z)
+    start, ahead = np.stack([x, y], axis=1), np.stack([np.cos(theta), np.sin(theta)], axis=1)
+    end = start + step * ahead
+    square = np.floor(np.round((end - cells.origin) / cells.cell, 9)).astype(int)
     limits = np.array(cells.free.shape[::-1])
     inside = ((square >= 0) & (square < limits)).all(axis=1)
     column, row = np.clip(square, 0, limits - 1).T
     inside &= cells.free[row, column]
 
     def lines(aside: Float[np.ndarray, "cells 2"] | float = 0.0) -> np.ndarray:
-        corners = np.stack([start + aside, end + aside], axis=1)
-        return shapely.linestrings(corners * cells.cell + np.array(cells.origin))
+        return shapely.linestrings(np.stack([start + aside, end + aside], axis=1))
 
     if collision == "endpoint":
         # The space is closed: what is on a wall is in it.
-        free = shapely.covers(grown, shapely.points(end * cells.cell + np.array(cells.origin)))
+        free = shapely.covers(grown, shapely.points(end))
         clear = np.ones(len(free), bool)
     else:
         # A step that touches a wall on one side only is free a little to the other side.
-        side = 10 * _NEAR * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        side = 10 * near * np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
         beside = shapely.covers(grown, lines(side)) | shapely.covers(grown, lines(-side))
         touches = shapely.covers(grown, lines())
         free = shapely.covers(shrunk, lines()) | (touches & beside)
         clear = ~inside | free | ~touches
-    moves = inside & free
-    return np.where(moves, cells.position_of_square[row, column], position), clear
+    ends = cells.position_of_square[row, column]
+    return np.where(inside & free, ends, z % cells.positions), clear
+
+
+def compare_straight(
+    cells: CellSpace, only: Int[np.ndarray, "some"] | None = None, **motion: Any
+) -> tuple[SimpleMap, Comparison]:
+    """The map of steps straight on, compared with shapely; `motion` is a step and a collision."""
+    straight = bouncing.bounce_map(cells, 0.0, **motion)
+    return straight, compare_images(cells, straight, 0.0, only=only, **motion)
 
 
 def compare_groups(found: BounceGroups) -> list[Comparison]:
@@ -109,33 +112,26 @@ def compare_groups(found: BounceGroups) -> list[Comparison]:
     for i, bounce in enumerate(found.bounce.tolist()):
         mapped = bouncing.bounce_map(found.cells, bounce, **found.motion)
         compared.append(compare_images(found.cells, mapped, bounce, **found.motion))
-        names, components = ("group", "step", "period"), _components(np.asarray(mapped.image))
-        wrong = []
-        for name, again in zip(names, components, strict=True):
-            told = getattr(found, name)[i].ravel()
-            wrong += [
-                f"cell {z}: its {name} is {told[z]}, and {again[z]} by components"
-                for z in np.flatnonzero(told != again).tolist()
-            ]
+        by_group, away, around = _components(np.asarray(mapped.image))
+        wrong = [
+            f"cell {z}: its {name} is {ours[z]}, and {again[z]} by components"
+            for name, again in (("group", by_group), ("step", away), ("period", around))
+            for ours in [getattr(found, name)[i].ravel()]
+            for z in np.flatnonzero(ours != again).tolist()
+        ]
         what = "groups of cells, by components of the graph of images"
         compared.append(Comparison.exact(what, wrong, 3 * found.cells.size))
-        by_group, away, around = components
-        basin = np.bincount(by_group)
-        periods = around[np.unique(by_group, return_index=True)[1]]
-        again = np.array(
-            [basin.size, away.max(), periods.min(), periods.max(), periods.sum(), basin.max()]
-        )
-        numbers = (
-            found.count,
-            found.longest_transient,
-            found.shortest_period,
-            found.longest_period,
-            found.periodic_cells,
-            found.largest_basin,
-        )
-        told = np.array([one[i] for one in numbers])
-        what = "numbers of the groups, by components"
-        compared.append(Comparison.close(what, told, again, 0.0))
+        basin, periods = np.bincount(by_group), around[np.unique(by_group, return_index=True)[1]]
+        numbers = {
+            "count": basin.size,
+            "longest_transient": away.max(),
+            "shortest_period": periods.min(),
+            "longest_period": periods.max(),
+            "periodic_cells": periods.sum(),
+            "largest_basin": basin.max(),
+        }
+        ours, what = [getattr(found, name)[i] for name in numbers], "numbers of the groups"
+        compared.append(Comparison.close(f"{what}, by components", ours, [*numbers.values()], 0.0))
     return compared
 
 
@@ -178,12 +174,12 @@ def compare_filter(found: LocalizationFilter, simple_map: SimpleMap) -> list[Com
         entries = np.ones(senses.size, np.int32), (senses, image[senses])
         follows = scipy.sparse.csr_array(entries, shape=(size, size))
         after = filter.transition[some, observation]
-        told = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
+        ours = member[np.maximum(after, 0)].multiply((after >= 0)[:, None]) != 0
         again = member[some] @ follows != 0
         wrong += [
             f"state {some[i]} and observation {observation}: the next state has other cells than "
             "the images have"
-            for i in np.flatnonzero((told != again).sum(axis=1)).tolist()
+            for i in np.flatnonzero((ours != again).sum(axis=1)).tolist()
         ]
     what = "states of the filter, by products of sparse matrices"
     compared = [Comparison.exact(what, wrong, 2 * some.size)]

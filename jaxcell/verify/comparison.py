@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse.linalg
+from jaxtyping import Float, Int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Comparison:
     def close(
         cls,
         what: str,
-        told: npt.ArrayLike,
+        found: npt.ArrayLike,
         again: npt.ArrayLike,
         limit: float,
         *,
@@ -58,24 +60,32 @@ class Comparison:
         **Arguments:**
 
         - `what`: what was compared.
-        - `told`: the result.
+        - `found`: the result.
         - `again`: the same by another route.
         - `limit`: the largest difference that is right.
         - `relative`: whether it is that of the numbers divided by those of `again`.
         """
-        told, again = (np.asarray(values, float).ravel() for values in (told, again))
-        same = told == again
+        found, again = (np.asarray(values, float).ravel() for values in (found, again))
+        scale = np.abs(again) if relative else 1
         with np.errstate(invalid="ignore", divide="ignore"):
-            differ = np.where(same, 0.0, np.abs(told - again) / (np.abs(again) if relative else 1))
+            differ = np.where(found == again, 0.0, np.abs(found - again) / scale)
         differ = np.where(np.isnan(differ), np.inf, differ)
         worst = int(differ.argmax()) if differ.size else 0
         largest = float(differ[worst]) if differ.size else 0.0
         where = ""
         if not largest <= limit:
-            where = f"entry {worst}: {told[worst]!r}, and {again[worst]!r} by the other route"
+            where = f"entry {worst}: {found[worst]!r}, and {again[worst]!r} by the other route"
         return cls(what, differ.size, largest, limit, where)
 
     @classmethod
     def omitted(cls, what: str, why: str) -> "Comparison":
         """One that cannot be made of this result."""
         return cls(what, 0, 0.0, 0.0, why)
+
+
+def solve_transient(
+    P: scipy.sparse.csr_array, transient: Int[np.ndarray, "transient"], gained: np.ndarray
+) -> Float[np.ndarray, "transient"]:
+    """What is gained on the way from each transient cell, by a sparse direct solve."""
+    system = scipy.sparse.eye_array(transient.size) - P[transient][:, transient]
+    return np.atleast_1d(scipy.sparse.linalg.spsolve(system.tocsc(), gained))

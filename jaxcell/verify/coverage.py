@@ -1,60 +1,52 @@
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy.optimize
 import scipy.sparse
-import scipy.sparse.linalg
-from jaxtyping import Float
 
-from ..bounce import CoveragePolicy, bounce_map
-from ..bounce.dynamics import Collision
+from ..bounce import CoveragePolicy
 from ..mapping import SimpleMap
 from ..space import CellSpace
-from .bounce import compare_images
-from .comparison import Comparison
+from .bounce import compare_straight
+from .comparison import Comparison, solve_transient
 
 
 # Of the system that is solved for where a robot ends.
-_MOST_CELLS = 20_000
+_MAX_CELLS = 20_000
 _CLOSE = 1e-8
 
 
 def compare_coverage(
-    cells: CellSpace,
     policy: CoveragePolicy,
-    bounces: Float[np.ndarray, "angles"],
     error: float,
     reliability: float,
     *,
     weights: Literal["basin", "size"] = "basin",
-    step: float | None = None,
-    collision: Collision = "swept",
+    **motion: Any,
 ) -> list[Comparison]:
     """A mixture of bouncing policies against matrices made anew and general-purpose solvers.
 
     **Arguments:**
 
-    - `cells`: the cells of a map.
     - `policy`: the mixture.
-    - `bounces`: its angles, in radians.
-    - `error`, `reliability`, `weights`, `step`, `collision`: as for
-        [`jaxcell.bounce.coverage_policy`][].
+    - further ones: as for [`jaxcell.bounce.coverage_policy`][].
     """
-    straight = bounce_map(cells, 0.0, step=step, collision=collision)
-    found = [compare_images(cells, straight, 0.0, step=step, collision=collision)]
+    cells = policy.cells
+    straight, images = compare_straight(cells, **motion)
     moved, ends, shares = [], [], []
-    for i, bounce in enumerate(np.asarray(bounces).tolist()):
+    for i, bounce in enumerate(policy.bounce.tolist()):
         P = _matrix(cells, straight, bounce, error, reliability)
         value = np.asarray(policy.limiting[i].value)
         moved.append(float(np.abs(P.T @ value - value).sum()))
         group = np.asarray(policy.groups[i].group)
-        if weights == "basin" and policy.groups[i].count > 1 and cells.size <= _MOST_CELLS:
-            # Where they end is told by the last column, for the first of the groups.
-            ends.append(_ending(P, group))
+        if weights == "basin" and policy.groups[i].count > 1 and cells.size <= _MAX_CELLS:
+            transient, chance = np.flatnonzero(group < 0), (group == 0).astype(float)
+            if transient.size:
+                chance[transient] = solve_transient(P, transient, P[transient] @ chance)
+            ends.append(float(chance.mean()))
             shares.append(float(value[group == 0].sum()))
-    zero = np.zeros(len(moved))
     what = "what a step changes of limiting distributions, by a sparse matrix made anew"
-    found.append(Comparison.close(what, moved, zero, _CLOSE))
+    found = [images, Comparison.close(what, moved, np.zeros(len(moved)), _CLOSE)]
     if ends:
         what = "the share of the first group, by a sparse direct solve"
         found.append(Comparison.close(what, shares, ends, _CLOSE))
@@ -69,26 +61,14 @@ def _matrix(
     spacing = 2 * np.pi / cells.directions
     turn, bins = round(bounce / spacing), round(error / spacing)
     goes, bumps = np.flatnonzero(~bumped), np.flatnonzero(bumped)
-    tails, heads, shares = [goes], [image[goes]], [np.ones(goes.size)]
+    rows, columns, shares = [goes], [image[goes]], [np.ones(goes.size)]
     for by in range(-bins, bins + 1):
         share = reliability if by == 0 else (1 - reliability) / (2 * bins)
-        tails.append(bumps)
-        heads.append((bumps + (turn + by) * cells.positions) % cells.size)
+        rows.append(bumps)
+        columns.append((bumps + (turn + by) * cells.positions) % cells.size)
         shares.append(np.full(bumps.size, share))
-    ways = (np.concatenate(tails), np.concatenate(heads))
-    return scipy.sparse.csr_array((np.concatenate(shares), ways), shape=(cells.size,) * 2)
-
-
-def _ending(P: scipy.sparse.csr_array, group: np.ndarray) -> float:
-    """The probability of ending in group 0 from a cell at random."""
-    transient = np.flatnonzero(group < 0)
-    chance = (group == 0).astype(float)
-    if transient.size:
-        Q = P[transient][:, transient]
-        into = P[transient] @ chance
-        system = (scipy.sparse.eye_array(transient.size) - Q).tocsc()
-        chance[transient] = scipy.sparse.linalg.spsolve(system, into)
-    return float(chance.mean())
+    entries = np.concatenate(shares), (np.concatenate(rows), np.concatenate(columns))
+    return scipy.sparse.csr_array(entries, shape=(cells.size,) * 2)
 
 
 def _nearest(policy: CoveragePolicy) -> Comparison:

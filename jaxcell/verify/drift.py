@@ -3,11 +3,10 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 from scipy.sparse import csgraph
-from scipy.sparse.linalg import spsolve
 
 from ..base.certificate import Outcome
 from ..drift import Layer, SeaDrift, SeaVoyage
-from .comparison import Comparison
+from .comparison import Comparison, solve_transient
 
 
 _MAX_LAYERS = 3
@@ -26,9 +25,8 @@ def compare_drift(drift: SeaDrift) -> list[Comparison]:
     """
     found = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
     surface = drift.layers[0].behaviour.chain.to_scipy()
-    steps = csgraph.dijkstra(
-        surface, indices=drift.deployment.cells, unweighted=True, min_only=True
-    )
+    cells = drift.deployment.cells
+    steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
     missed = [f"cell {z} is visited from none" for z in np.flatnonzero(np.isinf(steps))]
     what = "cells visited from the deployment, by scipy"
     found.append(Comparison.exact(what, missed, steps.size))
@@ -50,12 +48,11 @@ def _compare_layer(layer: Layer) -> list[Comparison]:
     if behaviour.absorption.certificate.outcome is not Outcome.CONVERGED:
         # Drifters stay almost for ever somewhere, where a solve that subtracts is far off.
         return [*found, Comparison.omitted(when, "they are not certified")]
-    system = (scipy.sparse.eye_array(transient.size) - P[transient][:, transient]).tocsc()
-    times = spsolve(system, np.ones(transient.size))
+    times = solve_transient(P, transient, np.ones(transient.size))
     reported = np.asarray(behaviour.absorption.value)[transient]
     found.append(Comparison.close(when, reported, times, 1e-6, relative=True))
     if layer.ends is not None and behaviour.groups.count:
-        chances = spsolve(system, P[transient] @ (layer.group == 0).astype(float))
+        chances = solve_transient(P, transient, P[transient] @ (layer.group == 0).astype(float))
         reported = np.asarray(layer.ends.value)[0][transient]
         found.append(Comparison.close(where, reported, chances, 1e-7))
     return found

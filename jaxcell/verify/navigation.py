@@ -1,11 +1,12 @@
+from typing import Any
+
 import numpy as np
 import scipy.sparse
 from jaxtyping import Int
 from scipy.sparse import csgraph
 
-from ..bounce import Plan, bounce_map
-from ..bounce.dynamics import Collision
-from .bounce import compare_images
+from ..bounce import Plan
+from .bounce import compare_straight
 from .comparison import Comparison
 
 
@@ -14,23 +15,19 @@ _MAX_STATES = 300_000
 _SEARCH = "cost of the plan, by Dijkstra's algorithm on cells and the angle in use"
 
 
-def compare_plan(
-    plan: Plan, *, step: float | None = None, collision: Collision = "swept"
-) -> list[Comparison]:
+def compare_plan(plan: Plan, **motion: Any) -> list[Comparison]:
     """Compare a plan with its steps by exact geometry, and with a search of the whole graph.
 
-    The graph has a layer for each angle in use; in the last none has been used so far.
+    The graph has a layer for each angle in use; in the last none has been used so far. That the
+    actions lead along the cells, and cost what the plan does, is among its own checks.
 
     **Arguments:**
 
     - `plan`: the plan, of method `"exact"`.
-    - `step`, `collision`: as for [`jaxcell.bounce.plan`][].
+    - `motion`: its `step` and `collision`, as for [`jaxcell.bounce.plan`][].
     """
-    cells = plan.cells
-    straight = bounce_map(cells, 0.0, step=step, collision=collision)
-    visited = np.unique(plan.visited)
-    images = compare_images(cells, straight, 0.0, step=step, collision=collision, only=visited)
-    turns, size = _turns(plan, plan.roadmap.bounces), cells.size
+    straight, images = compare_straight(plan.cells, np.unique(plan.visited), **motion)
+    turns, size = _turns(plan, plan.roadmap.bounces), plan.cells.size
     if (turns.size + 1) * size > _MAX_STATES:
         return [images, Comparison.omitted(_SEARCH, f"more than {_MAX_STATES:,} states")]
     image, bumped = np.asarray(straight.image, np.int64), np.asarray(straight.bumped)
@@ -48,7 +45,6 @@ def compare_plan(
             [f"cell {z}: {plan.reaching[z]} in the plan" for z in wrong],
             size,
         ),
-        _followed(plan, graph, bumped, turns),
     ]
 
 
@@ -78,26 +74,3 @@ def _graph(
     tails, heads = (np.concatenate([edge[end] for edge in edges]) for end in (0, 1))
     states = (turns.size + 1) * size
     return scipy.sparse.csr_array((weights, (tails, heads)), shape=(states, states))
-
-
-def _followed(
-    plan: Plan,
-    graph: scipy.sparse.csr_array,
-    bumped: np.ndarray,
-    turns: Int[np.ndarray, "angles"],
-) -> Comparison:
-    """Whether the actions are edges of the graph, and what they cost."""
-    number = {turn: angle for angle, turn in enumerate(turns.tolist())}
-    layers = [turns.size]
-    for action, turn in zip(plan.actions.tolist(), _turns(plan, plan.actions), strict=True):
-        layers.append(number.get(int(turn), turns.size) if action else layers[-1])
-    states = np.array(layers) * plan.cells.size + plan.visited
-    costs = graph[states[:-1], states[1:]]
-    no_edge = (costs == 0) | (bumped[plan.visited[:-1]] != (plan.actions != 0))
-    wrong = [f"action {i} from cell {plan.visited[i]}" for i in np.flatnonzero(no_edge)]
-    if plan.found and plan.visited[-1] != plan.goal:
-        wrong.append(f"the plan ends in cell {plan.visited[-1]}, and the goal is {plan.goal}")
-    if plan.found and not np.isclose(costs.sum(), plan.cost, rtol=1e-12, atol=0):
-        wrong.append(f"the plan costs {plan.cost}, and its actions {costs.sum():g}")
-    count = 2 * plan.actions.size + 2
-    return Comparison.exact("actions of the plan, as edges of the same graph", wrong, count)

@@ -27,27 +27,15 @@ def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
     caught = np.array([_caught(patrol, target) for target in targets])
     spread = np.maximum(attack.exact * (1 - attack.exact), 1 / attack.arrival.size)
     deviation = (attack.simulated - attack.exact) / np.sqrt(spread / attack.arrival.size)
+    commutes = [_commute(patrol, one) for one in patrol.policies]
+    seen = "capture of some cells, by products with sparse matrices"
+    runs = "capture of the target, by simulation, in standard deviations"
+    back = "commute times of the robots, by resistances of networkx"
     return [
         _compare_sight(patrol),
-        Comparison.close(
-            "capture of some cells, by products with sparse matrices",
-            patrol.capture[:, targets].T,
-            caught,
-            _CLOSE,
-        ),
-        Comparison.close(
-            "capture of the target, by simulation, in standard deviations",
-            deviation,
-            np.zeros(times.size),
-            _DEVIATIONS,
-        ),
-        Comparison.close(
-            "commute times of the robots, by resistances of networkx",
-            patrol.commute_time,
-            [_commute_time(patrol, policy) for policy in patrol.policies],
-            _TIME,
-            relative=True,
-        ),
+        Comparison.close(seen, patrol.capture[:, targets].T, caught, _CLOSE),
+        Comparison.close(runs, deviation, np.zeros(times.size), _DEVIATIONS),
+        Comparison.close(back, patrol.commute_time, commutes, _TIME, relative=True),
     ]
 
 
@@ -65,7 +53,7 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     return 1 - survive[times]
 
 
-def _commute_time(patrol: PatrolledMap, policy: Policy) -> float:
+def _commute(patrol: PatrolledMap, policy: Policy) -> float:
     """The mean over pairs of cells: for weights that sum to 1, twice their mean resistance."""
     used = policy.weights > 0
     if not used.any():
@@ -81,12 +69,10 @@ def _compare_sight(patrol: PatrolledMap) -> Comparison:
     """Pairs of cells of which the second is a whole square, half of them visible."""
     assert patrol.cells.workspace is not None
     environment, side = patrol.cells.workspace.environment, patrol.cells.cell
-    random = np.random.default_rng(0)
     wrong, count = [], 0
     for seen in (True, False):
         pairs = np.argwhere(patrol.visible == seen)
-        some = sample(len(pairs), _PAIRS // 2, seed=int(random.integers(2**31)))
-        for viewer, other in pairs[some].tolist():
+        for viewer, other in pairs[sample(len(pairs), _PAIRS // 2, seed=seen)].tolist():
             (x, y), eye = patrol.xy[other].tolist(), shapely.Point(patrol.xy[viewer])
             square = shapely.box(x - side / 2, y - side / 2, x + side / 2, y + side / 2)
             if square.difference(environment).area > 1e-10 * side**2:
@@ -98,7 +84,6 @@ def _compare_sight(patrol: PatrolledMap) -> Comparison:
                 continue
             count += 1
             if (far < 0 and hidden <= 1e-10) != seen:
-                wrong.append(
-                    f"cell {other} from {viewer}: expected {'seen' if not seen else 'hidden'}"
-                )
+                expected = "hidden" if seen else "seen"
+                wrong.append(f"cell {other} from {viewer}: expected {expected}")
     return Comparison.exact("cells that are seen, by polygons of shapely", wrong, count)

@@ -1,15 +1,15 @@
 import itertools
+from typing import Any
 
 import networkx as nx
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from ..bounce import TeamTrajectory, bounce_map
-from ..bounce.dynamics import Collision
+from ..bounce import TeamTrajectory
 from ..bounce.joint import squares_of
 from ..mapping import SimpleMap
-from .bounce import compare_images, sample
+from .bounce import compare_straight, sample
 from .comparison import Comparison
 
 
@@ -18,23 +18,17 @@ _PLACES = 200
 
 
 def compare_team(
-    team: TeamTrajectory,
-    bounces: Float[np.ndarray, "angles"],
-    *,
-    step: float | None = None,
-    collision: Collision = "swept",
+    team: TeamTrajectory, bounces: Float[np.ndarray, "angles"], **motion: Any
 ) -> list[Comparison]:
     """Compare some steps of a joint trajectory with the rule of collisions, pair by pair.
 
     **Arguments:**
 
     - `team`: the trajectory.
-    - `bounces`, `step`, `collision`: as for [`jaxcell.bounce.team_trajectory`][].
+    - `bounces`, and `motion`: as for [`jaxcell.bounce.team_trajectory`][].
     """
-    cells = team.cells
-    straight = bounce_map(cells, 0.0, step=step, collision=collision)
-    visited = np.unique(team.cell)
-    visited = visited[sample(visited.size, _PLACES)]
+    cells, visited = team.cells, np.unique(team.cell)
+    straight, images = compare_straight(cells, visited[sample(visited.size, _PLACES)], **motion)
     angles = np.broadcast_to(bounces, team.starts.size)
     turns = np.rint(angles * cells.directions / (2 * np.pi)).astype(int)
     # The step before a part begins is the turn of one robot.
@@ -47,7 +41,7 @@ def compare_team(
         if found != expected:
             wrong.append(f"step {t}: to cells {found[0]}, and {expected[0]} pair by pair")
     return [
-        compare_images(cells, straight, 0.0, step=step, collision=collision, only=visited),
+        images,
         Comparison.exact("steps of the robots, by shapely pair by pair", wrong, len(chosen)),
     ]
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.optimize
-import scipy.sparse.linalg
+import scipy.sparse
+import scipy.special
 
 from ..optimize import shortest_tour
 from ..patrol import GraphPatrol, StrategyGame
 from .bounce import sample
-from .comparison import Comparison
+from .comparison import Comparison, solve_transient
 
 
 _TARGETS = 6
@@ -22,29 +23,21 @@ _CLOSE = 1e-8
 def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     """Compare a walk on a graph with sparse solves of scipy."""
     P, share, vertices = patrol.transition, patrol.stationary, len(patrol.names)
-    steps = []
-    for target in sample(vertices, _TARGETS).tolist():
-        system = scipy.sparse.eye_array(vertices) - scipy.sparse.csr_array(P)
-        others = np.arange(vertices) != target
-        inner, ones = system.tocsr()[others][:, others].tocsc(), np.ones(vertices - 1)
-        again = np.zeros(vertices)
-        again[others] = scipy.sparse.linalg.spsolve(inner, ones)
-        steps.append((patrol.hitting_time[:, target], again))
-    found, again = np.swapaxes(steps, 0, 1)
+    targets, chain = sample(vertices, _TARGETS), scipy.sparse.csr_array(P)
+    again = np.zeros((targets.size, vertices))
+    for row, target in zip(again, targets.tolist(), strict=True):
+        others = np.delete(np.arange(vertices), target)
+        row[others] = solve_transient(chain, others, np.ones(vertices - 1))
+    found = patrol.hitting_time[:, targets].T
     entropy = share @ scipy.special.entr(P).sum(axis=1)
+    about = "hitting times of some vertices, by spsolve", found, again
+    kemeny = np.full(vertices, patrol.kemeny_constant), patrol.hitting_time @ share
+    what = "Kemeny constant, by the hitting times from each start"
     return [
-        Comparison.close(
-            "hitting times of some vertices, by spsolve", found, again, _TIME, relative=True
-        ),
+        Comparison.close(*about, _TIME, relative=True),
         Comparison.close("shares of time after a step", share @ P, share, _CLOSE),
         Comparison.close("entropy rate, by entr", [patrol.entropy_rate_nats], [entropy], _CLOSE),
-        Comparison.close(
-            "Kemeny constant, by the hitting times from each start",
-            np.full(vertices, patrol.kemeny_constant),
-            patrol.hitting_time @ share,
-            _TIME,
-            relative=True,
-        ),
+        Comparison.close(what, *kemeny, _TIME, relative=True),
     ]
 
 
@@ -84,23 +77,15 @@ def compare_game(game: StrategyGame) -> list[Comparison]:
     strategies, vertices = paid.shape
     for vertex in range(vertices):
         # No other vertex pays the adversary more.
-        solved = scipy.optimize.linprog(
-            -game.patroller_payoff[:, vertex],
-            A_ub=(paid - paid[:, [vertex]]).T,
-            b_ub=np.zeros(vertices),
-            A_eq=np.ones((1, strategies)),
-            b_eq=[1],
-            method="highs-ipm",
-        )
+        gains, no_gain = (paid - paid[:, [vertex]]).T, np.zeros(vertices)
+        shares = np.ones((1, strategies)), [1]
+        cost = -game.patroller_payoff[:, vertex]
+        solved = scipy.optimize.linprog(cost, gains, no_gain, *shares, method="highs-ipm")
         best = max(best, -solved.fun) if solved.status == 0 else best
     most = float((game.share @ paid).max())
+    what = "what the adversary is paid, by the best of all vertices"
     scale = _TIME * max(1.0, float(np.abs(game.patroller_payoff).max()))
     return [
         Comparison.close("value of the game, by interior points", [game.value], [best], scale),
-        Comparison.close(
-            "what the adversary is paid, by the best of all vertices",
-            [game.adversary_value],
-            [most],
-            _TIME * max(1.0, abs(most)),
-        ),
+        Comparison.close(what, [game.adversary_value], [most], _TIME * max(1.0, abs(most))),
     ]

@@ -158,7 +158,7 @@ def test_a_dark_image_is_refused(capsys, tmp_path):
 
 def test_a_solve_that_stalls_has_no_answer(capsys, monkeypatch):
     monkeypatch.setattr(solve, "_LARGEST_FACTOR", 0)
-    monkeypatch.setattr(solve, "_MOST_PRODUCTS", 2)
+    monkeypatch.setattr(solve, "_MAX_PRODUCTS", 2)
     status, found, error = run(capsys, *ARGS)
     assert (status, found) == (1, None)
     assert_line(error, "^jaxcell cover: limiting_distribution: the residual stayed")

@@ -31,11 +31,11 @@ def test_nothing_is_said_of_work_that_does_not_last(capsys, monkeypatch):
     assert capsys.readouterr() == ("", "")
 
 
-def test_steps_tell_how_long_the_rest_takes(quick, capsys, monkeypatch):
-    with terminal.steps("counting", 1000) as show:
-        show(10, "")
+def test_progress_says_how_long_the_rest_takes(quick, capsys, monkeypatch):
+    with terminal.progress("counting") as say:
+        say("counting", 10, 1000)
         time.sleep(0.15)
-        show(11, "1 sheep")
+        say("counting", 11, 1000, "1 sheep")
         time.sleep(0.2)
     first, second, *_ = capsys.readouterr().err.splitlines()
     assert first == "counting: 10 of 1,000 ... (0:00:00)"

@@ -181,7 +181,7 @@ def test_distinct_starts_of_which_some_never_arrive(robots, finite):
 
 
 def test_a_mean_that_takes_too_many_steps_says_so(monkeypatch):
-    monkeypatch.setattr(arrival, "_MOST_STEPS", 500)
+    monkeypatch.setattr(arrival, "_MAX_STEPS", 500)
     n = 200
     chain = Chain.from_scipy((np.roll(np.eye(n), 1, axis=1) + np.roll(np.eye(n), -1, axis=1)) / 2)
     found = mean_first_arrival([chain, chain], [1, 100], 0, throw=False)

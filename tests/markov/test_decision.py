@@ -118,7 +118,7 @@ def test_an_action_that_is_a_little_worse_is_not_as_good():
 @pytest.mark.slow
 def test_more_sweeps_than_are_allowed(monkeypatch):
     model = grid_model(5, 0, True)
-    monkeypatch.setattr(decision, "_MOST_SWEEPS", 3)
+    monkeypatch.setattr(decision, "_MAX_SWEEPS", 3)
     jax.clear_caches()
     with pytest.raises(RuntimeError, match=r"value_iteration: the residual stayed above"):
         value_iteration(model, 0.999)

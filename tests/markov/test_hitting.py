@@ -150,7 +150,7 @@ def test_a_solve_that_stalls_says_so(monkeypatch):
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
     monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
-    monkeypatch.setattr(solve, "_MOST_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "_MAX_PRODUCTS", 50)
     found = absorption_times(chain, groups, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     assert found.certificate.iterations == 50
@@ -166,7 +166,7 @@ def test_the_residual_bounds_the_relative_error(monkeypatch):
     truth = np.asarray(absorption_times(chain, groups).value)
     monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
     for products in (500, 2000, 5000):
-        monkeypatch.setattr(solve, "_MOST_PRODUCTS", products)
+        monkeypatch.setattr(solve, "_MAX_PRODUCTS", products)
         found = absorption_times(chain, groups, throw=False)
         error = np.abs(found.value - truth) / truth
         assert 0 < error.max() <= found.certificate.residual

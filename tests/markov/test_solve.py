@@ -117,7 +117,7 @@ def test_what_an_incomplete_factorisation_leaves_is_done_by_products(incomplete,
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
     np.testing.assert_allclose(found, expected, rtol=1e-10)
     assert products > 100
-    monkeypatch.setattr(solve, "_MOST_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "_MAX_PRODUCTS", 50)
     short, products = solve_transient(step, np.ones((100, 1)))
     assert products <= 51
     assert (short < found).any()

@@ -132,7 +132,7 @@ def test_the_recording_shows_the_policy(cells, policy, tmp_path, read):
     bars = found.static("/alpha", "BarChart:values")
     assert bars
     text = found.static("/text", "TextDocument:text")[0]
-    assert f"| 90° | {float(policy.alpha[1]):.6f} |" in text
+    assert f"| 90° | {100 * float(policy.alpha[1]):.4g} % |" in text
     assert "| map | a map |" in text
 
 

@@ -210,8 +210,8 @@ def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
     assert shown[:8][off].max() == 33
 
     text = found.static("/text", "TextDocument:text")[0]
-    assert "there and back **18.626**" in text
-    assert "| 7 | 0.1947 | 4.95 |" in text
+    assert "| mean commute time over pairs of vertices | 18.6" in text
+    assert "| 7 | 19.47 % | 4.9" in text
     assert "| graph | a&#124;b |" in text
     assert "/game/text" not in found.entities
 
@@ -221,8 +221,8 @@ def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
     save_recording(with_game, file)
     found = read(file)
     text = found.static("/game/text", "TextDocument:text")[0]
-    assert "It attacks **7**" in text
-    assert "paid **8.0000**" in text
+    assert "| vertex that it attacks | 7 |" in text
+    assert "| what the patroller is paid | 8 |" in text
     assert "| all vertices |" in text
     assert "| 7, 2, 5, 3, 8, 1, 4, 6 |" in text
     for who, payoff in (
@@ -272,7 +272,7 @@ def test_a_large_graph_makes_a_small_file(tmp_path, read):
     found = read(file)
     text = found.static("/text", "TextDocument:text")[0]
     assert "| 340 more |  |  |" in text
-    assert "because it is periodic" in text
+    assert "| steps until within 1/4 of the shares of time | never |" in text
     assert "/times/matrix/labels" not in found.entities
 
 

@@ -21,16 +21,10 @@ from jaxcell.patrol import (
     vulnerability,
 )
 from jaxcell.patrol.map.game import share_game
+from jaxcell.patrol.map.intruder import AttackState, simulate_attacks
 from jaxcell.record import dataset, save_dataset, save_recording
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
 from jaxcell.record.canvas.plot import ticks
-from jaxcell.record.patrol.attacks import (
-    ATTACKING,
-    CAUGHT,
-    SUCCEEDED,
-    WAITING,
-    simulate_attacks,
-)
 from jaxcell.space import CellSpace, Workspace, visibility_polygon, visible_cells
 
 
@@ -193,20 +187,25 @@ def test_nobody_cheats(alone):
     caught = succeeded = 0
     begun = None
     for time, state in enumerate(attacks.state.tolist()):
-        before = attacks.state[time - 1] if time else WAITING
-        if state == ATTACKING:
-            if before != ATTACKING:
+        before = attacks.state[time - 1] if time else AttackState.WAITING
+        if state == AttackState.ATTACKING:
+            if before != AttackState.ATTACKING:
                 begun = time
-                assert before == WAITING
+                assert before == AttackState.WAITING
             assert not seen[time]
             assert attacks.since[time] == time - begun < TIMES[0]
-        elif state in (CAUGHT, SUCCEEDED) and before == ATTACKING:
-            assert seen[time] == (state == CAUGHT)
+        elif (
+            state in (AttackState.CAUGHT, AttackState.SUCCEEDED) and before == AttackState.ATTACKING
+        ):
+            assert seen[time] == (state == AttackState.CAUGHT)
             assert time - begun <= TIMES[0]
-            assert state == CAUGHT or time - begun == TIMES[0]
-            caught, succeeded = caught + (state == CAUGHT), succeeded + (state == SUCCEEDED)
+            assert state == AttackState.CAUGHT or time - begun == TIMES[0]
+            caught, succeeded = (
+                caught + (state == AttackState.CAUGHT),
+                succeeded + (state == AttackState.SUCCEEDED),
+            )
         else:
-            assert state in (WAITING, before)
+            assert state in (AttackState.WAITING, before)
         assert (attacks.caught[time], attacks.succeeded[time]) == (caught, succeeded)
     assert caught > 3
     assert succeeded > 3
@@ -244,7 +243,7 @@ def test_the_recording_shows_the_patrol(alone, recorded, read):
     packed = [red << 24 | green << 16 | blue << 8 | 255 for red, green, blue in names]
     assert [one for (one,) in colors.values()] == [packed[state] for state in attacks.state]
     labels = found.over("step", "/map/attack_label", "Points2D:labels")
-    time = int(np.flatnonzero(attacks.state == ATTACKING)[1])
+    time = int(np.flatnonzero(attacks.state == AttackState.ATTACKING)[1])
     assert labels[time] == [f"attack: step {attacks.since[time]} of 6"]
     for name in ("caught", "succeeded"):
         curve = found.over("step", f"/attacks/{name}", "Scalars:scalars")
@@ -327,7 +326,9 @@ def test_the_recording_shows_the_law(alone, recorded, read):
     np.testing.assert_allclose(fitted[TIMES] / height, attack.fitted, atol=1e-6)
     assert len(found.static("/target/captures/attack_times", "LineStrips2D:strips")) == 3
     text = found.static("/target/text", "TextDocument:text")[0]
-    assert f"| 20 steps | {attack.exact[1]:.4f} | {attack.simulated[1]:.4f} |" in text
+    assert (
+        f"| 20 steps | {100 * attack.exact[1]:.4g} % | {100 * attack.simulated[1]:.4g} % |" in text
+    )
 
 
 def test_the_recording_shows_the_vulnerability(alone, recorded, read):

@@ -125,7 +125,8 @@ def test_collisions_and_curves(lab, team, recorded):
 
 def test_the_text_says_what_came_out(team, recorded):
     text = recorded.static("/text", "TextDocument:text")[0]
-    assert f"all 19 positions** in **{len(team.cell) - 1} steps" in text
+    assert "| positions that are visited | 19 |" in text
+    assert f"| steps | {len(team.cell) - 1} |" in text
     assert "| 0 | vermilion | x = " in text
     assert "| seed | 0 |" in text
 

@@ -240,8 +240,8 @@ def test_workers_are_told_their_share(monkeypatch):
         ("ray", None, "engine: expected local, processes, dask or dask://host:port, got 'ray'"),
         ("dask://host", None, "got 'dask://host'"),
         ("dask://host:x", None, "got 'dask://host:x'"),
-        ("local", 2, "workers: the engine local is not told how many, got 2"),
-        ("dask://host:1", 2, "is not told how many"),
+        ("local", 2, "workers: the engine local takes none, got 2"),
+        ("dask://host:1", 2, "takes none"),
         ("processes", 0, "workers: expected at least 1, got 0"),
     ],
 )

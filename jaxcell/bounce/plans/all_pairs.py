@@ -132,7 +132,7 @@ class AllPlans:
         return CostSummary(self.cells, pairs / size**2, total / pairs, largest, self.plan(*ends))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the plans to a NetCDF file, whole or not at all.
+        """Write the plans to a NetCDF file, whole or not at all.
 
         **Raises:** `FileNotFoundError` if the folder does not exist.
         """

@@ -26,7 +26,7 @@ _ZLIB_RATIO = 1032
 
 
 def write_plans(path: str | os.PathLike[str], roadmap: Roadmap, routes: Iterable[Routes]) -> None:
-    """Writes a roadmap and the routes through it, whole or not at all.
+    """Write a roadmap and the routes through it, whole or not at all.
 
     **Arguments:**
 

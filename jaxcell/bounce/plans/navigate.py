@@ -166,7 +166,7 @@ def plan(
     cheapest of all graphs. It differs from three bumps on: turns by A, B, A cost `2 keep + change`
     there and `keep + 2 change` here; turns by A, A, B, B cost `2 keep + 2 change` there and `3 keep
     + change` here. (Were the graphs joined into one at their cells, as in the pseudo-code, an edge
-    could not tell what the bump before it was.)
+    could not know what the bump before it was.)
 
     **Arguments:**
 
@@ -250,7 +250,7 @@ def replay(
     step: float | None = None,
     collision: Collision = "swept",
 ) -> Int[np.ndarray, "visited"]:
-    """Runs an action string in the bounce dynamics.
+    """Run an action string in the bounce dynamics.
 
     **Arguments:**
 

@@ -18,7 +18,7 @@ Method: TypeAlias = Literal["exact", "layered"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Roadmap:
-    """All that a robot can do, told by its bumps (the roadmap of Alam 2018, section 3.4.1).
+    """All that a robot can do, by its bumps (the roadmap of Alam 2018, section 3.4.1).
 
     A robot chooses only where it bumps. The cells where it does are the *walls*, numbered by
     direction, then position. Every cell is on the *line* of one wall: it runs there in its own
@@ -241,11 +241,11 @@ def _largest_cost(roadmap: Roadmap) -> int | float:
 
 
 def _check_precision(roadmap: Roadmap) -> None:
-    """Raises `ValueError` if a plan may cost so much that one more step is lost in rounding."""
+    """Raise `ValueError` if a plan may cost so much that one more step is lost in rounding."""
     largest = _largest_cost(roadmap)
     exact = largest < 2**62 if roadmap.number.kind == "i" else largest * 2.0**-52 < roadmap.keep
     if not exact:
         raise ValueError(
             f"change: {roadmap.change:g} is too much beside keep {roadmap.keep:g}: plans may cost "
-            f"{float(largest):g}, which 64 bits cannot tell from one step more"
+            f"{float(largest):g}, which 64 bits cannot distinguish from one step more"
         )

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ..terminal import configuration, say, table
+from ...base.written import configuration
+from ..terminal import say, table
 
 
 if TYPE_CHECKING:

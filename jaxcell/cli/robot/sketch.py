@@ -22,9 +22,9 @@ class RobotSketch:
     """With --bounce: length of a step in metres."""
     heading: float | None = None
     """Heading of the robot at the start in degrees, where steps in some directions are longer than
-    in others; the filter is not told. Without it all steps are of one length."""
+    in others; the filter does not know it. Without it all steps are of one length."""
     minimal: bool = False
-    """Merge states of the filter that no observation tells apart by colour."""
+    """Merge states of the filter that no observation distinguishes by colour."""
     flash: int | None = None
     """Bytes of flash of the board; by default the 32256 of an Uno."""
     out: Path | None = None

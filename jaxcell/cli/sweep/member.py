@@ -8,7 +8,7 @@ from ...study import Study
 from ...sweep.tasks import TASKS
 from ...sweep.workers.work import study_of
 from ..study import command_name
-from ..terminal import status, telling
+from ..terminal import progress, status
 
 
 def detailed_study(task: str) -> type[Study]:
@@ -45,7 +45,7 @@ def member_detail(
 
     configure_jax()
     (asked,) = studies(study, {}, parameters, seed)
-    with telling(command_name(study)) as say:
+    with progress(command_name(study)) as say:
         result = asked.run(say)
     spec = asked.spec(result)
     show(result, asked.heading(spec))

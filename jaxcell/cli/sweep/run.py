@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from ...base.files import replacing
-from ..terminal import duration, note, own_command, status, stdout_on_stderr, steps, table
+from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
 
 if TYPE_CHECKING:
     from ...sweep import Failure, Progress, Spec, SweepStatus
 
 
-_MOST_FAILURES = 10
+_MAX_FAILURES = 10
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Sweep:
     """Go on with the sweep in the folder, if there is one; with more values of its parameters,
     too."""
     anyway: bool = False
-    """With --resume: go on although files, the task or versions are others now. The result tells
+    """With --resume: go on although files, the task or versions are others now. The result says
     which, in the attribute resumed_anyway."""
     timeout: float | None = None
     """Seconds after which a chunk is ended and computed again in halves, until the members that
@@ -87,10 +87,7 @@ class Sweep:
         if self.netcdf and found.complete:
             with status("writing sweep.nc"):
                 _write_netcdf(out)
-        if self.json:
-            print(json.dumps({"out": str(out), **_described(found), "seconds": round(seconds, 3)}))
-        else:
-            _show(out, found)
+        _print(out, found, self.json, seconds=round(seconds, 3))
         if self.max_failures is not None and len(found.failures) > self.max_failures:
             note(f"Stopped: more than {self.max_failures:,} members failed")
         return 0 if found.complete else 1
@@ -98,7 +95,7 @@ class Sweep:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepState:
-    """Show how far a sweep is, while it runs too, and which members failed with which parameters.
+    """Show the progress of a sweep, also while it runs, and which members failed.
 
     Exit status: 0 all done, 1 not yet, or some members failed."""
 
@@ -111,33 +108,29 @@ class SweepState:
         from ...sweep import sweep_status
 
         found = sweep_status(self.folder)
-        if self.json:
-            print(json.dumps({"out": str(self.folder), **_described(found)}))
-        else:
-            _show(self.folder, found)
+        _print(self.folder, found, self.json)
         return 0 if found.complete else 1
 
 
-def _described(found: "SweepStatus") -> dict[str, Any]:
-    return {
-        "task": found.task,
-        "dimensions": dict(found.dimensions),
-        "members": found.members,
-        "chunks": found.chunks,
-        "done": found.done,
-        "failed": len(found.failures),
-        "failures": [
-            {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
-            for one in found.failures
-        ],
-        "damaged": found.damaged,
-        "running": found.running,
-        "members_per_second": found.rate,
-        "seconds_left": found.left,
-    }
-
-
-def _show(folder: Path, found: "SweepStatus") -> None:
+def _print(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) -> None:
+    """Print the status of a sweep."""
+    failures = [
+        {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
+        for one in found.failures
+    ]
+    if as_json:
+        names = ("task", "members", "chunks", "done", "damaged", "running")
+        summary = {
+            "out": str(folder),
+            **{name: getattr(found, name) for name in names},
+            "dimensions": dict(found.dimensions),
+            "failed": len(failures),
+            "failures": failures,
+            "members_per_second": found.rate,
+            "seconds_left": found.left,
+        }
+        print(json.dumps({**summary, **more}))
+        return
     rows = [
         ("members", " x ".join(f"{size:,} {name}" for name, size in found.dimensions.items())),
         ("chunks done", f"{found.done:,} of {found.chunks:,}"),
@@ -148,14 +141,11 @@ def _show(folder: Path, found: "SweepStatus") -> None:
     if found.running is not None:
         rows.append(("at work", found.running))
     if found.rate is not None and found.left is not None:
-        rows += [
-            ("members a second", f"{found.rate:,.3g}"),
-            ("time left", duration(found.left)),
-        ]
+        rows += [("members a second", f"{found.rate:,.3g}"), ("time left", duration(found.left))]
     table(f"{folder}: {found.task}", ("the sweep", ""), rows)
-    for failure in found.failures[:_MOST_FAILURES]:
-        note(failure_told(failure))
-    if len(found.failures) > _MOST_FAILURES:
+    for failure in found.failures[:_MAX_FAILURES]:
+        note(in_a_line(failure))
+    if len(found.failures) > _MAX_FAILURES:
         note(f"... and others: all are in {folder / 'failures'}")
     if found.damaged:
         note(f"To mend what is damaged: {own_command('jaxcell')} sweep verify {folder}")
@@ -163,7 +153,7 @@ def _show(folder: Path, found: "SweepStatus") -> None:
         note(f'To look at it in Python: xarray.open_zarr("{folder / "sweep.zarr"}")')
 
 
-def failure_told(failure: "Failure") -> str:
+def in_a_line(failure: "Failure") -> str:
     """A failure in a line."""
     parameters = ", ".join(f"{name} {value}" for name, value in failure.parameters.items())
     return f"a member of chunk {failure.chunk} failed ({parameters}): {failure.message}"
@@ -172,20 +162,19 @@ def failure_told(failure: "Failure") -> str:
 @contextlib.contextmanager
 def _shown(spec: "Spec") -> "Iterator[Callable[[Progress], None]]":
     """Progress: chunks, failures, members a second, time left."""
-    with steps(f"sweep of {spec.task}", spec.chunk_count) as tell:
+    doing = f"sweep of {spec.task}"
+    with progress(doing) as say:
 
-        def show(progress: "Progress") -> None:
-            told = f"{progress.failed:,} members failed"
-            if math.isfinite(progress.left):
-                told += f", {progress.rate:,.3g} members/s"
-            tell(progress.done, told)
+        def show(now: "Progress") -> None:
+            rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
+            say(doing, now.done, spec.chunk_count, f"{now.failed:,} members failed{rate}")
 
         yield show
 
 
 @contextlib.contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """Makes SIGTERM do what Ctrl-C does."""
+    """Make SIGTERM do what Ctrl-C does."""
     kept = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

@@ -10,7 +10,7 @@ import tyro
 from ..terminal import note, status, stdout_on_stderr, table
 
 
-_MOST_LISTED = 10
+_MAX_LISTED = 10
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -36,26 +36,18 @@ class SweepVerify:
 
         with stdout_on_stderr(), status(f"reading {self.folder}"):
             found = verify_sweep(self.folder, engine=self.engine, workers=self.workers)
-        rows = [
-            ("chunks checked", f"{found.chunks:,}"),
-            ("damaged", f"{len(found.damaged):,}"),
-            ("recomputed", f"{found.recomputed:,}"),
-            ("chunks done", f"{found.status.done:,} of {found.status.chunks:,}"),
-        ]
+        counts = {"chunks": found.chunks, "recomputed": found.recomputed, "done": found.status.done}
         if self.json:
-            summary = {
-                "out": str(self.folder),
-                "chunks": found.chunks,
-                "damaged": list(found.damaged),
-                "recomputed": found.recomputed,
-                "done": found.status.done,
-                "whole": found.whole,
-            }
-            print(json.dumps(summary))
+            damaged = {"damaged": list(found.damaged), "whole": found.whole}
+            print(json.dumps({"out": str(self.folder), **counts, **damaged}))
         else:
+            done = f"{found.status.done:,} of {found.status.chunks:,}"
+            rows: list[tuple[str, object]] = [("chunks checked", found.chunks)]
+            rows += [("damaged", len(found.damaged)), ("recomputed", found.recomputed)]
+            rows += [("chunks done", done)]
             table(f"{self.folder}: {found.status.task}", ("the sweep", ""), rows)
-            for one in found.damaged[:_MOST_LISTED]:
+            for one in found.damaged[:_MAX_LISTED]:
                 note(f"damaged: {one}")
-            if len(found.damaged) > _MOST_LISTED:
-                note(f"... and others: {len(found.damaged) - _MOST_LISTED:,}")
+            if len(found.damaged) > _MAX_LISTED:
+                note(f"... and others: {len(found.damaged) - _MAX_LISTED:,}")
         return 0 if found.whole else 1

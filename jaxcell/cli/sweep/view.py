@@ -11,7 +11,7 @@ import tyro
 from ...base.display import has_display
 from ..terminal import note, own_command, status, table
 from ..view import View
-from .run import failure_told
+from .run import in_a_line
 
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...sweep import Failure, Spec
 
 
-_MOST_LISTED = 6
+_MAX_LISTED = 6
 # What people type of a number that they have read, with fewer digits than it has.
 _TYPED = 1e-5
 
@@ -53,7 +53,7 @@ class SweepView:
         from ...sweep import open_sweep
         from ...sweep.store import reading
 
-        failures = [failure_told(one) for one in found.failures]
+        failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
         with open_sweep(self.folder) as dataset, status(f"writing {out}"):
             with reading(self.folder):
@@ -77,8 +77,8 @@ class SweepView:
             member = dataset.isel(places).load()
         state = int(member["status"])
         if state != 1:
-            told = [one.message for one in failures if one.index == places]
-            why = "; ".join(told) if state == 2 else "it is not computed yet"
+            messages = [one.message for one in failures if one.index == places]
+            why = "; ".join(messages) if state == 2 else "it is not computed yet"
             note(f"There is no result of the member {name}: {why}")
             return 1
         out = self.folder / "members" / f"{name}.rrd" if self.out is None else self.out
@@ -130,7 +130,7 @@ def named(spec: "Spec", places: Mapping[str, int]) -> list[tuple[str, Any]]:
 
 
 def _values(spec: "Spec") -> list[tuple[str, list[Any]]]:
-    """The values that tell members along each dimension."""
+    """The values that identify members along each dimension."""
     own = {one.name: one.values.tolist() for one in spec.parameters if one.name == one.dimension}
     return [(name, own.get(name) or [*range(size)]) for name, size in spec.dimensions.items()]
 
@@ -156,13 +156,13 @@ def _place(option: str, text: str, values: Sequence[Any]) -> int:
 
 
 def _listed(values: Sequence[Any]) -> str:
-    if len(values) <= _MOST_LISTED:
+    if len(values) <= _MAX_LISTED:
         return ", ".join(map(str, values))
-    return f"{', '.join(map(str, values[: _MOST_LISTED - 2]))}, ..., {values[-1]}"
+    return f"{', '.join(map(str, values[: _MAX_LISTED - 2]))}, ..., {values[-1]}"
 
 
 def _show(name: str, member: "xr.Dataset") -> None:
-    """Prints what the sweep found for a member."""
+    """Print what the sweep found for a member."""
     rows = [
         (one.attrs.get("long_name", key), f"{one.item():.6g}", one.attrs.get("units", ""))
         for key, one in member.data_vars.items()
@@ -172,7 +172,7 @@ def _show(name: str, member: "xr.Dataset") -> None:
 
 
 def _open(recording: Path) -> int:
-    """Opens a recording, or says how to."""
+    """Open a recording, or say how to."""
     if has_display():
         return View(results=recording).run()
     note(

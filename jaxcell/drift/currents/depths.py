@@ -37,7 +37,7 @@ def choose_layers(
     dim: str | None,
     depths: float | int | Sequence[float | int] | None,
 ) -> Layers:
-    """Finds the depths that are asked for.
+    """Find the depths that are asked for.
 
     **Arguments:**
 

@@ -76,9 +76,9 @@ class Axes:
 
 
 def find_axes(file: OceanFile, name: str) -> Axes:
-    """Finds the dimensions of a velocity from what they are called and described as.
+    """Find the dimensions of a velocity from what they are called and described as.
 
-    **Raises:** `ValueError` if one of them cannot be told, if there is no y or x, or if no
+    **Raises:** `ValueError` if one of them cannot be determined, if there is no y or x, or if no
     longitudes and latitudes belong to them.
     """
     found: dict[Kind, str] = {}

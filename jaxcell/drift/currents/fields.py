@@ -48,7 +48,7 @@ def read_field(
     records: Int[np.ndarray, " records"],
     layers: Layers,
 ) -> Field:
-    """Reads the velocity at the centres of the cells, along the axes that the file has it along.
+    """Read the velocity at the centres of the cells, along the axes that the file has it along.
 
     **Raises:** `ValueError` if it takes too much memory, is above 10 m/s, or if there is no water
     in the block, or in a layer that was asked for; for a mask by which no water moves, but land
@@ -131,7 +131,7 @@ def _check_reach(
     heights: Float[np.ndarray, "levels y x"],
     wanted: Float[np.ndarray, "layers y x"],
 ) -> None:
-    """Refuses heights that are more than a layer above or below the levels of the file."""
+    """Refuse heights that are more than a layer above or below the levels of the file."""
     levels = layers.s_levels
     assert levels is not None
     for depth, height in zip(layers.depth, wanted, strict=True):
@@ -198,7 +198,7 @@ def _with_water(
     v: Float[np.ndarray, "records layers y x"],
     notes: list[str],
 ) -> Field:
-    """Finds the water, and takes out layers without any that were not asked for."""
+    """Find the water, and take out layers without any that were not asked for."""
     present = np.isfinite(u) & np.isfinite(v)
     water = present.all(axis=0)
     kept = water.any(axis=(1, 2))

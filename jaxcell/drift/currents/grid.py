@@ -49,7 +49,7 @@ class OceanGrid:
 
 
 def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None) -> OceanGrid:
-    """Reads the positions of the cells, and cuts the block out that holds those within the bounds.
+    """Read the positions of the cells, and cut the block out that holds those within the bounds.
 
     **Arguments:**
 

@@ -44,7 +44,7 @@ def read_mask(
     places: Int[np.ndarray, " levels"] | None = None,
     depth: str | None = None,
 ) -> Mask | None:
-    """Reads the mask of a file on some of its points.
+    """Read the mask of a file on some of its points.
 
     That is the variable that has the name which ROMS, CROCO or NEMO gives to its mask, in which 1
     is water; else one whose `flag_values` and `flag_meanings`, or attributes such as `option_0`,
@@ -53,7 +53,7 @@ def read_mask(
     **Arguments:**
 
     - `file`: an open file.
-    - `dims`: of y and x, which tell on which points.
+    - `dims`: of y and x, which say on which points.
     - `rows`, `columns`, `places`: what to read.
     - `depth`: the dimension of depth, which a mask may have.
 

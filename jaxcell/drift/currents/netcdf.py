@@ -47,7 +47,7 @@ class OceanFile:
         return ValueError(f"{self.name}: {field}: {_cut(message)}")
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
-        """Refuses float64 arrays of the given sizes that would take more than 4 GiB together, or
+        """Refuse float64 arrays of the given sizes that would take more than 4 GiB together, or
         more than the free memory.
         """
         size = 8 * arrays * math.prod(sizes.values())

@@ -31,7 +31,7 @@ def open_currents(
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
 ) -> xr.Dataset:
-    """Reads ocean currents from a NetCDF file (Alam 2018, section 5.4.1).
+    """Read ocean currents from a NetCDF file (Alam 2018, section 5.4.1).
 
     It reads the native output of ROMS and CROCO (velocities on the sides of the cells are averaged
     to their centres and turned to East and North, and levels that follow the sea bed are

@@ -120,7 +120,7 @@ class SLevels:
 
 
 def read_s_levels(file: OceanFile, dim: str) -> tuple[SLevels, str]:
-    """Reads how the levels of a file lie, from its variables or its global attributes.
+    """Read how the levels of a file lie, from its variables or its global attributes.
 
     **Returns:** the levels, and from what Vtransform is known.
 

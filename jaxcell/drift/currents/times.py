@@ -151,7 +151,7 @@ def _is_index(value: Any) -> bool:
 
 
 def _time_variable(file: OceanFile, dim: str | None) -> str | None:
-    """The coordinate variable of the dimension, or another that tells the time on it."""
+    """The coordinate variable of the dimension, or another that gives the time on it."""
     variables = file.dataset.variables
     if dim is None:
         return next((n for n in _NAMES if n in variables and variables[n].size == 1), None)

@@ -110,7 +110,7 @@ def component(
     grid: OceanGrid,
     places: Int[np.ndarray, " levels"] | None,
 ) -> Component:
-    """Prepares the reading of a velocity on a block of cells.
+    """Prepare the reading of a velocity on a block of cells.
 
     **Raises:** `ValueError` for an unknown unit, and for a length that does not fit the cells.
     """

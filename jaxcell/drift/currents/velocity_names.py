@@ -49,10 +49,10 @@ class Velocity:
 
 
 def choose_velocity(file: OceanFile, variables: Sequence[str] | None = None) -> Velocity:
-    """Decides which variables are the current.
+    """Decide which variables are the current.
 
     By standard name, then by the names that ocean models use; a bare `u` only where its dimensions
-    tell which axes it is along: the sides of the cells of a C-grid, or longitude and latitude. The
+    say which axes it is along: the sides of the cells of a C-grid, or longitude and latitude. The
     source calls u the northing in one place and the easting in another (Alam 2018, sections 5.4.1
     and 5.4.2); everywhere else u is towards the East, and so it is here.
 

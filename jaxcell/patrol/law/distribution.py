@@ -16,7 +16,7 @@ from ...base.precision import require_x64
 _FAR = 690.0
 # Log-odds at which the quantile function is tabled: 0.16 apart in the middle, 32 at the ends.
 _NODES = _FAR * np.sinh(np.linspace(-6, 6, 257)) / math.sinh(6)
-_MOST_STEPS = 100
+_MAX_STEPS = 100
 # Of the log-odds. A step so small is the last, for the error left goes with its square.
 _STEP = 1e-12
 _ROUNDING = 4e-16
@@ -213,7 +213,7 @@ def _solve(
 
     def unfinished(state):  # type: ignore[no-untyped-def]
         step, _, _, _, moving = state
-        return (step < _MOST_STEPS) & jnp.any(moving)
+        return (step < _MAX_STEPS) & jnp.any(moving)
 
     def newton(state):  # type: ignore[no-untyped-def]
         step, y, low, high, _ = state

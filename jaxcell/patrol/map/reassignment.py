@@ -15,7 +15,7 @@ from .regions import Regions, angular_regions
 
 # Steps that are made at once.
 _CHUNK = 256
-_MOST_STEPS = 2**20
+_MAX_STEPS = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     there = np.arange(policy.chain.cells) == policy.contact
     value = jnp.asarray(~there, jnp.float64)
     first = policy.chain.to_scipy()[[policy.contact]]
-    for steps in range(0, _MOST_STEPS, _CHUNK):
+    for steps in range(0, _MAX_STEPS, _CHUNK):
         values, value = survivals(policy.chain, jnp.asarray(there), value, _CHUNK)
         before = np.asarray(values)
         after = np.concatenate([before[1:], np.asarray(value)[None]])
@@ -96,7 +96,7 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
         if late[-1] <= alpha:
             return steps + int(np.argmax(late <= alpha)) + 1
     raise RuntimeError(
-        f"silence_limit: after {_MOST_STEPS} steps the robot has still not come to cell "
+        f"silence_limit: after {_MAX_STEPS} steps the robot has still not come to cell "
         f"{policy.contact} with probability {late[-1]:.3g}; expected at most {alpha}"
     )
 

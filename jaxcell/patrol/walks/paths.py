@@ -69,7 +69,7 @@ def toward(graph: Graph, vertex: int, paths: int = 3) -> Float[np.ndarray, "edge
 def _lengths(graph: Graph) -> list[int]:
     """Lengths by which no two paths are equally long: whole numbers of many digits.
 
-    Lowest is a bit for each edge, so that sums tell which edges are in them; then, the number of
+    Lowest is a bit for each edge, so that sums show which edges are in them; then, the number of
     edges; then, the length in units.
     """
     lengths = graph.lengths

@@ -1,5 +1,4 @@
 import math
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,10 +10,10 @@ from jaxtyping import Float, Int, UInt8
 from ...bounce import CoveragePolicy
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
-from ..canvas.prose import counted, describe, made_with, table
+from ..canvas.palette import BELIEF, CATEGORIES, FREE, NOT_FREE, Color, PictureClass, mix, ranks
+from ..canvas.prose import counted, describe, described, made_with, numbers
 from ..canvas.scale import Scale
-from ..canvas.stream import recording, send_blueprint
+from ..canvas.stream import send_blueprint
 
 
 # So many angles have maps, those with the largest shares of time.
@@ -26,48 +25,37 @@ _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
 
 
 def log_coverage(
-    policy: CoveragePolicy, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+    stream: rr.RecordingStream, policy: CoveragePolicy, spec: Mapping[str, Any]
 ) -> None:
-    """Write a Rerun recording of a mixture of bouncing policies.
+    """Log a mixture of bouncing policies.
 
     Heat maps of the coverage by each angle, by the mixture, and of the target, side by side, with
     the shares of time as bars; and for each angle, over the timeline `direction`, its persistent
     groups and its limiting distribution.
-
-    **Arguments:**
-
-    - `policy`: the mixture.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
     """
-    cells = policy.cells
-    alpha = np.asarray(policy.alpha)
+    cells, alpha = policy.cells, np.asarray(policy.alpha)
     shown = np.sort(np.argsort(-alpha, kind="stable")[:_MAX_ANGLES]).tolist()
-    coverage, mixture, target = (
-        np.asarray(x) * cells.positions for x in (policy.coverage, policy.mixture, policy.target)
-    )
-    titles = {
-        f"coverage_{i}": f"{policy.bounce_deg[i]:.6g}°, {100 * alpha[i]:.1f} % of the time"
+    heats = {
+        f"{policy.bounce_deg[i]:.6g}°, {100 * alpha[i]:.1f} % of the time": policy.coverage[i]
         for i in shown
     }
-    heats = {f"coverage_{i}": coverage[i] for i in shown} | {"mixture": mixture, "target": target}
-    titles |= {"mixture": "The mixture", "target": "The target"}
-    scale = heat_scale(max(float(heat.max()) for heat in heats.values()))
-    with recording(path, "coverage") as stream:
-        map = CellMap(stream, cells)
-        views: list[rrb.View] = [
-            map.view(titles[name], [map.picture(name, scale.classes, heat_levels(scale, heat))])
-            for name, heat in heats.items()
-        ]
-        views.append(_log_shares(stream, policy.bounce_deg, alpha))
-        maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
-        text = _text(policy, len(shown), spec or {})
-        tabs = [
-            log_tab(stream, "", "Coverage", maps, text, heat_legend(scale), timeline="direction"),
-            *(_log_angle(map, policy, i) for i in shown),
-        ]
-        speed = max(2.0, cells.directions / 30)
-        send_blueprint(stream, rrb.Tabs(*tabs, active_tab=0), "direction", speed)
+    heats |= {"The mixture": policy.mixture, "The target": policy.target}
+    times = {title: np.asarray(heat) * cells.positions for title, heat in heats.items()}
+    scale = heat_scale(max(float(heat.max()) for heat in times.values()))
+    names = [*(f"coverage_{i}" for i in shown), "mixture", "target"]
+    map = CellMap(stream, cells)
+    views: list[rrb.View] = [
+        map.view(title, [map.picture(name, scale.classes, heat_levels(scale, heat))])
+        for name, (title, heat) in zip(names, times.items(), strict=True)
+    ]
+    views.append(_log_shares(stream, policy.bounce_deg, alpha))
+    maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
+    text, legend = _text(policy, len(shown), spec), heat_legend(scale)
+    tabs = [
+        log_tab(stream, "", "Coverage", maps, text, legend, timeline="direction"),
+        *(_log_angle(map, policy, i) for i in shown),
+    ]
+    send_blueprint(stream, tabs, "direction", max(2.0, cells.directions / 30))
 
 
 def heat_scale(most: float) -> Scale:
@@ -130,13 +118,14 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
         map.view("Persistent groups, one direction", pictures[:1]),
         map.view("Time spent, one direction", pictures[1:]),
     )
-    legend = heat_legend(scale) + [(one.label, one.color) for one in groups[1:]]
+    title, legend = f"{policy.bounce_deg[i]:.6g}°", [*heat_legend(scale), *groups[1:]]
+    text = _angle_text(policy, i)
     return log_tab(
         map.stream,
         name,
-        f"{policy.bounce_deg[i]:.6g}°",
+        title,
         views,
-        _angle_text(policy, i),
+        text,
         legend,
         timeline="direction",
         shares=(3, 2),
@@ -146,17 +135,14 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
 
 def _group_classes(count: int) -> list[PictureClass]:
     """What is not free, transient cells, and the groups; those past the colours are pale."""
-    colors = list(CATEGORIES.values())
-    classes = [PictureClass("not free", CLEAR), PictureClass("transient", FREE)]
-    for place in range(min(count, 2 * len(colors))):
-        color = colors[place % len(colors)]
-        if place >= len(colors):
-            classes.append(PictureClass("on a less likely group", mix(color, (255, 255, 255), 0.6)))
-        elif place:
-            classes.append(PictureClass(f"on the persistent group of rank {place + 1}", color))
-        else:
-            classes.append(PictureClass("on the likeliest persistent group", color))
-    return classes
+    named = ["on the likeliest persistent group"]
+    named += [f"on the persistent group of rank {rank}" for rank in range(2, len(CATEGORIES) + 1)]
+    groups = list(map(PictureClass, named, CATEGORIES.values()))
+    groups += [
+        PictureClass("on a less likely group", mix(color, (255, 255, 255), 0.6))
+        for color in CATEGORIES.values()
+    ]
+    return [NOT_FREE, PictureClass("transient", FREE), *groups[:count]]
 
 
 def _group_kinds(
@@ -164,8 +150,7 @@ def _group_kinds(
 ) -> UInt8[np.ndarray, "directions positions"]:
     """The class of each cell; groups have ranks by their weights."""
     colors = len(CATEGORIES)
-    rank = np.empty(weights.size, np.int64)
-    rank[np.argsort(-weights, kind="stable")] = np.arange(weights.size)
+    rank = ranks(weights)
     place = np.where(rank < colors, rank, colors + rank % colors)
     return np.where(group < 0, 1, 2 + place[group]).astype(np.uint8)
 
@@ -181,6 +166,7 @@ def _text(policy: CoveragePolicy, shown: int, spec: Mapping[str, Any]) -> str:
             "come as near as possible to the **target**."
         )
     left_out = f" (those of the {shown} largest shares)" if shown < angles else ""
+    columns = "bounce_deg", "alpha", "persistent_groups", "persistent_cells"
     return f"""# Covering a room without knowing where one is
 
 A robot runs straight. Where it bumps it turns by its bouncing angle, but not precisely, and runs
@@ -188,11 +174,9 @@ on. In the long run each angle takes it to some places more than to others. {div
 
 {describe(cells)}
 
-{_share_table(policy)}
+{described(policy, *columns, most=_MAX_ROWS)}
 
-The mixture spends **{100 * policy.total_variation:.1f} %** of its time elsewhere than wanted, and
-visits {policy.positions_visited:,} of {cells.positions:,} positions. No other mixture of these
-angles is nearer in Euclidean distance ({policy.distance:.4g}).
+No other mixture of these angles is nearer to the target in Euclidean distance.
 
 ## How to look
 
@@ -202,6 +186,8 @@ angles is nearer in Euclidean distance ({policy.distance:.4g}).
 - **The bars** are the shares of time of the angles.
 - The other tabs show, for one angle, its persistent groups and where the time goes, direction by
   direction; press play, or drag the slider at the bottom.
+
+{numbers(policy)}
 
 {made_with(spec)}"""
 
@@ -223,17 +209,3 @@ Each map shows one direction at a time; the slider `direction` at the bottom goe
 - **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
   One step changes it by {policy.stationarity_residual[i]:.1e} in all.
 """
-
-
-def _share_table(policy: CoveragePolicy) -> str:
-    alpha = np.asarray(policy.alpha)
-    columns = (policy.bounce_deg, alpha, policy.persistent_groups, policy.persistent_cells)
-    rows: list[tuple[str, ...]] = [
-        (f"{angle:.6g}°", f"{share:.6f}", f"{groups:,}", f"{cells:,}")
-        for angle, share, groups, cells in zip(*columns, strict=True)
-    ]
-    more = rows[_MAX_ROWS:]
-    if more:
-        rest = f"{alpha[_MAX_ROWS:].sum():.6f}"
-        rows = [*rows[:_MAX_ROWS], (f"{len(more):,} more", rest, "", "")]
-    return table(("angle", "share of time", "persistent groups", "their cells"), rows)

@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,54 +10,34 @@ from jaxtyping import Int, UInt8
 
 from ...bounce import BounceGroups
 from ...space import CellSpace
+from ..canvas import palette
 from ..canvas.map import CellMap, log_classes, on_squares, send_pictures
 from ..canvas.page import legend_view, log_legends, log_text, text_view
-from ..canvas.palette import (
-    CATEGORIES,
-    FREE,
-    GROUP_CLASSES,
-    OBSTACLE,
-    ON_GROUP,
-    TEXT,
-    LegendEntry,
-    PictureClass,
-    group_class,
-    ramp,
-    step_classes,
-)
-from ..canvas.prose import bouncing, describe, made_with
-from ..canvas.stream import recording, send_blueprint
+from ..canvas.palette import Color, PictureClass
+from ..canvas.prose import bouncing, counted, describe, made_with
+from ..canvas.stream import send_blueprint, send_changing
 
 
-_NO_GROUP = len(GROUP_CLASSES)
-_HEADING_ROW = len(CATEGORIES) + 2
+_NO_GROUP = len(palette.GROUP_CLASSES)
+_HEADING_ROW = len(palette.CATEGORIES) + 2
 _LEGEND_ROWS = _HEADING_ROW + 8
+_EMPTY = "", palette.OBSTACLE
 
 
-def log_groups(
-    groups: BounceGroups, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
-) -> None:
-    """Write a Rerun recording of periodic groups.
+def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[str, Any]) -> None:
+    """Log periodic groups.
 
     For each bouncing angle, over the timeline `direction`: the group that every cell leads to, the
     mappings it takes, and where these groups run. Several angles have a tab each.
-
-    **Arguments:**
-
-    - `groups`: the groups.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
     """
     directions = groups.cells.directions
     shown = {"direction": (np.arange(directions), np.arange(directions))}
-    with recording(path, "groups") as stream:
-        map = CellMap(stream, groups.cells)
-        tabs = [
-            log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec or {})
-            for i, angle in enumerate(groups.bounce_deg.tolist())
-        ]
-        layout = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
-        send_blueprint(stream, layout, "direction", speed=max(2.0, directions / 30))
+    map = CellMap(stream, groups.cells)
+    tabs = [
+        log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)
+        for i, angle in enumerate(groups.bounce_deg.tolist())
+    ]
+    send_blueprint(stream, tabs, "direction", max(2.0, directions / 30))
 
 
 def log_group_tab(
@@ -85,17 +64,16 @@ def log_group_tab(
         for timeline, (times, headings) in shown.items():
             send_pictures(stream, path, pictures[headings], timeline, times)
     legends = one.legends()
-    arrow = rr.Arrows2D.from_fields(colors=TEXT, radii=0.09, draw_order=50)
-    stream.log(f"{name}/legend/heading", arrow, static=True)
+    style = {"colors": palette.TEXT, "radii": 0.09, "draw_order": 50}
     for timeline, (times, headings) in shown.items():
         log_legends(stream, f"{name}/legend", timeline, times, [legends[k] for k in headings])
         theta = 2 * np.pi * headings / len(legends)
         # A legend has y down.
         vector = 0.45 * np.stack([np.cos(theta), -np.sin(theta)], axis=1)
         middle = np.array([0.25, _HEADING_ROW])
-        arrows = rr.Arrows2D.columns(origins=middle - vector, vectors=2 * vector)
-        index = [rr.TimeColumn(timeline, sequence=times)]
-        stream.send_columns(f"{name}/legend/heading", index, arrows)
+        arrows = {"origins": middle - vector, "vectors": 2 * vector}
+        path = f"{name}/legend/heading"
+        send_changing(stream, path, rr.Arrows2D, times, None, timeline, style=style, **arrows)
     log_text(stream, f"{name}/text", _text(groups, angle, spec))
     path = f"grid/{name}"
     return rrb.Horizontal(
@@ -165,18 +143,18 @@ class _OfAngle:
     ) -> dict[str, tuple[list[PictureClass], UInt8[np.ndarray, "directions rows columns"]]]:
         """The classes and the pictures of each kind, one for each direction."""
         step = self.groups.step[self.angle]
-        kind = (group_class(self._rank)[self._group] + (step == 0)).astype(np.uint8)
+        kind = (palette.group_class(self._rank)[self._group] + (step == 0)).astype(np.uint8)
         on_group = np.where(step == 0, kind, np.uint8(_NO_GROUP))
         cycles = np.empty_like(on_group)
         for one in np.unique(self._family):
             # Larger basins have smaller classes: the largest group that passes a square shows.
             cycles[self._family == one] = on_group[self._family == one].min(axis=0)
-        share, steps = step_classes(int(step.max()))
+        share, steps = palette.step_classes(int(step.max()))
         away = np.where(step == 0, 1, 2 + (step - 1) // share)
-        none = PictureClass("on no such group", FREE)
+        none = PictureClass("on no such group", palette.FREE)
         kinds = {
-            "groups": (GROUP_CLASSES, kind),
-            "cycles": ([*GROUP_CLASSES, none], cycles),
+            "groups": (palette.GROUP_CLASSES, kind),
+            "cycles": ([*palette.GROUP_CLASSES, none], cycles),
             "steps": (steps, away),
         }
         return {
@@ -184,48 +162,43 @@ class _OfAngle:
             for name, (classes, kind) in kinds.items()
         }
 
-    def legends(self) -> list[list[LegendEntry]]:
+    def legends(self) -> list[list[tuple[str, Color]]]:
         """What the colours mean, for each direction."""
         scale = _scale(int(self.groups.step[self.angle].max()))
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
         spacing = 360 / self._cells.directions
+        # An arrow is drawn in the place of this swatch, which has the colour of the ground.
         return [
-            # An arrow is drawn in the place of this swatch, which has the colour of the ground.
-            [
-                *of_family[one],
-                LegendEntry(_HEADING_ROW, f"heading {k * spacing:.6g}°", OBSTACLE),
-                *scale,
-            ]
+            [*of_family[one], (f"heading {k * spacing:.6g}°", palette.OBSTACLE), _EMPTY, *scale]
             for k, one in enumerate(self._family.tolist())
         ]
 
-    def _legend(self, direction: int) -> list[LegendEntry]:
-        """The groups whose lowest direction this is."""
+    def _legend(self, direction: int) -> list[tuple[str, Color]]:
+        """The groups whose lowest direction this is, in as many rows for each direction."""
         members = np.flatnonzero(self._direction == direction)
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]
         shares = 100 * basin / basin.sum()
         period = self.groups.group_period[self.angle]
-        entries: list[LegendEntry] = []
-        for group, share, color in zip(members, shares, CATEGORIES.values(), strict=False):
-            about = f"group {group}: period {period[group]}, {share:.3g} % of cells"
-            entries.append(LegendEntry(len(entries), about, color))
+        named = zip(members, shares, palette.CATEGORIES.values(), strict=False)
+        entries = [
+            (f"group {group}: period {period[group]}, {share:.3g} % of cells", color)
+            for group, share, color in named
+        ]
         more = members.size - len(entries)
         if more:
-            pale = GROUP_CLASSES[group_class(np.array([len(CATEGORIES)]))[0]].color
+            pale = palette.group_class(np.array([len(palette.CATEGORIES)]))[0]
             about = f"{more} more, pale: {shares[len(entries) :].sum():.3g} % of cells"
-            entries.append(LegendEntry(len(entries), about, pale))
-        return entries
+            entries.append((about, palette.GROUP_CLASSES[pale].color))
+        return entries + [_EMPTY] * (_HEADING_ROW - len(entries))
 
 
-def _scale(longest: int) -> list[LegendEntry]:
+def _scale(longest: int) -> list[tuple[str, Color]]:
     away = np.unique(np.linspace(1, max(longest, 1), 5).round().astype(int))
-    colors = ramp((away - 1) / max(longest - 1, 1)).tolist()
-    first = _LEGEND_ROWS - 1 - away.size
-    scale = [LegendEntry(first, "0 mappings: on a group", ON_GROUP)]
-    for row, (steps, (red, green, blue)) in enumerate(zip(away, colors, strict=True), first + 1):
-        unit = "mapping" if steps == 1 else "mappings"
-        scale.append(LegendEntry(row, f"{steps} {unit} to a group", (red, green, blue)))
+    colors = palette.ramp((away - 1) / max(longest - 1, 1)).tolist()
+    scale: list[tuple[str, Color]] = [("0 mappings: on a group", palette.ON_GROUP)]
+    for steps, (red, green, blue) in zip(away.tolist(), colors, strict=True):
+        scale.append((f"{counted(steps, 'mapping')} to a group", (red, green, blue)))
     return scale
 
 

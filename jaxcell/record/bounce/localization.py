@@ -1,5 +1,4 @@
 import math
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,7 +22,7 @@ from ..canvas.marks import log_robot, points
 from ..canvas.page import log_text, text_view
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, TEXT, TRAIL, cycle_color
 from ..canvas.prose import bouncing, counted, describe, made_with, table
-from ..canvas.stream import recording, send_blueprint
+from ..canvas.stream import send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
 
@@ -34,60 +33,50 @@ _MAX_OBSERVATIONS = 240
 _MAX_ROWS = 12
 
 
-def log_localization(
-    found: Localized, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
-) -> None:
-    """Write a Rerun recording of a robot that is localized by its bumps.
+def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping[str, Any]) -> None:
+    """Log a robot that is localized by its bumps.
 
     Over the timeline `step`: the robot and its trail, the cells where it may be, how many they
     are, and the path through the filter, drawn as a graph. The periodic groups are there too, for
     the heading of the robot on `step`, and over the timeline `direction`.
-
-    **Arguments:**
-
-    - `found`: the filter and the run.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
     """
-    cells, spec = found.cells, spec or {}
+    cells = found.cells
     drawing = draw_filter(found.filter, found.run.states)
     heading = found.run.path // cells.positions
     turns = np.flatnonzero(np.diff(heading, prepend=-1))
     every = np.arange(cells.directions)
     shown = {"direction": (every, every), "step": (turns, heading[turns])}
-    with recording(path, "localization") as stream:
-        map = CellMap(stream, cells)
-        _log_belief(stream, found)
-        length = max(0.7 * cells.cell, 0.035 * map.extent)
-        # Below the arrows of the belief, one of which lies on it as long as the filter is right.
-        log_robot(
-            stream,
-            "map/robot",
-            (found.robot_x, found.robot_y, found.robot_theta),
-            length,
-            ROBOT,
-            trail="map/trail",
-            trail_color=TRAIL,
-            corners=_MAX_CORNERS,
-            middle=0.0,
-            order=18.0,
-        )
-        _log_end(map, found)
-        marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth"]
-        maps = rrb.Vertical(
-            map.view("Where the robot is, and where it may be", marks),
-            _log_numbers(stream, found),
-            row_shares=[7, 3],
-        )
-        log_text(stream, "text", _text(found, drawing, spec))
-        graph = _log_graph(stream, found, drawing)
-        beside = rrb.Vertical(text_view("text"), graph, row_shares=[1, 1])
-        tabs = rrb.Tabs(
-            rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
-            log_group_tab(map, found.groups, 0, "Groups", shown, spec),
-            active_tab=0,
-        )
-        send_blueprint(stream, tabs, "step", speed=float(np.clip(heading.size / 20, 2, 30)))
+    map = CellMap(stream, cells)
+    _log_belief(stream, found)
+    length = max(0.7 * cells.cell, 0.035 * map.extent)
+    # Below the arrows of the belief, one of which lies on it as long as the filter is right.
+    log_robot(
+        stream,
+        "map/robot",
+        (found.robot_x, found.robot_y, found.robot_theta),
+        length,
+        ROBOT,
+        trail="map/trail",
+        trail_color=TRAIL,
+        corners=_MAX_CORNERS,
+        middle=0.0,
+        order=18.0,
+    )
+    _log_end(map, found)
+    marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth"]
+    maps = rrb.Vertical(
+        map.view("Where the robot is, and where it may be", marks),
+        _log_numbers(stream, found),
+        row_shares=[7, 3],
+    )
+    log_text(stream, "text", _text(found, drawing, spec))
+    graph = _log_graph(stream, found, drawing)
+    beside = rrb.Vertical(text_view("text"), graph, row_shares=[1, 1])
+    tabs = [
+        rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
+        log_group_tab(map, found.groups, 0, "Groups", shown, spec),
+    ]
+    send_blueprint(stream, tabs, "step", float(np.clip(heading.size / 20, 2, 30)))
 
 
 def _log_belief(stream: rr.RecordingStream, found: Localized) -> None:

@@ -1,89 +1,66 @@
 import itertools
 import math
-import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Int
 
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
+from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, log_pictures, on_squares
-from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
-from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
-from ..canvas.palette import (
-    BELIEF,
-    CATEGORIES,
-    CLEAR,
-    GOAL,
-    PLAIN,
-    ROBOT,
-    START,
-    TEXT,
-    TRAIL,
-    Color,
-    LegendEntry,
-    PictureClass,
-    ramp,
+from ..canvas.marks import (
+    log_arrows,
+    log_dots,
+    log_frame,
+    log_labels,
+    log_robot,
+    points,
+    send_labels,
 )
-from ..canvas.prose import describe, made_with, pose, times
-from ..canvas.stream import recording, send_blueprint
+from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
+from ..canvas.palette import Color, PictureClass
+from ..canvas.prose import describe, made_with, numbers, pose, times
+from ..canvas.scale import Scale
+from ..canvas.stream import send_blueprint
 
 
 # In this order, so that few angles have none of the colours of the robot and its ends.
 _ANGLES = [
-    CATEGORIES[name]
+    palette.CATEGORIES[name]
     for name in ("orange", "sky blue", "pink", "yellow", "green", "blue", "vermilion")
 ]
 _MAX_SHADES = 8
+_NONE = "from no heading"
 _MAX_ACTIONS = 60
 _ENDS = ["start/**", "goal/**"]
+_TRAIL: dict[str, Any] = {"trail": "map/trail", "corners": 1, "width": 4.0}
 
 
-def log_costliest(
-    costs: CostSummary, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+def log_navigation(
+    stream: rr.RecordingStream, found: Plan | CostSummary, spec: Mapping[str, Any]
 ) -> None:
-    """Write a Rerun recording of the costliest plan of all.
-
-    The arguments are those of [`log_plan`][].
-    """
-    log_plan(costs.costliest, path, spec=spec)
-
-
-def log_plan(
-    plan: Plan, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
-) -> None:
-    """Write a Rerun recording of a plan of a bouncing robot.
+    """Log a plan of a bouncing robot, or the costliest plan of all.
 
     Over the timeline `step`: the robot, and the angle it turns by at each bump. The whole plan is
     there as arrows, with a colour for each angle. Over the timeline `direction`: the cells from
     which the goal can be reached; if there is no path, that is all there is to see.
-
-    **Arguments:**
-
-    - `plan`: the plan.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
     """
-    with recording(path, "navigation") as stream:
-        map = CellMap(stream, plan.cells)
-        _log_end(map, "start", plan.start, START)
-        _log_end(map, "goal", plan.goal, GOAL)
-        text = _text(plan, spec or {})
-        if plan.found:
-            tabs = rrb.Tabs(
-                _log_plan(map, plan, text),
-                _log_reaching(map, plan, "reaching", _reaching_text(plan)),
-                active_tab=0,
-            )
-            send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
-        else:
-            tab = _log_reaching(map, plan, "", text)
-            send_blueprint(stream, tab, "direction", max(2.0, plan.cells.directions / 30))
+    plan = found.costliest if isinstance(found, CostSummary) else found
+    map = CellMap(stream, plan.cells)
+    _log_end(map, "start", plan.start, palette.START)
+    _log_end(map, "goal", plan.goal, palette.GOAL)
+    text = _text(plan, spec)
+    if plan.found:
+        reaching = _log_reaching(map, plan, "reaching", _reaching_text(plan))
+        tabs = [_log_plan(map, plan, text), reaching]
+        send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
+    else:
+        tab = _log_reaching(map, plan, "", text)
+        send_blueprint(stream, [tab], "direction", max(2.0, plan.cells.directions / 30))
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
@@ -100,14 +77,13 @@ def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
 def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     """Log the plan, the robot that follows it, and how often it bumps."""
     legend = _log_runs(map, plan)
-    length = max(0.8 * map.cells.cell, 0.045 * map.extent)
     poses = plan.robot_x, plan.robot_y, plan.robot_theta
     log_robot(
         map.stream,
         "map/robot",
         poses,
-        length,
-        ROBOT,
+        map.arrow,
+        palette.ROBOT,
         trail="map/trail",
         corners=1,
         width=4.0,
@@ -117,8 +93,8 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     changed = np.append(False, np.diff(plan.turns) != 0)[: plan.bumps]
     views = []
     for name, title, turns, color in (
-        ("bumps", "Bumps so far", np.ones(plan.bumps), BELIEF),
-        ("changes", "Changes of the angle so far", changed, ROBOT),
+        ("bumps", "Bumps so far", np.ones(plan.bumps), palette.BELIEF),
+        ("changes", "Changes of the angle so far", changed, palette.ROBOT),
     ):
         happens = np.zeros(len(plan.visited))
         happens[1:][plan.actions != 0] = turns
@@ -147,7 +123,7 @@ def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
     moves = np.flatnonzero(begin < end)
     vectors = (place[end] - place[begin])[moves]
     vectors *= 1 - dot / np.linalg.norm(vectors, axis=1, keepdims=True)
-    of_runs = [[TRAIL, *colors][i] for i in moves.tolist()]
+    of_runs = [[palette.TRAIL, *colors][i] for i in moves.tolist()]
     log_arrows(
         map.stream, "map/plan/runs", place[begin[moves]], vectors, of_runs, points(2.5), order=20.0
     )
@@ -161,10 +137,10 @@ def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
     turns = zip(angle.tolist(), counts, color_of, strict=True)
     return [
         *((f"turn by {_degrees(one)}: {times(count)}", color) for one, count, color in turns),
-        ("before the first bump", TRAIL),
-        ("the robot", ROBOT),
-        ("start", START),
-        ("goal", GOAL),
+        ("before the first bump", palette.TRAIL),
+        ("the robot", palette.ROBOT),
+        ("start", palette.START),
+        ("goal", palette.GOAL),
     ]
 
 
@@ -175,20 +151,21 @@ def _log_turns(map: CellMap, plan: Plan) -> None:
         f"bump {i} of {plan.bumps}: turn by {_degrees(turn)}"
         for i, turn in enumerate(plan.turns.tolist(), 1)
     ]
-    text = rr.Points2D.columns(positions=map.xy(plan.visited[bumps]), labels=labels)
-    index = [rr.TimeColumn("step", sequence=plan.time)]
-    map.stream.send_columns("map/turn", index, text.partition(bumps.astype(int)))
-    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=60.0)
-    map.stream.log("map/turn", style, static=True)
+    at = map.xy(plan.visited[bumps])
+    send_labels(map.stream, "map/turn", labels, plan.time, bumps.astype(int), positions=at)
 
 
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
     """Log from where the goal can be reached: in how many headings, and in one at a time."""
     cells, below = map.cells, f"{path}/" if path else ""
-    classes = _reaching_classes(cells)
-    heat = 1 + np.searchsorted(_bounds(cells), plan.reaches.sum(axis=0))
-    pictures = [map.picture("heat", classes, heat)]
-    one = [classes[0], PictureClass("not from here", PLAIN)]
+    shades, headings = min(cells.directions, _MAX_SHADES), plan.reaches.sum(axis=0, dtype=float)
+    # Level `s` begins with so many headings, and no heading is no level.
+    bounds = 1.0 + np.arange(shades + 1) * cells.directions // shades
+    label = f"from {{}} of {cells.directions} headings".format
+    scale = Scale(bounds, label, {_NONE: palette.PLAIN}, whole=True)
+    classes = scale.classes
+    pictures = [map.picture("heat", classes, scale.levels(headings, {_NONE: headings == 0}))]
+    one = [classes[0], PictureClass("not from here", palette.PLAIN)]
     one.append(PictureClass("from here", classes[-1].color))
     every, heading = np.arange(cells.directions), plan.visited // cells.positions
     pictures.append(map.picture("heading", one, 1 + plan.reaches, "direction", every))
@@ -210,33 +187,15 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
     return lay_out_tab(path, "Reaching the goal", views, rows, shares=(3, 2))
 
 
-def _bounds(cells: CellSpace) -> Int[np.ndarray, "bounds"]:
-    """Shade `s` stands for more than `bound[s - 1]` headings, and for no more than `bound[s]`."""
-    shades = min(cells.directions, _MAX_SHADES)
-    return np.arange(shades + 1) * cells.directions // shades
-
-
-def _reaching_classes(cells: CellSpace) -> list[PictureClass]:
-    """What is not free, and from how many headings the goal can be reached."""
-    bounds = _bounds(cells)
-    colors = ramp(np.linspace(0, 1, bounds.size - 1)).tolist()
-    classes = [PictureClass("not free", CLEAR), PictureClass("from no heading", PLAIN)]
-    for low, high, (red, green, blue) in zip(bounds[:-1] + 1, bounds[1:], colors, strict=True):
-        some = f"{high}" if low == high else f"{low} to {high}"
-        label = f"from {some} of {cells.directions} headings"
-        classes.append(PictureClass(label, (red, green, blue)))
-    return classes
-
-
 def _reaching_legend(
     cells: CellSpace, classes: list[PictureClass], heading: int
-) -> list[LegendEntry]:
+) -> list[tuple[str, Color]]:
     """What the shades mean, and the colours for one heading."""
     degrees = f"{360 * heading / cells.directions:.4g}°"
     return [
-        *(LegendEntry(i, *shade) for i, shade in enumerate(classes[:0:-1])),
-        LegendEntry(len(classes), f"from here, heading {degrees}", classes[-1].color),
-        LegendEntry(len(classes) + 1, f"not from here, heading {degrees}", PLAIN),
+        *classes[:0:-1],
+        (f"from here, heading {degrees}", classes[-1].color),
+        (f"not from here, heading {degrees}", palette.PLAIN),
     ]
 
 
@@ -244,23 +203,22 @@ def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
     """What the recording shows."""
     cells = plan.cells
     slider = (
-        "The tab **Reaching the goal** shows from where, and in how many headings."
+        "The tab **Reaching the goal** shows from where the goal can be reached, and in how many "
+        "headings."
         if plan.found
-        else "Above you see from where it can be reached, and in how many headings; below for one "
-        "heading, which the slider `direction` at the bottom chooses."
+        else "Above you see from where the goal can be reached, and in how many headings; below "
+        "for one heading, which the slider `direction` at the bottom chooses."
     )
     return f"""# From start to goal by bumps
 
 A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
 as the plan says, and runs on. It senses its bumps and counts its steps, and nothing else.
 
-- **start**: {pose(cells, plan.start)}
-- **goal**: {pose(cells, plan.goal)}
-
 {_outcome(plan)}
 
-From **{plan.cells_that_reach_the_goal:,} of {cells.size:,} cells** the goal can be reached. \
 {slider}
+
+{numbers(plan)}
 
 {describe(cells)}
 
@@ -285,16 +243,7 @@ def _outcome(plan: Plan) -> str:
         return "**There is no path** from the start to the goal with these angles."
     if not plan.actions.size:
         return "The robot **is there already**."
-    changes = "never changes it" if plan.changes == 0 else f"changes it {times(plan.changes)}"
-    used = "one angle" if plan.angles_used == 1 else f"{plan.angles_used} different angles"
-    bumps = (
-        f"It bumps {times(plan.bumps)}, uses {used}, and {changes}."
-        if plan.bumps
-        else "It does not bump on the way."
-    )
-    return f"""This plan is a cheapest one, with cost **{plan.cost:,}** and {plan.steps:,} steps \
-forward.
-{bumps}
+    return f"""This plan is a cheapest one, with cost **{plan.cost:,}**:
 
 `{_action_string(plan)}`
 

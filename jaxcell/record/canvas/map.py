@@ -17,6 +17,7 @@ from jaxtyping import Float, Int, Integer, UInt8
 
 from ...space import CellSpace
 from .palette import FREE, MARGIN, OBSTACLE, WALL, PictureClass
+from .stream import plane
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,6 +53,11 @@ class CellMap:
         left, bottom, right, top = self.bounds
         return max(right - left, top - bottom)
 
+    @property
+    def arrow(self) -> float:
+        """The length of the arrow of a robot that is seen on the whole map, in metres."""
+        return max(0.8 * self.cells.cell, 0.045 * self.extent)
+
     @functools.cached_property
     def frame(self) -> float:
         """Half the side of a frame around a square, in metres."""
@@ -84,15 +90,9 @@ class CellMap:
         """A view of entities on the map, with a margin around it."""
         left, bottom, right, top = self.bounds
         margin = 0.04 * self.extent
-        return rrb.Spatial2DView(
-            origin="/",
-            name=title,
-            contents=[f"+ /map/{one}" for one in ("walls", "grid/free", *contents)],
-            background=OBSTACLE,
-            visual_bounds=rrb.VisualBounds2D(
-                x_range=[left - margin, right + margin], y_range=[-top - margin, margin - bottom]
-            ),
-        )
+        box = left - margin, -top - margin, right + margin, margin - bottom
+        shown = [f"/map/{one}" for one in ("walls", "grid/free", *contents)]
+        return plane("/", title, box, shown)
 
 
 def on_squares(

@@ -4,6 +4,7 @@ Marks lie over pictures; their `order` says which lies over which.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +12,14 @@ import rerun as rr
 from jaxtyping import Float, Int
 
 from .palette import TEXT, Color
+from .stream import send_changing
 
 
 # Corners of the trail behind a robot; all of them would hide the map.
 _CORNERS = 6
+_LAST_STEPS = 4
+LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
+"""The style of points of which one sees their labels only."""
 
 
 def points(width: float) -> float:
@@ -31,15 +36,26 @@ def log_labels(
 ) -> None:
     """Log texts at places; the viewer hangs each centred below its place."""
     if labels:
-        text = rr.Points2D(
-            [(x, y) for _, x, y in labels],
-            labels=[text for text, _, _ in labels],
-            colors=color,
-            radii=0.001,
-            show_labels=True,
-            draw_order=order,
-        )
+        style = {**LABEL, "colors": color, "draw_order": order}
+        at = [(x, y) for _, x, y in labels]
+        text = rr.Points2D(at, labels=[text for text, _, _ in labels], **style)
         stream.log(path, text, static=True)
+
+
+def send_labels(
+    stream: rr.RecordingStream,
+    path: str,
+    labels: Sequence[str],
+    times: Int[np.ndarray, "times"],
+    lengths: npt.ArrayLike | None = None,
+    *,
+    order: float = 60.0,
+    **columns: Any,
+) -> None:
+    """Log texts that change over the timeline `step`, each with its place unless that is fixed."""
+    style = {**LABEL, "draw_order": order}
+    columns["labels"] = labels
+    send_changing(stream, path, rr.Points2D, times, lengths, style=style, **columns)
 
 
 def log_dots(
@@ -138,13 +154,9 @@ def log_robot(
     times = np.arange(x.size) if times is None else times
     place = np.stack([x, y], axis=1)
     heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
-    index = [rr.TimeColumn(timeline, sequence=times)]
-    arrows = rr.Arrows2D.columns(
-        origins=place[times] - middle * heading[times], vectors=heading[times]
-    )
-    stream.send_columns(path, index, arrows)
-    style = rr.Arrows2D.from_fields(colors=color, radii=length / 8, draw_order=order)
-    stream.log(path, style, static=True)
+    style = {"colors": color, "radii": length / 8, "draw_order": order}
+    arrows = {"origins": place[times] - middle * heading[times], "vectors": heading[times]}
+    send_changing(stream, path, rr.Arrows2D, times, None, timeline, style=style, **arrows)
     if trail is None:
         return
     corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
@@ -154,10 +166,36 @@ def log_robot(
         place[np.append(corner[max(0, past - kept) : past], time)]
         for time, past in zip(times.tolist(), passed, strict=True)
     ]
-    stream.send_columns(trail, index, rr.LineStrips2D.columns(strips=strips))
-    line = rr.LineStrips2D.from_fields(
-        colors=color if trail_color is None else trail_color,
-        radii=points(width),
-        draw_order=order - 10,
-    )
-    stream.log(trail, line, static=True)
+    line = trail_color or color
+    style = {"colors": line, "radii": points(width), "draw_order": order - 10}
+    send_changing(stream, trail, rr.LineStrips2D, times, None, timeline, style=style, strips=strips)
+
+
+def log_walker(
+    stream: rr.RecordingStream,
+    path: str,
+    place: Float[np.ndarray, "times 2"],
+    color: Color,
+    radius: float,
+    width: float = 3.0,
+    rim: float | None = None,
+) -> None:
+    """Log a dot that goes from place to place over the timeline `step`, with its last steps.
+
+    **Arguments:**
+
+    - `radius`: of the dot.
+    - `width`: of the line along the last steps, in points on the screen.
+    - `rim`: that of a light rim of this line, if it is to have one.
+    """
+    times = np.arange(len(place))
+    trail = [place[max(0, time - _LAST_STEPS) : time + 1] for time in times]
+    # A strip of one point is none.
+    trail[0] = place[[0, 0]]
+    for name, shown, wide, order in ("rim", TEXT, rim, 29.0), ("trail", color, width, 30.0):
+        if wide is not None:
+            style = {"colors": shown, "radii": points(wide), "draw_order": order}
+            line = f"{path}/{name}"
+            send_changing(stream, line, rr.LineStrips2D, times, style=style, strips=trail)
+    style = {"colors": color, "radii": radius, "draw_order": 40}
+    send_changing(stream, f"{path}/here", rr.Points2D, times, style=style, positions=place)

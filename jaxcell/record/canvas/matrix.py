@@ -9,8 +9,9 @@ from jaxtyping import Float
 
 from .map import log_pictures
 from .marks import log_labels
-from .palette import OBSTACLE, PLAIN, Color
+from .palette import PLAIN, Color
 from .scale import Scale
+from .stream import plane
 
 
 # More squares than this do not have their numbers written on them, and more rows or columns have
@@ -54,14 +55,7 @@ def matrix_view(
 ) -> rrb.Spatial2DView:
     """A view of a heat map with so many rows and columns."""
     rows, columns = shape
-    return rrb.Spatial2DView(
-        origin=path,
-        name=name,
-        background=OBSTACLE,
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=[-margin, columns + 0.3], y_range=[-1, rows + 0.3]
-        ),
-    )
+    return plane(path, name, (-margin, -1, columns + 0.3, rows + 0.3))
 
 
 def _log_labels(

@@ -2,16 +2,22 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Int
 
-from .palette import OBSTACLE, TEXT, Color, LegendEntry
+from .marks import LABEL
+from .palette import Color
+from .stream import plane
 
 
 _ONCE = np.zeros(1, np.int64)
+
+Legend: TypeAlias = Sequence[tuple[str, Color]]
+"""What colours mean, row by row; classes of pictures are entries too."""
 
 
 def log_tab(
@@ -20,11 +26,10 @@ def log_tab(
     name: str,
     views: rrb.Container | rrb.View | Sequence[rrb.View],
     text: str,
-    legend: Sequence[tuple[str, Color]],
+    legend: Legend,
     *,
     timeline: str = "step",
-    shares: tuple[int, int] = (7, 3),
-    rows: tuple[int, int] = (3, 2),
+    **layout: Any,
 ) -> rrb.Container:
     """Log the text and the legend of a tab, and lay it out.
 
@@ -39,7 +44,7 @@ def log_tab(
         log_text(stream, f"{below}text", text)
     if legend:
         log_legend(stream, f"{below}legend", legend, timeline)
-    return lay_out_tab(path, name, views, len(legend), text=bool(text), shares=shares, rows=rows)
+    return lay_out_tab(path, name, views, len(legend), text=bool(text), **layout)
 
 
 def lay_out_tab(
@@ -89,14 +94,10 @@ def text_view(path: str) -> rrb.TextDocumentView:
 
 
 def log_legend(
-    stream: rr.RecordingStream,
-    path: str,
-    legend: Sequence[tuple[str, Color]],
-    timeline: str | None = None,
+    stream: rr.RecordingStream, path: str, legend: Legend, timeline: str | None = None
 ) -> None:
     """Log what colours mean, at all times of one timeline or of all."""
-    rows = [LegendEntry(row, *entry) for row, entry in enumerate(legend)]
-    log_legends(stream, path, timeline, _ONCE, [rows])
+    log_legends(stream, path, timeline, _ONCE, [legend])
 
 
 def log_legends(
@@ -104,34 +105,24 @@ def log_legends(
     path: str,
     timeline: str | None,
     times: Int[np.ndarray, "legends"],
-    legends: Sequence[Sequence[LegendEntry]],
+    legends: Sequence[Legend],
 ) -> None:
     """Log a column of swatches with their meanings for each time, or once without a timeline."""
     stream.log(f"{path}/swatch", rr.LineStrips2D.from_fields(radii=0.32), static=True)
-    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True)
-    stream.log(f"{path}/text", style, static=True)
+    stream.log(f"{path}/text", rr.Points2D.from_fields(**LABEL), static=True)
     index = [] if timeline is None else [rr.TimeColumn(timeline, sequence=times)]
     lengths = [len(legend) for legend in legends]
-    entries = [entry for legend in legends for entry in legend]
-    row = np.array([entry.row for entry in entries], float)
+    row = np.concatenate([np.arange(length) for length in lengths]).astype(float)
     left = np.stack([np.zeros_like(row), row], axis=-1)
     right = left + np.array([0.5, 0])
-    swatch = rr.LineStrips2D.columns(
-        strips=np.stack([left, right], axis=1), colors=[entry.color for entry in entries]
-    )
+    labels, colors = zip(*(entry for legend in legends for entry in legend), strict=True)
+    swatch = rr.LineStrips2D.columns(strips=np.stack([left, right], axis=1), colors=colors)
     stream.send_columns(f"{path}/swatch", index, swatch.partition(lengths))
     # The viewer writes a label centred under its point.
-    text = rr.Points2D.columns(
-        positions=right + np.array([5, -0.4]), labels=[entry.label for entry in entries]
-    )
+    text = rr.Points2D.columns(positions=right + np.array([5, -0.4]), labels=labels)
     stream.send_columns(f"{path}/text", index, text.partition(lengths))
 
 
 def legend_view(path: str, rows: int) -> rrb.Spatial2DView:
     """A view of a legend of so many rows."""
-    return rrb.Spatial2DView(
-        origin=path,
-        name="Legend",
-        background=OBSTACLE,
-        visual_bounds=rrb.VisualBounds2D(x_range=[-0.7, 10], y_range=[-0.8, rows - 0.2]),
-    )
+    return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2))

@@ -1,4 +1,4 @@
-"""The colours of all recordings, told apart by colour-blind people too.
+"""The colours of all recordings, which colour-blind people can distinguish too.
 
 What stands for one thing is the same everywhere: obstacles are dark, free space is light, the
 robot is vermilion, where it may be is blue, and what is known in the end is green. A way goes from
@@ -8,7 +8,7 @@ the blue start to the green goal, and what an adversary attacks is pink.
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Num, UInt8
 
 
 Color: TypeAlias = tuple[int, int, int] | tuple[int, int, int, int]
@@ -79,19 +79,20 @@ def mix(color: Color, other: Color, share: float) -> Color:
     return red, green, blue
 
 
+def tint(color: Color, share: float) -> Color:
+    """A colour with a share of that of free space."""
+    return mix(color, FREE, share)
+
+
 class PictureClass(NamedTuple):
-    """What squares of one class in a picture have in common."""
+    """What squares of one class in a picture have in common: an entry of a legend."""
 
     label: str
     color: Color
 
 
-class LegendEntry(NamedTuple):
-    """A swatch, and what it means."""
-
-    row: int
-    label: str
-    color: Color
+NOT_FREE = PictureClass("not free", CLEAR)
+"""The first class of a picture of a map."""
 
 
 def cycle_color(color: int) -> tuple[str, Color]:
@@ -101,7 +102,7 @@ def cycle_color(color: int) -> tuple[str, Color]:
 
 
 def _group_classes() -> list[PictureClass]:
-    classes = [PictureClass("not free", CLEAR)]
+    classes = [NOT_FREE]
     for shade, rest in (0.0, ""), (0.6, "a smaller group"):
         for place, color in enumerate(CATEGORIES.values()):
             label = rest or ("the largest group", f"the group of rank {place + 1}")[place > 0]
@@ -114,6 +115,13 @@ def _group_classes() -> list[PictureClass]:
 GROUP_CLASSES = _group_classes()
 """The classes in pictures of groups: what is not free, then for each rank the cells that lead to
 the group and the cells on it, which are darker. The groups past the colours are pale."""
+
+
+def ranks(sizes: Num[np.ndarray, "groups"]) -> Int[np.ndarray, "groups"]:
+    """The rank of each size, 0 for the largest; equal ones in their order."""
+    rank = np.empty(sizes.size, np.int64)
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(sizes.size)
+    return rank
 
 
 def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
@@ -139,7 +147,7 @@ def step_classes(longest: int) -> tuple[int, list[PictureClass]]:
     share = -(-longest // 250)
     starts = np.arange(1, longest + 1, share)
     colors = ramp((starts - 1) / max(longest - 1, 1)).tolist()
-    classes = [PictureClass("not free", CLEAR), PictureClass("on a group", ON_GROUP)]
+    classes = [NOT_FREE, PictureClass("on a group", ON_GROUP)]
     for start, (red, green, blue) in zip(starts.tolist(), colors, strict=True):
         last = min(start + share - 1, longest)
         steps = f"{start}" if start == last else f"{start} to {last}"

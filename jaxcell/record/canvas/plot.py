@@ -14,7 +14,8 @@ from jaxtyping import Float, UInt8
 
 from .map import log_pictures
 from .marks import log_labels, log_lines
-from .palette import CLEAR, MARGIN, OBSTACLE, TEXT, Color, PictureClass
+from .palette import CLEAR, MARGIN, TEXT, Color, PictureClass
+from .stream import plane
 
 
 _WIDTH, _HEIGHT = 160.0, 90.0
@@ -96,15 +97,8 @@ class Plot:
 
     def view(self, name: str, also: Sequence[str] = ()) -> rrb.Spatial2DView:
         """A view of the chart, and of other entities in its plane."""
-        return rrb.Spatial2DView(
-            origin="/",
-            name=name,
-            contents=[f"+ {one}" for one in (f"/{self.path}/**", *also)],
-            background=OBSTACLE,
-            visual_bounds=rrb.VisualBounds2D(
-                x_range=[-_LEFT, _WIDTH + _RIGHT], y_range=[-_HEIGHT - _ABOVE, _BELOW]
-            ),
-        )
+        box = -_LEFT, -_HEIGHT - _ABOVE, _WIDTH + _RIGHT, _BELOW
+        return plane("/", name, box, (f"/{self.path}/**", *also))
 
     def at(
         self, x: Float[np.ndarray, "points"] | float, y: Float[np.ndarray, "points"] | float

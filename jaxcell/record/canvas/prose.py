@@ -4,7 +4,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...base.quantities import Result, quantities, values
+from ...base.written import written
 from ...space import CellSpace
+from ..data.described import cells_of
+
+
+_MAX_ROWS = 60
+# Letters of the heads of columns, beyond which their names stand for their meanings.
+_MAX_HEAD = 72
 
 
 def describe(cells: CellSpace) -> str:
@@ -37,17 +45,61 @@ def pose(cells: CellSpace, cell: int) -> str:
 
 def made_with(spec: Mapping[str, Any]) -> str:
     """The parameters of a recording, as its last section."""
-    if not spec:
-        return ""
-    given = {key: value for key, value in spec.items() if value is not None}
-    rows = [(key, str(value).replace("|", "&#124;")) for key, value in given.items()]
-    return "## Made with\n\n" + table(("what", "value"), rows)
+    given = [(key, value) for key, value in spec.items() if value is not None]
+    return "## Made with\n\n" + table(("what", "value"), given) if given else ""
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table in Markdown."""
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = _MAX_ROWS) -> str:
+    """A table in Markdown, of which at most so many rows are shown."""
+    body = [[str(cell).replace("|", "&#124;") for cell in row] for row in rows[:most]]
+    if len(rows) > most:
+        body.append([f"{len(rows) - most:,} more"] + [""] * (len(columns) - 1))
+    lines = [columns, ["---"] * len(columns), *body]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def numbers(result: Result, cells: CellSpace | None = None) -> str:
+    """The single numbers and texts of a result as a table in Markdown; none for none.
+
+    **Arguments:**
+
+    - `cells`: those on which its positions are; by default its own.
+    """
+    found, cells = values(result, lambda about: not about.dims), cells or cells_of(result)
+    rows = [(about.meaning, written(value, about, cells)) for about, value in found.values()]
+    return table(("quantity", "value"), rows) if rows else ""
+
+
+def described(
+    results: Result | Sequence[Result],
+    *names: str,
+    first: Mapping[str, Sequence[object]] | None = None,
+    most: int = _MAX_ROWS,
+) -> str:
+    """A table of quantities in Markdown, with their meanings, or their names, as its head.
+
+    **Arguments:**
+
+    - `results`: one result, with a row for each place along the dimension of the quantities; or
+        several of one kind, with a row for each.
+    - `names`: the quantities.
+    - `first`: columns before them, by their heads.
+    - `most`: how many rows are shown.
+    """
+    several = [results] if isinstance(results, Result) else results
+    about, cells = quantities(type(several[0])), cells_of(several[0])
+    columns: dict[str, Sequence[object]] = dict(first or {})
+    heads = {name: about[name].meaning for name in names}
+    if sum(map(len, heads.values())) > _MAX_HEAD:
+        of = several[0].tables.get(" ".join(about[names[0]].dims), "")
+        heads = {name: name.removeprefix(f"{of}_").replace("_", " ") for name in names}
+    for name, head in heads.items():
+        column = [getattr(one, name) for one in several]
+        column = list(column[0]) if isinstance(results, Result) else column
+        columns[head] = [
+            "" if value is None else written(value, about[name], cells) for value in column
+        ]
+    return table([*columns], list(zip(*columns.values(), strict=True)), most)
 
 
 def times(count: int) -> str:

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -32,6 +33,8 @@ class Scale:
     digits: int = 3
     open: bool = False
     "Whether the legend says that the last level holds all larger numbers."
+    whole: bool = False
+    "Whether levels are of whole numbers, each from its bound to before the next."
 
     @classmethod
     def over(
@@ -43,24 +46,17 @@ class Scale:
         least: float | None = None,
         most: float | None = None,
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
-        special: Mapping[str, Color] | None = None,
-        ground: str = "not free",
-        digits: int = 3,
-        open: bool = False,
+        **about: Any,
     ) -> "Scale":
         """The scale over the range of some numbers, or between given ends.
 
         **Arguments:**
 
         - `values`: the numbers; those that are not finite are passed over.
-        - `label`: what a number means, given how it is written.
         - `levels`: how many.
         - `least`, `most`: the ends, instead of those of the numbers.
         - `spaced`: how bounds lie between the ends, `numpy.linspace` or `numpy.geomspace`.
-        - `special`: meanings and colours of squares without a level.
-        - `ground`: what the clear parts of a picture are.
-        - `digits`: how many significant ones numbers have.
-        - `open`: whether larger numbers than the end are in the last level.
+        - `label`, and further keywords: the other fields.
         """
         finite = values[np.isfinite(values)]
         low = float(finite.min(initial=np.inf)) if least is None else least
@@ -68,8 +64,7 @@ class Scale:
         low, high = (low, high) if low <= high else (0.0, 0.0)
         # A range of nothing has no levels.
         high = max(high, low + max(1e-6, 1e-9 * abs(low)))
-        bounds = spaced(low, high, levels + 1)
-        return cls(bounds, label, dict(special or {}), ground, digits, open)
+        return cls(spaced(low, high, levels + 1), label, **about)
 
     @property
     def colors(self) -> list[Color]:
@@ -82,9 +77,9 @@ class Scale:
         """The classes of a picture."""
         named = [PictureClass(self.ground, CLEAR)]
         named += [PictureClass(*one) for one in self.special.items()]
-        ends = itertools.pairwise(map(self._written, self.bounds.tolist()))
+        ends = itertools.pairwise(self.bounds.tolist())
         for (low, high), color in zip(ends, self.colors, strict=True):
-            named.append(PictureClass(self.label(f"{low} to {high}"), color))
+            named.append(PictureClass(self.label(self._range(low, high - self.whole)), color))
         if self.open:
             last = self._or_more(self.bounds[-2])
             named[-1] = PictureClass(last, named[-1].color)
@@ -134,6 +129,23 @@ class Scale:
     def _or_more(self, value: float) -> str:
         return f"{self.label(self._written(float(value)))} or more"
 
+    def _range(self, low: float, high: float) -> str:
+        if self.whole and low == high:
+            return self._written(low)
+        return f"{self._written(low)} to {self._written(high)}"
+
     def _written(self, value: float) -> str:
         large = 1000 <= abs(value) < 1e9
         return f"{value:,.0f}" if large else f"{value:.{self.digits}g}"
+
+
+def ramp_legend(label: str, most: float, rows: int) -> list[tuple[str, Color]]:
+    """What the colours of a ramp mean: so many numbers down from the largest to 0.
+
+    **Arguments:**
+
+    - `label`: how a number is written, as for `str.format`.
+    """
+    shares = np.linspace(1, 0, rows)
+    colors = zip(shares.tolist(), ramp(shares).tolist(), strict=True)
+    return [(label.format(most * one), (red, green, blue)) for one, (red, green, blue) in colors]

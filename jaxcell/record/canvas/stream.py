@@ -3,13 +3,18 @@
 import contextlib
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
+from jaxtyping import Int
 
 from ...base.files import replacing
+from .palette import OBSTACLE
 
 
 @contextlib.contextmanager
@@ -52,12 +57,58 @@ def recording_name(path: str | os.PathLike[str]) -> str:
     return f"{path.parent.name}/{path.stem}"
 
 
-def send_blueprint(
-    stream: rr.RecordingStream, layout: rrb.Container, timeline: str, speed: float
+def send_changing(
+    stream: rr.RecordingStream,
+    path: str,
+    archetype: Any,
+    times: Int[np.ndarray, "times"],
+    lengths: npt.ArrayLike | None = None,
+    timeline: str = "step",
+    *,
+    style: Mapping[str, Any] | None = None,
+    **columns: Any,
 ) -> None:
-    """Fix what the viewer shows: our views, and a timeline that plays, in steps a second."""
+    """Log marks that change over a timeline.
+
+    **Arguments:**
+
+    - `archetype`: what they are, `rerun.Points2D` say.
+    - `times`: when they change.
+    - `lengths`: how many there are from each time on; by default one.
+    - `style`: the components that do not change.
+    - `columns`: those that do, one after the other.
+    """
+    index = [rr.TimeColumn(timeline, sequence=times)]
+    changing = archetype.columns(**columns)
+    stream.send_columns(path, index, changing if lengths is None else changing.partition(lengths))
+    if style is not None:
+        stream.log(path, archetype.from_fields(**style), static=True)
+
+
+def send_blueprint(
+    stream: rr.RecordingStream, tabs: Sequence[rrb.Container], timeline: str, speed: float
+) -> None:
+    """Fix what the viewer shows: our tabs, and a timeline that plays, in steps a second."""
+    layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(timeline=timeline, fps=speed, play_state="playing", state="collapsed")
     stream.send_blueprint(fixed(layout, play))
+
+
+def plane(
+    origin: str,
+    title: str,
+    box: Sequence[float | int],
+    contents: Sequence[str] | None = None,
+) -> rrb.Spatial2DView:
+    """A view of a box in a plane: left, top, right, bottom, as the viewer has them, y down."""
+    left, top, right, bottom = box
+    return rrb.Spatial2DView(
+        origin=origin,
+        name=title,
+        contents="$origin/**" if contents is None else [f"+ {one}" for one in contents],
+        background=OBSTACLE,
+        visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
+    )
 
 
 def fixed(layout: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:

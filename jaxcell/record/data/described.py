@@ -20,7 +20,6 @@ from ...base.quantities import (
     values,
 )
 from ...space import CellSpace
-from ..checks import with_checks
 from ..provenance import cell_coordinates, provenance
 
 
@@ -76,7 +75,23 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
         else:
             variable.attrs["kind"] = described.kind
             found[name] = variable
-    return with_checks(found, {**_checks_of_kinds(found, cells), **_checks(result, "")})
+    return _checked(found, {**_checks_of_kinds(found, cells), **_checks(result, "")})
+
+
+def _checked(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
+    """The dataset with the value of each check as an attribute `check_<name>`.
+
+    Checks are computed from the arrays that are about to be saved, and not from what made them, so
+    that they can be computed again from any file. A dataset that contradicts itself is not made at
+    all. The limits are far beyond rounding: only a defect, or altered arrays, exceed one.
+    """
+    for name, (value, limit) in checks.items():
+        if not (value <= limit or limit == np.inf):
+            raise RuntimeError(
+                f"{dataset.attrs['title']}: the result contradicts itself: {name} is {value:g}, "
+                f"expected at most {limit:g}"
+            )
+    return dataset.assign_attrs({f"check_{name}": value for name, (value, _) in checks.items()})
 
 
 def cells_of(result: Result) -> CellSpace | None:

@@ -7,9 +7,9 @@ import rerun.blueprint as rrb
 
 from ...drift.layer import ALMOST_FOR_EVER, Layer
 from ..canvas.palette import FREE, PLAIN, mix
-from ..canvas.prose import table
+from ..canvas.prose import described
 from ..canvas.scale import Scale
-from .map import LAND, SeaMap, log_map_tab
+from .map import SeaMap
 
 
 _PERSISTENT = "in a persistent group"
@@ -40,19 +40,12 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
         picture = map.picture(f"absorption_{map.number}", scale.classes, kind)
         views.append(map.view(map.title, [picture]))
     special = [_PERSISTENT, _LATE] if any(one.any() for one in late) else [_PERSISTENT]
-    legend = [*scale.legend(_LEGEND_ROWS, special), ("land", LAND)]
-    return log_map_tab(
-        maps[0],
-        "absorption",
-        "Absorption times",
-        views,
-        _text(maps[0].drift.layers),
-        legend,
-    )
+    text, legend = _text(maps[0].drift.layers), scale.legend(_LEGEND_ROWS, special)
+    return maps[0].tab("absorption", "Absorption times", views, text, legend)
 
 
 def _text(layers: Sequence[Layer]) -> str:
-    rows: list[tuple[object, ...]] = [(f"{layer.depth:g} m", *_times(layer)) for layer in layers]
+    columns = "depth", "median_hours", "longest_hours", "almost_for_ever_cells"
     caught = ""
     if any(layer.almost_for_ever_cells for layer in layers):
         caught = (
@@ -65,18 +58,7 @@ def _text(layers: Sequence[Layer]) -> str:
 The *absorption time* of a cell is the expected time until a drifter from there is in a persistent
 group, or off the map. Blue is soon, yellow is late; persistent cells are light.
 
-{table(("depth", "half of them within", "longest", "almost for ever"), rows)}
+{described(layers, *columns)}
 
 {caught}
 """
-
-
-def _times(layer: Layer) -> tuple[str, str, str]:
-    if not layer.transient_groups:
-        return "all are persistent", "", ""
-    longest = ALMOST_FOR_EVER * layer.behaviour.duration / 3600
-    median, most = (
-        f"{one:.3g} h" if one <= longest else "almost for ever"
-        for one in (layer.median_hours, layer.longest_hours)
-    )
-    return median, most, f"{layer.almost_for_ever_cells:,} cells"

@@ -10,7 +10,8 @@ import rerun.blueprint as rrb
 from ...drift import SeaDrift, simulate_drifters
 from ..canvas.marks import points
 from ..canvas.palette import Color
-from .map import DRIFTER, LAND, SeaMap, log_map_tab
+from ..canvas.stream import send_changing
+from .map import DRIFTER, SeaMap
 
 
 _MAX_ARROWS = 700
@@ -31,15 +32,8 @@ def log_currents(maps: Sequence[SeaMap], seed: int) -> rrb.Container:
         _log_drifters(map, seed)
         shown = [f"current_{map.number}", f"drifters_{map.number}/**"]
         views.append(map.view(f"{map.title}: currents and drifters", shown))
-    legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER), ("land", LAND)]
-    return log_map_tab(
-        maps[0],
-        "currents",
-        "Currents",
-        views,
-        _text(maps[0]),
-        legend,
-    )
+    legend = [("the current", _ARROW), ("a drifter and its way", DRIFTER)]
+    return maps[0].tab("currents", "Currents", views, _text(maps[0]), legend)
 
 
 def currents_of(drift: SeaDrift) -> str:
@@ -88,13 +82,19 @@ def _log_arrows(map: SeaMap, layers: int) -> None:
     length = np.linalg.norm(vector, axis=2, keepdims=True)
     vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side
     foot = map.xy(cells) - vector / 2
-    path, sizes = f"map/current_{map.number}", np.full(records.size, cells.size)
-    index = [rr.TimeColumn(clock.unit, sequence=np.rint(since[records]).astype(np.int64))]
-    arrows = rr.Arrows2D.columns(vectors=vector.reshape(-1, 2), origins=foot.reshape(-1, 2))
-    map.stream.send_columns(path, index, arrows.partition(sizes))
+    times, sizes = np.rint(since[records]).astype(np.int64), np.full(records.size, cells.size)
     radius = 0.08 * spacing * float(map.side.min())
-    style = rr.Arrows2D.from_fields(colors=_ARROW, radii=radius, draw_order=10)
-    map.stream.log(path, style, static=True)
+    send_changing(
+        map.stream,
+        f"map/current_{map.number}",
+        rr.Arrows2D,
+        times,
+        sizes,
+        clock.unit,
+        style={"colors": _ARROW, "radii": radius, "draw_order": 10},
+        vectors=vector.reshape(-1, 2),
+        origins=foot.reshape(-1, 2),
+    )
 
 
 def _log_drifters(map: SeaMap, seed: int) -> None:
@@ -118,19 +118,20 @@ def _log_drifters(map: SeaMap, seed: int) -> None:
     found, _ = water.at(np.rint(y).astype(int), np.rint(x).astype(int))
     dry = there & (found < 0)
     xy[dry] = map.xy(moved.cell[dry])
-    index = [rr.TimeColumn(clock.unit, sequence=clock.frame * np.arange(len(xy)))]
-    path, counts = f"map/drifters_{map.number}", there.sum(axis=1)
-    dots = rr.Points2D.columns(positions=xy[there])
-    stream.send_columns(f"{path}/here", index, dots.partition(counts))
-    style = rr.Points2D.from_fields(colors=DRIFTER, radii=0.55 * map.mark, draw_order=40)
-    stream.log(f"{path}/here", style, static=True)
     # A trail around the Earth begins beyond the edge of the map rather than at its other side.
     turns = map.on_grid(whole, y) - map.on_grid(x, y)
     trails = [
         (xy + turns - turns[time])[max(0, time - _TRAIL) : time + 1, there[time]].swapaxes(0, 1)
         for time in range(len(xy))
     ]
-    strips = rr.LineStrips2D.columns(strips=[strip for trail in trails for strip in trail])
-    stream.send_columns(f"{path}/trail", index, strips.partition(counts))
-    line = rr.LineStrips2D.from_fields(colors=DRIFTER, radii=points(0.8), draw_order=30)
-    stream.log(f"{path}/trail", line, static=True)
+    path, at = f"map/drifters_{map.number}", clock.frame * np.arange(len(xy))
+    dot = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}
+    line = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
+    strips, counts = [strip for trail in trails for strip in trail], there.sum(axis=1)
+    for name, kind, style, columns in (
+        ("here", rr.Points2D, dot, {"positions": xy[there]}),
+        ("trail", rr.LineStrips2D, line, {"strips": strips}),
+    ):
+        send_changing(
+            stream, f"{path}/{name}", kind, at, counts, clock.unit, style=style, **columns
+        )

@@ -5,16 +5,16 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots, log_lines
-from ..canvas.palette import BELIEF, CLEAR, FREE, Color, PictureClass, mix
+from ..canvas.palette import BELIEF, CLEAR, Color, PictureClass, tint
 from ..canvas.plot import Plot, ticks
-from ..canvas.prose import table
+from ..canvas.prose import described
 from .groups import group_classes, home_color
-from .map import LAND, SeaMap, log_map_tab, place_name
+from .map import SeaMap
 
 
 _CELL: Color = (20, 20, 24)
-_SEEN: Color = mix(BELIEF, FREE, 0.7)
-_LEFT_OUT: Color = mix(BELIEF, FREE, 0.35)
+_SEEN: Color = tint(BELIEF, 0.7)
+_LEFT_OUT: Color = tint(BELIEF, 0.35)
 # Behind the marks, which are what one sees.
 _PALE = 0.55
 _CORNERS = 48
@@ -26,14 +26,14 @@ def log_deployment(map: SeaMap) -> rrb.Container:
     drift = map.drift
     found = drift.deployment
     kind, classes = group_classes(drift.layers[0])
-    faint = [PictureClass(one.label, mix(one.color, FREE, _PALE)) for one in classes[1:]]
+    faint = [PictureClass(one.label, tint(one.color, _PALE)) for one in classes[1:]]
     picture = map.picture("deployment", [classes[0], *faint], kind)
     log_dots(map.stream, "map/deployment", map.xy(found.cells), map.mark, _CELL)
     title = f"To reach all: {found.cells.size:,} drifters"
     views: list[rrb.View] = [map.view(title, [picture, "deployment"])]
     legend = [
         ("drop a drifter here", _CELL),
-        ("behind: the groups, pale", mix(home_color(0), FREE, _PALE)),
+        ("behind: the groups, pale", tint(home_color(0), _PALE)),
     ]
     if drift.views is not None:
         views.append(_log_views(map))
@@ -44,14 +44,7 @@ def log_deployment(map: SeaMap) -> rrb.Container:
         ]
     if drift.curve is not None:
         views.append(_log_curve(map))
-    return log_map_tab(
-        map,
-        "deployment",
-        "Deployment",
-        views,
-        _text(drift),
-        [*legend, ("land", LAND)],
-    )
+    return map.tab("deployment", "Deployment", views, _text(drift), legend)
 
 
 def _log_views(map: SeaMap) -> rrb.View:
@@ -100,17 +93,9 @@ def _text(drift: SeaDrift) -> str:
             "\n**The curve** shows how many cells so many drifters may visit, if each is dropped "
             "where it adds most.\n"
         )
-    cells = found.cells[:_MAX_ROWS]
-    columns = drift.places(cells), found.group.tolist(), found.transient_group.tolist()
-    rows = [
-        (
-            number,
-            place_name(lon, lat),
-            f"persistent {group}" if group >= 0 else f"transient {part}",
-        )
-        for number, ((lon, lat, _), group, part) in enumerate(zip(*columns, strict=False), start=1)
-    ]
-    more = [(f"{found.cells.size - _MAX_ROWS:,} more", "", "")] * (found.cells.size > _MAX_ROWS)
+    names = ("cell", "lon", "lat", "group", "transient_group", "gained")
+    columns = [f"deployment_{name}" for name in names]
+    numbered = {"number": range(1, found.cells.size + 1)}
     return f"""# Where to drop drifters
 
 Dropped at the black circles of the surface, **{found.cells.size:,}** drifters may come to every
@@ -120,5 +105,5 @@ others cover the transient cells, those first from where it takes longest.
 If it is enough that each cell may be visited from some drifter, whatever its group,
 **{drift.minimum.size:,}** will do, and no fewer.
 {views}{curve}
-{table(("number", "place", "group"), [*rows, *more])}
+{described(drift, *columns, first=numbered, most=_MAX_ROWS)}
 """

@@ -1,30 +1,32 @@
 """Deployment cells in files that other programs read."""
 
-import csv
 import json
 import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ...base.files import replacing
 from ...drift import SeaDrift
 
 
-def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Write the deployment cells as CSV with a head, one drifter a line.
+def save_deployment(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
+    """Write the deployment cells as CSV with a head, one drifter a line, or as GeoJSON (RFC 7946).
 
-    The columns are `number`, from 1; `lon` and `lat` in degrees; `cell`; `purpose`, which is
-    `reach` for a cell of the deployment and `view` for one from where the sea bed is seen;
-    `group`, its persistent group, and `transient_group`, of which one is empty; and `gained`, the
-    cells that are reached first from there.
+    The columns, or properties of the points, are `number`, from 1; `lon` and `lat` in degrees;
+    `cell`; `purpose`, which is `reach` for a cell of the deployment and `view` for one from where
+    the sea bed is seen; `group`, its persistent group, and `transient_group`, of which one is
+    empty; and `gained`, the cells that are reached first from there.
 
     **Arguments:**
 
     - `drift`: what was found.
-    - `path`: the file to write or replace.
+    - `path`: the file to write or replace, whose name ends in `.csv` or `.geojson`.
 
-    **Raises:** `FileNotFoundError` if the folder does not exist.
+    **Raises:** `ValueError` if the name ends in something else; `FileNotFoundError` if the folder
+    does not exist.
 
     The surface of the bundled sea at its first record:
 
@@ -34,80 +36,50 @@ def save_deployment_csv(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
         >>> found = drift.SeaDrift.of(currents)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "deployment.csv")
-        ...     record.save_deployment_csv(found, path)
+        ...     record.save_deployment(found, path)
         ...     path.read_text().splitlines()[0]
         'number,lon,lat,cell,purpose,group,transient_group,gained'
     """
-    rows = _rows(drift)
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def save_deployment_geojson(drift: SeaDrift, path: str | os.PathLike[str]) -> None:
-    """Write the deployment cells as GeoJSON (RFC 7946), a point for each drifter.
-
-    The properties are those of [`jaxcell.record.save_deployment_csv`][], without the place.
-
-    **Arguments:**
-
-    - `drift`: what was found.
-    - `path`: the file to write or replace.
-
-    **Raises:** `FileNotFoundError` if the folder does not exist.
-
-    The surface of the bundled sea at its first record:
-
-        >>> import json, pathlib, tempfile
-        >>> from jaxcell import bundled, drift, record
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> found = drift.SeaDrift.of(currents)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "deployment.geojson")
-        ...     record.save_deployment_geojson(found, path)
-        ...     written = json.loads(path.read_text())
-        >>> written["type"], len(written["features"]) == len(found.deployment.cells)
-        ('FeatureCollection', True)
-    """
-    features = [
-        {
-            "type": "Feature",
-            "geometry": {"type": "Point", "coordinates": [row.pop("lon"), row.pop("lat")]},
-            "properties": row,
-        }
-        for row in _rows(drift)
-    ]
-    collection = {"type": "FeatureCollection", "features": features}
+    write = {".csv": _csv, ".geojson": _geojson}.get(Path(path).suffix)
+    if write is None:
+        raise ValueError(f"{path}: expected a name that ends in .csv or .geojson")
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps(collection, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(write(_rows(drift)), encoding="utf-8", newline="")
 
 
-def _rows(drift: SeaDrift) -> list[dict[str, Any]]:
+def _csv(rows: pd.DataFrame) -> str:
+    return str(rows.to_csv(index=False, lineterminator="\r\n"))
+
+
+def _geojson(rows: pd.DataFrame) -> str:
+    features = []
+    for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
+        point = {"type": "Point", "coordinates": [row.pop("lon"), row.pop("lat")]}
+        features.append({"type": "Feature", "geometry": point, "properties": row})
+    collection: dict[str, Any] = {"type": "FeatureCollection", "features": features}
+    return json.dumps(collection, indent=1) + "\n"
+
+
+def _rows(drift: SeaDrift) -> pd.DataFrame:
     found, behaviour = drift.deployment, drift.layers[0].behaviour
     views = np.zeros(0, np.int32) if drift.views is None else drift.views.cells
     cells = np.concatenate([found.cells, views])
+    lon, lat, _ = np.array(drift.places(cells)).reshape(-1, 3).T
     group, transient = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
-    gained = [*found.gained.tolist(), *(None for _ in views)]
-    return [
-        {
-            "number": number + 1,
-            # A decimetre is more than enough.
-            "lon": round(lon, 6),
-            "lat": round(lat, 6),
-            "cell": cell,
-            "purpose": "reach" if number < found.cells.size else "view",
-            "group": of if of >= 0 else None,
-            "transient_group": part if part >= 0 else None,
-            "gained": gained[number],
-        }
-        for number, (cell, (lon, lat, _), of, part) in enumerate(
-            zip(
-                cells.tolist(),
-                drift.places(cells),
-                group[cells].tolist(),
-                transient[cells].tolist(),
-                strict=True,
-            )
-        )
-    ]
+    columns = {
+        "number": np.arange(cells.size) + 1,
+        # A decimetre is more than enough.
+        "lon": lon.round(6),
+        "lat": lat.round(6),
+        "cell": cells,
+        "purpose": ["reach"] * found.cells.size + ["view"] * views.size,
+        "group": _known(group[cells]),
+        "transient_group": _known(transient[cells]),
+        "gained": _known(np.append(found.gained, np.full(views.size, -1))),
+    }
+    return pd.DataFrame(columns)
+
+
+def _known(numbers: np.ndarray) -> pd.Series:
+    """Numbers of which -1 stands for none."""
+    return pd.Series(numbers, dtype="Int64").where(numbers >= 0)

@@ -9,16 +9,16 @@ from jaxtyping import Int, UInt8
 
 from ...drift import Layer, SeaDrift
 from ..canvas.marks import log_labels
-from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix
-from ..canvas.prose import counted, made_with, table
+from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, ranks, tint
+from ..canvas.prose import counted, described, made_with
 from .currents import currents_of
-from .map import DRIFTER, LAND, SeaMap, log_map_tab
+from .map import DRIFTER, SeaMap
 
 
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
 """The colours of persistent groups, the largest basin first."""
 _SEVERAL: Color = FREE
-_AWAY: Color = mix(CATEGORIES["yellow"], FREE, 0.3)
+_AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
 _PALE = 0.6
 # Pictures have at most 255 classes; so many transient groups have one of their own.
@@ -37,14 +37,8 @@ def log_groups(maps: Sequence[SeaMap], spec: Mapping[str, Any]) -> rrb.Container
         _log_numbers(map, layer)
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
-    return log_map_tab(
-        maps[0],
-        "groups",
-        "Groups",
-        views,
-        _text(drift, spec),
-        _legend([drift.layers[map.number] for map in maps]),
-    )
+    legend = _legend([drift.layers[map.number] for map in maps])
+    return maps[0].tab("groups", "Groups", views, _text(drift, spec), legend)
 
 
 def home_color(rank: int) -> Color:
@@ -78,10 +72,7 @@ def group_classes(layer: Layer) -> tuple[UInt8[np.ndarray, "cells"], list[Pictur
 
 def _basin_rank(layer: Layer) -> Int[np.ndarray, "groups"]:
     """The rank of each persistent group by the cells that lead to it for sure, its own included."""
-    size = layer.groups_cells + layer.groups_single_domicile_cells
-    rank = np.empty(size.size, np.int64)
-    rank[np.argsort(-size, kind="stable")] = np.arange(size.size)
-    return rank
+    return ranks(layer.groups_cells + layer.groups_single_domicile_cells)
 
 
 def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) -> PictureClass:
@@ -108,36 +99,22 @@ def _log_numbers(map: SeaMap, layer: Layer) -> None:
 def _legend(layers: Sequence[Layer]) -> list[tuple[str, Color]]:
     most = max(layer.persistent_groups for layer in layers)
     ends = {homes for layer in layers for homes in layer.behaviour.transient.domiciles}
-    entries: list[tuple[str, Color]] = []
     ordinals = ("largest", "second", "third", "fourth", "fifth")
-    for ordinal, color in zip(ordinals[:most], HOMES, strict=False):
-        entries.append((f"group of the {ordinal} basin", color))
-        entries.append(("... leads there for sure", mix(color, FREE, _PALE)))
-    if most > len(HOMES):
-        entries.append(("another persistent group", _OTHERS))
-        entries.append(("... leads there for sure", mix(_OTHERS, FREE, _PALE)))
+    named = [f"group of the {ordinal} basin" for ordinal in ordinals]
+    colors = dict(zip(named, HOMES, strict=True)) | {"another persistent group": _OTHERS}
+    entries: list[tuple[str, Color]] = []
+    for name, color in [*colors.items()][:most]:
+        entries += [(name, color), ("... leads there for sure", tint(color, _PALE))]
     if any(len(homes) > 1 for homes in ends):
         entries.append(("may end in several", _SEVERAL))
     if (-1,) in ends:
         entries.append(("leaves the map for sure", _AWAY))
-    return [*entries, ("land", LAND), ("a drifter", DRIFTER)]
+    return [*entries, ("a drifter", DRIFTER)]
 
 
 def _text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
-    rows = []
-    for layer in drift.layers:
-        sizes = sorted(layer.groups_cells.tolist(), reverse=True)
-        listed = ", ".join(map(str, sizes[:6])) + (", ..." if len(sizes) > 6 else "") or "none"
-        rows.append(
-            (
-                f"{layer.depth:g} m",
-                f"{layer.cells:,}",
-                f"{len(sizes)}: {listed}",
-                f"{layer.single_domicile_cells:,}",
-                f"{layer.multiple_domicile_cells:,}",
-            )
-        )
-    columns = ("depth", "cells", "persistent groups: cells", "one end", "several ends")
+    columns = "depth", "cells", "persistent_groups", "groups_cells"
+    domiciles = "single_domicile_cells", "multiple_domicile_cells"
     warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
     return f"""# Where drifters end up
@@ -149,7 +126,7 @@ exactly, to a cell beside that. So the sea is a *Markov chain*.
 Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
 map. All other cells are *transient*.
 
-{table(columns, rows)}
+{described(drift.layers, *columns, *domiciles)}
 
 - **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
   group of that colour for sure. **White**: it may end in several ways. Hover over a cell to

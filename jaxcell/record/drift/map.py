@@ -17,8 +17,9 @@ from jaxtyping import Float, Int, Integer
 from ...drift import Flow, SeaDrift, Water
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels, log_lines
-from ..canvas.page import legend_view, log_legend, log_tab
-from ..canvas.palette import FREE, OBSTACLE, PLAIN, TEXT, Color, PictureClass
+from ..canvas.page import Legend, log_tab
+from ..canvas.palette import FREE, PLAIN, TEXT, Color, PictureClass
+from ..canvas.stream import plane
 
 
 LAND: Color = PLAIN
@@ -163,16 +164,16 @@ class SeaMap:
         """A view of entities on the map, with the length and the North below it."""
         width, height = self.size.tolist()
         margin = 0.04 * self.extent
-        below = "frame/**", f"grid/water_{self.number}"
-        return rrb.Spatial2DView(
-            origin="/",
-            name=title,
-            contents=[f"+ /map/{one}" for one in (*below, *contents)],
-            background=OBSTACLE,
-            visual_bounds=rrb.VisualBounds2D(
-                x_range=[-margin, width + margin], y_range=[-height - margin, 2.6 * margin]
-            ),
-        )
+        shown = "frame/**", f"grid/water_{self.number}", *contents
+        box = -margin, -height - margin, width + margin, 2.6 * margin
+        return plane("/", title, box, [f"/map/{one}" for one in shown])
+
+    def tab(
+        self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
+    ) -> rrb.Container:
+        """Log the text and the legend of a tab with maps side by side."""
+        legend = [*legend, ("land", LAND)]
+        return log_tab(self.stream, path, name, views, text, legend, timeline=self.clock.unit)
 
 
 def log_maps(stream: rr.RecordingStream, drift: SeaDrift) -> list[SeaMap]:
@@ -188,26 +189,6 @@ def log_maps(stream: rr.RecordingStream, drift: SeaDrift) -> list[SeaMap]:
         map.picture(f"water_{map.number}", classes, wet, order=-20.0)
     _log_frame(maps[0])
     return maps
-
-
-def log_map_tab(
-    map: SeaMap,
-    path: str,
-    name: str,
-    views: Sequence[rrb.View],
-    text: str,
-    legend: Sequence[tuple[str, Color]],
-) -> rrb.Container:
-    """Log the text and the legend of a tab with maps side by side.
-
-    The legend takes the place in the grid of maps that is left, if one is.
-    """
-    unit, columns = map.clock.unit, math.ceil(math.sqrt(len(views)))
-    if len(views) % columns:
-        log_legend(map.stream, f"{path}/legend", legend, unit)
-        views, legend = [*views, legend_view(f"{path}/legend", len(legend))], []
-    grid = rrb.Grid(*views, grid_columns=columns)
-    return log_tab(map.stream, path, name, grid, text, legend, timeline=unit)
 
 
 def _log_frame(map: SeaMap) -> None:

@@ -7,16 +7,16 @@ import rerun.blueprint as rrb
 
 from ...drift import SeaDrift
 from ..canvas.marks import log_dots
-from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, mix
-from ..canvas.prose import table
-from .map import LAND, SeaMap, log_map_tab, place_name
+from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, tint
+from ..canvas.prose import described
+from .map import SeaMap, place_name
 
 
 _CLASSES = [
     PictureClass("land", CLEAR),
     PictureClass("out of reach", FREE),
-    PictureClass("if it goes up and down on its way", mix(CATEGORIES["yellow"], FREE, 0.45)),
-    PictureClass("if it stays at the depth to which it dived at first", mix(BELIEF, FREE, 0.6)),
+    PictureClass("if it goes up and down on its way", tint(CATEGORIES["yellow"], 0.45)),
+    PictureClass("if it stays at the depth to which it dived at first", tint(BELIEF, 0.6)),
 ]
 
 
@@ -34,32 +34,17 @@ def log_reach(maps: Sequence[SeaMap]) -> rrb.Container:
         picture = map.picture(f"reach_{map.number}", _CLASSES, kind)
         title = f"{map.title}: {int(stays.sum()):,} of {stays.size:,} cells"
         views.append(map.view(title, [picture, "start"]))
-    legend = [(one.label, one.color) for one in reversed(_CLASSES[1:])]
-    return log_map_tab(
-        first,
-        "reach",
-        "Reach",
-        views,
-        _text(drift, drift.start),
-        [("the start", START), *legend, ("land", LAND)],
-    )
+    text, legend = _text(drift, drift.start), [("the start", START), *_CLASSES[:0:-1]]
+    return first.tab("reach", "Reach", views, text, legend)
 
 
 def _text(drift: SeaDrift, start: int) -> str:
-    lon, lat, _ = drift.place(start)
-    keeping, changing = drift.reached_cells, drift.reached_cells_at_any_depth
-    assert keeping is not None
-    assert changing is not None
-    rows = [
-        (f"{layer.depth:g} m", f"{stays:,}", f"{moves:,}", f"{layer.cells:,}")
-        for layer, stays, moves in zip(drift.layers, keeping, changing, strict=True)
-    ]
     return f"""# What may be reached
 
-A drifter is dropped at **{place_name(lon, lat)}** (the dark blue dot).
+A drifter is dropped at **{place_name(*drift.place(start)[:2])}** (the dark blue dot).
 
 - **Pale blue**: it dives to a depth at once, and stays there.
 - **Yellow**: it only gets there if it also goes up and down on its way.
 
-{table(("depth", "keeps its depth", "goes up and down", "of"), rows)}
+{described(drift, "depth", "reached_cells", "reached_cells_at_any_depth")}
 """

@@ -13,8 +13,9 @@ from jaxtyping import Float, Int, UInt8
 from ...drift import SeaDrift, SeaVoyage, Voyage, simulate_voyages
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEXT
-from ..canvas.prose import table
+from ..canvas.prose import described
 from ..canvas.scale import Scale
+from ..canvas.stream import send_changing
 from .map import DRIFTER, LAND, SeaMap, place_name
 
 
@@ -100,16 +101,8 @@ def log_voyage(surface: SeaMap, seed: int) -> rrb.Container:
         space.view("What each cell is worth", [*common, "value/**"]),
         space.view("What to do there", [*common, "water/**", "policy/**", "drifters"]),
     )
-    return log_tab(
-        stream,
-        "voyage",
-        "Voyage",
-        views,
-        _text(drift, drift.voyage, steps),
-        legend,
-        timeline=surface.clock.unit,
-        rows=(5, 4),
-    )
+    text, unit = _text(drift, drift.voyage, steps), surface.clock.unit
+    return log_tab(stream, "voyage", "Voyage", views, text, legend, timeline=unit, rows=(5, 4))
 
 
 def _log_land(space: _Space) -> None:
@@ -227,40 +220,21 @@ def _log_tracks(space: _Space, policy: Voyage, seed: int) -> int:
     places[..., :2] += off * space.surface.side
     places[..., 2] += 0.04 * space.gap
     times = np.rint(np.arange(steps + 1) * (drift.step / clock.seconds)).astype(np.int64)
-    index = [rr.TimeColumn(clock.unit, sequence=times)]
-    columns = rr.Points3D.columns(positions=places[there])
-    stream.send_columns("space/drifters", index, columns.partition(there.sum(axis=1)))
-    style = rr.Points3D.from_fields(colors=DRIFTER, radii=0.8 * space.surface.mark)
-    stream.log("space/drifters", style, static=True)
+    counts, style = there.sum(axis=1), {"colors": DRIFTER, "radii": 0.8 * space.surface.mark}
+    path, at = "space/drifters", places[there]
+    send_changing(stream, path, rr.Points3D, times, counts, clock.unit, style=style, positions=at)
     return steps
 
 
 def _text(drift: SeaDrift, voyage: SeaVoyage, steps: int) -> str:
     lon, lat, depth = voyage.goal
-    ways = {
-        name: way
-        for name, way in (("discounted", voyage), ("surest", drift.surest))
-        if way is not None
-    }
-    rows: list[tuple[object, ...]] = [
-        ("mean chance", *(f"{way.mean_probability:.4f}" for way in ways.values())),
-        (
-            "cells that surely arrive",
-            *(f"{way.cells_that_arrive_for_sure:,}" for way in ways.values()),
-        ),
-    ]
+    columns = ["mean_probability", "cells_that_arrive_for_sure"]
     released = "everywhere alike"
     if drift.start is not None:
         released = f"at {place_name(*drift.place(drift.start)[:2])}"
-        rows.append(
-            ("chance from the start", *(f"{way.start_probability:.4f}" for way in ways.values()))
-        )
-        rows.append(
-            (
-                "hours, if it arrives",
-                *(f"{way.start_hours_if_it_arrives:.4g}" for way in ways.values()),
-            )
-        )
+        columns += ["start_probability", "start_hours_if_it_arrives"]
+    both = {"discounted": voyage, "surest": drift.surest}
+    policies = {name: policy for name, policy in both.items() if policy is not None}
     return f"""# A way to a goal
 
 A drifter can go up, go down, or drift, one step of {voyage.hours:.3g} hours each. It is to come to
@@ -275,5 +249,5 @@ they are; drag to turn the view.
 The *discounted* policy weighs being sure against being early; the *surest* arrives most likely, and
 then soonest.
 
-{table(("", *ways), rows)}
+{described([*policies.values()], *columns, first={"policy": [*policies]})}
 """

@@ -7,7 +7,8 @@ import rerun.blueprint as rrb
 from ...patrol import PatrolledMap
 from ..canvas.map import CellMap
 from ..canvas.page import log_legend, log_tab
-from ..canvas.palette import CLEAR, FREE, PLAIN, PictureClass, mix, robot_color
+from ..canvas.palette import FREE, NOT_FREE, PLAIN, Color, PictureClass, robot_color, tint
+from ..canvas.stream import send_changing
 from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, log_sight, only_some, robot_table
 
@@ -25,26 +26,22 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
         sees = patrol.visible[stops] & patrolled
         before = np.cumsum(sees, axis=0) - sees > 0
         kind = np.select([~patrolled & ~sees, before, sees], [4, 2, 3], 1)
-        every = np.arange(stops.size)
+        every, places = np.arange(stops.size), map.xy(stops)
+        so_far = np.concatenate([places[: k + 1] for k in every])
+        style = {"colors": color, "radii": 0.25 * patrol.cells.cell, "draw_order": 40}
         timelines = (("cover", 1 + every), ("step", _STRIDE * every))
-        for timeline, times in timelines:
-            map.picture(name, _classes(robot), kind, timeline, times)
-            so_far = [map.xy(stops[: k + 1]) for k in every]
-            dots = rr.Points2D.columns(positions=np.concatenate(so_far))
-            map.stream.send_columns(
-                f"map/{name}/stops",
-                [rr.TimeColumn(timeline, sequence=times)],
-                dots.partition(1 + every),
+        for line, at in timelines:
+            map.picture(name, _classes(robot), kind, line, at)
+            path, counts = f"map/{name}/stops", 1 + every
+            send_changing(
+                map.stream, path, rr.Points2D, at, counts, line, style=style, positions=so_far
             )
         log_sight(map, patrol, f"map/{name}/outline", stops, color, *timelines)
-        radius = 0.25 * patrol.cells.cell
-        style = rr.Points2D.from_fields(colors=color, radii=radius, draw_order=40)
-        map.stream.log(f"map/{name}/stops", style, static=True)
         log_contacts(map, f"map/{name}/contact", [policy])
         title = f"Robot {robot}: {stops.size} cells"
         views.append(map.view(title, [f"grid/{name}", f"{name}/**", "base/**"]))
-    kinds = _classes(0)[1:] if patrol.regions is not None else _classes(0)[1:-1]
-    legend = [(one.label, one.color) for one in kinds]
+    # Without regions, every cell is for every robot.
+    legend: list[tuple[str, Color]] = [*_classes(0)[1 : 4 + (patrol.regions is not None)]]
     legend.append(("a cell of the cover, and all that is seen from the last", robot_color(0)[1]))
     legend += base_legend(patrol)
     log_legend(map.stream, "cover/legend", legend, "cover")
@@ -54,16 +51,15 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
 def _classes(robot: int) -> list[PictureClass]:
     color = robot_color(robot)[1]
     return [
-        PictureClass("not free", CLEAR),
+        NOT_FREE,
         PictureClass("not seen yet", FREE),
-        PictureClass("seen from a cell before", mix(color, FREE, 0.75)),
-        PictureClass("seen first from the last cell", mix(color, FREE, 0.4)),
-        PictureClass("not for this robot", mix(PLAIN, FREE, 0.5)),
+        PictureClass("seen from a cell before", tint(color, 0.75)),
+        PictureClass("seen first from the last cell", tint(color, 0.4)),
+        PictureClass("not for this robot", tint(PLAIN, 0.5)),
     ]
 
 
 def _text(patrol: PatrolledMap) -> str:
-    rows = [(policy.cover.size, policy.uncovered.size) for policy in patrol.policies]
     if patrol.regions is None:
         how = (
             "Robot 0 takes, again and again, the cell from which most is seen that is not seen "
@@ -82,5 +78,5 @@ left, in the place of `step`.{only_some(patrol)}
 A square counts as seen if all that is free of it is within {patrol.reach:g} m and behind no wall:
 it can lie partly in the outline and yet not be seen.
 
-{robot_table(("cells of its cover", "seen from none"), rows)}
+{robot_table(patrol, "cover_size", "uncovered")}
 """

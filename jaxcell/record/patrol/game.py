@@ -6,12 +6,11 @@ from ...patrol import StrategyGame
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
 from ..canvas.palette import Color
-from ..canvas.prose import table
+from ..canvas.prose import numbers, table
 
 
 # Squares for the names of strategies beside a heat map.
 _STRATEGY_MARGIN = 4.4
-_MAX_ROWS = 60
 _MAX_CLOSEST = 8
 
 
@@ -24,36 +23,23 @@ def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
         path, names, unit = f"game/{who}", game.names, f"for the {who}"
         legend += log_matrix(stream, path, payoff, game.strategy, names, unit, _STRATEGY_MARGIN)
         views.append(matrix_view(path, f"What the {who} is paid", payoff.shape, _STRATEGY_MARGIN))
-    return log_tab(
-        stream, "game", "The game", rrb.Horizontal(*views), _text(game), legend, rows=(1, 1)
-    )
-
-
-def name_cell(name: str) -> str:
-    """A name in a table, whose columns a bar would end."""
-    return name.replace("|", "&#124;")
+    beside = rrb.Horizontal(*views)
+    return log_tab(stream, "game", "The game", beside, _text(game), legend, rows=(1, 1))
 
 
 def _text(game: StrategyGame) -> str:
     """What the tab of a game shows."""
-    shown = np.sort(np.argsort(-game.share, kind="stable")[:_MAX_ROWS]).tolist()
     rows = [
-        (
-            name_cell(game.strategy[i]),
-            f"{game.share[i]:.4f}",
-            name_cell(", ".join(game.order[i][:_MAX_CLOSEST])),
-        )
-        for i in shown
+        (game.strategy[i], f"{game.share[i]:.4f}", ", ".join(game.order[i][:_MAX_CLOSEST]))
+        for i in np.argsort(-game.share, kind="stable").tolist()
     ]
-    if len(game.share) > _MAX_ROWS:
-        rows.append((f"{len(game.share) - _MAX_ROWS:,} more", "", ""))
     return f"""# The game
 
 The patroller draws one of {len(game.share)} strategies each time, with the shares below, which the
-adversary knows; it does not know which is drawn. It attacks the vertex that pays it most.
+adversary knows; it does not know which is drawn. It attacks the vertex that pays it most. No other
+shares pay the patroller more.
 
-- It attacks **{name_cell(game.attacked)}** and is paid {game.adversary_value:.4f}.
-- The patroller is paid **{game.value:.4f}**, and with no other shares more.
+{numbers(game)}
 
 The two heat maps are the payoffs: a row for each strategy, a column for each vertex. With a
 strategy, the adversary is caught at the `k`-th closest vertex with probability `1 / 2^(k-1)`.

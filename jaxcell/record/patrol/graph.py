@@ -1,5 +1,4 @@
 import math
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,25 +7,18 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
+from ...mapping import Chain
+from ...markov import sample_walks
 from ...patrol import GraphPatrol
 from ..canvas.curves import curve_view, log_curve
-from ..canvas.marks import points
+from ..canvas.marks import LABEL, log_walker, points
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    FREE,
-    OBSTACLE,
-    PLAIN,
-    ROBOT,
-    ROBOTS,
-    TEXT,
-    Color,
-    ramp,
-    robot_color,
-)
-from ..canvas.prose import counted, made_with, table
-from ..canvas.stream import recording, send_blueprint
-from .game import log_game, name_cell
+from ..canvas.palette import FREE, PLAIN, ROBOT, ROBOTS, ramp, robot_color
+from ..canvas.prose import counted, described, made_with, numbers
+from ..canvas.scale import ramp_legend
+from ..canvas.stream import plane, send_blueprint, send_changing
+from .game import log_game
 
 
 _STEPS = 1000
@@ -35,43 +27,29 @@ _MAX_COLORS = 1_000_000
 _SHADES = 6
 _MAX_NAMES = 80
 _MAX_CHANCES = 60
-_MAX_ROWS = 60
 # What a solver leaves of a probability that is 0.
 _NOTHING = 1e-9
-# Where a patroller has been in its last steps.
-_TRAIL = 4
 
 
-def log_graph_patrol(
-    patrol: GraphPatrol, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+def log_patrol_graph(
+    stream: rr.RecordingStream, patrol: GraphPatrol, spec: Mapping[str, Any]
 ) -> None:
-    """Write a Rerun recording of a patroller's random walk on a graph.
+    """Log a patroller's random walk on a graph whose vertices have positions.
 
     Over the timeline `step`: patrollers that walk, from places drawn from the stationary
     distribution, and how long ago each vertex was visited. Without time: how often each edge is
     walked, where a patroller goes next from each vertex, a heat map of the hitting times, and the
     payoffs and the mixture of a game.
 
-    **Arguments:**
-
-    - `patrol`: the walk, on a graph whose vertices have positions.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
-
     **Raises:** `ValueError` if the vertices have no positions.
     """
     if patrol.graph.xy is None:
         raise ValueError("graph: its vertices have no positions; expected xy")
-    with recording(path, "patrol_graph") as stream:
-        drawing = _Drawing(stream, patrol, patrol.graph.xy)
-        tabs = [
-            _log_walk(drawing, _walks(patrol), spec or {}),
-            _log_next(drawing),
-            _log_times(stream, patrol),
-        ]
-        if patrol.game is not None:
-            tabs.append(log_game(stream, patrol.game))
-        send_blueprint(stream, rrb.Tabs(*tabs, active_tab=0), "step", speed=4.0)
+    drawing = _Drawing(stream, patrol, patrol.graph.xy)
+    tabs = [_log_walk(drawing, spec), _log_next(drawing), _log_times(stream, patrol)]
+    if patrol.game is not None:
+        tabs.append(log_game(stream, patrol.game))
+    send_blueprint(stream, tabs, "step", 4.0)
 
 
 class _Drawing:
@@ -98,23 +76,16 @@ class _Drawing:
         """A view of entities of the graph, with a margin around it."""
         margin = 0.06 * self.extent + 2 * self.mark
         (left, bottom), (right, top) = self.low - margin, self.high + margin
-        return rrb.Spatial2DView(
-            origin="/",
-            name=title,
-            contents=[f"+ /graph/{one}" for one in contents],
-            background=OBSTACLE,
-            visual_bounds=rrb.VisualBounds2D(
-                x_range=[float(left), float(right)], y_range=[float(-top), float(-bottom)]
-            ),
+        return plane(
+            "/", title, (left, -top, right, -bottom), [f"/graph/{one}" for one in contents]
         )
 
     def labels(
         self, name: str, at: Float[np.ndarray, "labels 2"], labels: Sequence[str], shown: bool
     ) -> None:
         """Log texts, which one sees at once or on hovering."""
-        text = rr.Points2D(
-            at, labels=labels, colors=TEXT, radii=0.001, show_labels=shown, draw_order=60
-        )
+        style = {**LABEL, "show_labels": shown}
+        text = rr.Points2D(at, labels=labels, draw_order=60, **style)
         self.stream.log(f"graph/{name}", text, static=True)
 
     def discs(self, name: str, radii: Any, colors: Any, labels: Sequence[str]) -> None:
@@ -137,29 +108,22 @@ class _Drawing:
         self.stream.log(f"graph/{name}", lines, static=True)
 
 
-def _legend(most: float, what: str) -> list[tuple[str, Color]]:
-    """What the colours of lines mean."""
-    levels = np.linspace(1, 0, _SHADES)
-    return [
-        (f"{most * level:.3f} {what}", (red, green, blue))
-        for level, (red, green, blue) in zip(levels.tolist(), ramp(levels).tolist(), strict=True)
-    ]
-
-
-def _log_walk(
-    drawing: _Drawing, walks: Int[np.ndarray, "times robots"], spec: Mapping[str, Any]
-) -> rrb.Container:
+def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
     """Log the edges by the share of steps, the vertices by that of time, and the patrollers."""
-    patrol, stream = drawing.patrol, drawing.stream
+    patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     most, robots = float(patrol.weight.max()), patrol.robots
     drawing.lines("shares", drawing.ends, patrol.weight / most)
     size = np.sqrt(patrol.stationary / patrol.stationary.max())
     shares = [f"{100 * share:.3g} % of the time" for share in patrol.stationary.tolist()]
     drawing.discs("vertices", drawing.mark * np.maximum(size, 0.1), FREE, shares)
     for robot in range(robots):
-        _log_patroller(drawing, robot, drawing.xy[walks[:, robot]])
+        path, color = f"graph/patrollers/{robot}", robot_color(robot)[1]
+        place = drawing.xy[walks[:, robot]]
+        # A light rim, for an edge may have the colour of the patroller.
+        log_walker(stream, path, place, color, 0.9 * drawing.mark, width=2.0, rim=3.5)
     longest = _log_idle(drawing, walks)
-    legend = [*_legend(most, "of the steps"), ("a vertex, larger with more time there", FREE)]
+    legend = ramp_legend("{:.3f} of the steps", most, _SHADES)
+    legend.append(("a vertex, larger with more time there", FREE))
     if robots == 1:
         legend.append(("the patroller", ROBOT))
     else:
@@ -172,46 +136,16 @@ def _log_walk(
         curve_view(longest, "The longest time since a visit (steps)", len(walks) - 1),
         row_shares=[3, 1],
     )
-    return log_tab(
-        stream, "", "The walk", views, _text(patrol, spec), legend, shares=(3, 2), rows=(2, 1)
-    )
+    text = _text(patrol, spec)
+    return log_tab(stream, "", "The walk", views, text, legend, shares=(3, 2), rows=(2, 1))
 
 
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
     """The vertices at which patrollers are, from starts in the stationary distribution."""
-    steps = max(1, min(_STEPS, _MAX_COLORS // patrol.stationary.size))
-    draw = np.random.default_rng(patrol.seed).random((steps + 1, patrol.robots))
-    walks = [_drawn(np.tile(patrol.stationary, (patrol.robots, 1)), draw[0])]
-    for chance in draw[1:]:
-        walks.append(_drawn(patrol.transition[walks[-1]], chance))
-    return np.stack(walks)
-
-
-def _drawn(
-    law: Float[np.ndarray, "robots vertices"], chance: Float[np.ndarray, "robots"]
-) -> Int[np.ndarray, "robots"]:
-    """A vertex from each law, by a number from 0 to 1."""
-    up_to = np.cumsum(law, axis=1)
-    # Sums of probabilities are 1 only to rounding.
-    return (up_to <= chance[:, None] * up_to[:, -1:]).sum(axis=1)
-
-
-def _log_patroller(drawing: _Drawing, robot: int, place: Float[np.ndarray, "times 2"]) -> None:
-    """Log a patroller with its last steps."""
-    stream, path = drawing.stream, f"graph/patrollers/{robot}"
-    index = [rr.TimeColumn("step", sequence=np.arange(len(place)))]
-    trail = [place[max(0, time - _TRAIL) : time + 1] for time in range(len(place))]
-    # A strip of one point is none.
-    trail[0] = place[[0, 0]]
-    color = robot_color(robot)[1]
-    # A light rim, for an edge may have the colour of the patroller.
-    for name, shown, wide, order in ("rim", TEXT, 3.5, 29.0), ("trail", color, 2.0, 30.0):
-        stream.send_columns(f"{path}/{name}", index, rr.LineStrips2D.columns(strips=trail))
-        line = rr.LineStrips2D.from_fields(colors=shown, radii=points(wide), draw_order=order)
-        stream.log(f"{path}/{name}", line, static=True)
-    stream.send_columns(f"{path}/here", index, rr.Points2D.columns(positions=place))
-    dot = rr.Points2D.from_fields(colors=color, radii=0.9 * drawing.mark, draw_order=40)
-    stream.log(f"{path}/here", dot, static=True)
+    share, random = patrol.stationary, np.random.default_rng(patrol.seed)
+    steps = max(1, min(_STEPS, _MAX_COLORS // share.size))
+    starts = random.choice(share.size, patrol.robots, p=share / share.sum())
+    return sample_walks(Chain.from_scipy(patrol.transition), starts, steps, random)
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
@@ -224,13 +158,10 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
         now[here] = 0
         idle[time] = now
     level = 1 - np.log1p(idle.ravel()) / np.log1p(max(int(idle.max()), 1))
-    index = [rr.TimeColumn("step", sequence=np.arange(len(walks)))]
-    colors = rr.Points2D.columns(colors=ramp(level))
-    stream.send_columns("graph/idle", index, colors.partition(np.full(len(walks), vertices)))
-    discs = rr.Points2D.from_fields(
-        positions=drawing.xy, radii=drawing.mark, draw_order=20, show_labels=False
-    )
-    stream.log("graph/idle", discs, static=True)
+    times, counts = np.arange(len(walks)), np.full(len(walks), vertices)
+    style = {"positions": drawing.xy, "radii": drawing.mark, "draw_order": 20, "show_labels": False}
+    colors = ramp(level)
+    send_changing(stream, "graph/idle", rr.Points2D, times, counts, style=style, colors=colors)
     log_curve(stream, "walk/longest", idle.max(axis=1), color=ROBOT)
     return "walk/longest"
 
@@ -249,7 +180,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     colors = np.where(stay[:, None] > _NOTHING, ramp(stay / most), FREE[:3]).astype(np.uint8)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
-    legend = _legend(most, "chance to leave by it, or to wait")
+    legend = ramp_legend("{:.3f} chance to leave by it, or to wait", most, _SHADES)
     legend.append(("a vertex where it never waits", FREE))
     view = drawing.view("Where a patroller goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
@@ -268,21 +199,6 @@ def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container
 
 def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
     """What the recording of a walk shows."""
-    columns = zip(
-        patrol.names[:_MAX_ROWS],
-        patrol.stationary.tolist(),
-        patrol.mean_time_to.tolist(),
-        strict=False,
-    )
-    rows = [(name_cell(name), f"{share:.4f}", f"{to:.2f}") for name, share, to in columns]
-    if len(patrol.names) > _MAX_ROWS:
-        rows.append((f"{len(patrol.names) - _MAX_ROWS:,} more", "", ""))
-    mixing = (
-        "it never forgets its start, because it is periodic"
-        if math.isinf(patrol.mixing_time)
-        else f"after **{patrol.mixing_time:,.0f}** steps it is within 1/4 of its shares of time, "
-        "in total variation"
-    )
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")
@@ -290,15 +206,6 @@ def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
 
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
 next one is drawn at random, whatever came before: the walk is a *Markov chain*.
-
-- From one vertex to another it takes **{patrol.mean_hitting_time:.5g}** steps on average (the
-  *hitting time*), there and back **{patrol.mean_commute_time:.5g}** (the *commute time*).
-- To a vertex drawn by the shares of time it takes {patrol.kemeny_constant:.5g} (*Kemeny's
-  constant*), wherever it starts.
-- A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely ones
-  (the *entropy rate* is {patrol.entropy_rate_nats:.4g} nats).
-- How fast it forgets: {mixing}. The second largest modulus of its eigenvalues is
-  {patrol.slem:.5g}.
 
 ## How to look
 
@@ -312,6 +219,14 @@ Press play, or drag the slider `step` at the bottom.
   patroller is likely to leave by it.
 - The tab **Hitting times**: from the vertex of the row to that of the column.
 
-{table(("vertex", "share of time", "mean steps to it"), rows)}
+{numbers(patrol)}
+
+The *hitting time* is the mean number of steps from one vertex to another, the *commute time* there
+and back. *Kemeny's constant* is the time to a vertex drawn by the shares of time, wherever the walk
+starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely
+ones. The mixing time, until total variation is within 1/4, is *never* if the walk is
+periodic: it does not forget its start.
+
+{described(patrol, "vertex", "stationary", "mean_time_to")}
 
 {made_with(spec)}"""

@@ -1,15 +1,14 @@
 """The recording of robots that patrol a map with limited visibility: one tab for each question."""
 
-import os
 from collections.abc import Mapping
 from typing import Any
 
-import rerun.blueprint as rrb
+import rerun as rr
 
 from ...patrol import PatrolledMap
 from ..canvas.map import CellMap
-from ..canvas.stream import recording, send_blueprint
-from .attacks import log_attacks, simulate_attacks
+from ..canvas.stream import send_blueprint
+from .attacks import log_attacks
 from .cover import log_covers
 from .policies import log_policies
 from .regions import log_base, log_regions
@@ -17,34 +16,26 @@ from .target import log_target
 from .vulnerability import log_vulnerability
 
 
-def log_patrolled_map(
-    patrol: PatrolledMap, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+def log_patrol_map(
+    stream: rr.RecordingStream, patrol: PatrolledMap, spec: Mapping[str, Any]
 ) -> None:
-    """Write a Rerun recording of robots that patrol a map with limited visibility.
+    """Log robots that patrol a map with limited visibility.
 
     Over the timeline `step`: the robots with what they see, and an adversary that attacks one cell
     again and again. Over the timeline `cover`, and more slowly over `step`: the cells from which
     each robot sees all that it walks on, one by one. Without time: how often each robot takes an
     edge; the base station and the regions around it; how long it takes until a robot sees the cell
     that is attacked, in three ways; and the probability of capture at each cell.
-
-    **Arguments:**
-
-    - `patrol`: the patrol.
-    - `path`: the file to write or replace; its name ends in `.rrd`.
-    - `spec`: what was asked for, shown in the text.
     """
-    attacks = simulate_attacks(patrol, patrol.seed)
-    with recording(path, "patrol_map") as stream:
-        map = CellMap(stream, patrol.cells)
-        tabs = [
-            log_attacks(map, patrol, attacks, spec or {}),
-            log_covers(map, patrol),
-            log_policies(map, patrol),
-            log_target(map, patrol),
-            log_vulnerability(map, patrol),
-        ]
-        if patrol.regions is not None:
-            log_base(map, patrol.regions)
-            tabs.insert(1, log_regions(map, patrol, patrol.regions))
-        send_blueprint(stream, rrb.Tabs(*tabs, active_tab=0), "step", speed=4.0)
+    map = CellMap(stream, patrol.cells)
+    tabs = [
+        log_attacks(map, patrol, spec),
+        log_covers(map, patrol),
+        log_policies(map, patrol),
+        log_target(map, patrol),
+        log_vulnerability(map, patrol),
+    ]
+    if patrol.regions is not None:
+        log_base(map, patrol.regions)
+        tabs.insert(1, log_regions(map, patrol, patrol.regions))
+    send_blueprint(stream, tabs, "step", 4.0)

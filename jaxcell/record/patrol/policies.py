@@ -1,6 +1,5 @@
 """How often each robot takes each edge."""
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -8,7 +7,8 @@ from ...patrol import PatrolledMap
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
-from ..canvas.palette import Color, ramp, robot_color
+from ..canvas.palette import ramp, robot_color
+from ..canvas.scale import ramp_legend
 from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, only_some, robot_table
 
@@ -38,23 +38,12 @@ def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
         log_dots(map.stream, f"{path}/cover", map.xy(policy.cover), 0.25 * side, color, 30.0)
         log_contacts(map, f"{path}/contact", [policy])
         views.append(map.view(f"Robot {robot}", [f"policy_{robot}/**", "base/**"]))
-    levels = np.linspace(1, 0, _SHADES)
-    legend: list[tuple[str, Color]] = [
-        (f"{most * level:.2g} of the steps", (red, green, blue))
-        for level, (red, green, blue) in zip(levels.tolist(), ramp(levels).tolist(), strict=True)
-    ]
+    legend = ramp_legend("{:.2g} of the steps", most, _SHADES)
     legend += [("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
     return log_tab(map.stream, "policies", "Policies", views, _text(patrol), legend, rows=(5, 4))
 
 
 def _text(patrol: PatrolledMap) -> str:
-    rows = [
-        (
-            f"{policy.commute_time:,.0f}",
-            "none" if policy.tour is None else f"{policy.tour.size:,} steps",
-        )
-        for policy in patrol.policies
-    ]
     return f"""# How a robot walks
 
 From a cell it takes each edge with a probability in proportion to its weight. Wide yellow lines
@@ -64,5 +53,5 @@ The shortest closed tour through the cells of the cover has at least a given sha
 all such weights these are the ones with which it takes the fewest steps from one cell to another
 and back, on average over all pairs of its cells.
 
-{robot_table(("steps there and back", "its tour"), rows)}
+{robot_table(patrol, "commute_time", "tour_steps")}
 """

@@ -6,24 +6,17 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from ...patrol import PatrolledMap, Policy, Regions
+from ..canvas import palette
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots, log_frame, log_labels
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    CATEGORIES,
-    CLEAR,
-    FREE,
-    ROBOTS,
-    Color,
-    PictureClass,
-    mix,
-    robot_color,
-)
-from .sight import BASE_VIEW, place, robot_table
+from ..canvas.palette import Color, PictureClass
+from ..canvas.prose import numbers
+from .sight import BASE_VIEW, robot_table
 
 
 _BASE: Color = (0, 0, 0)
-_CONTACT = CATEGORIES["yellow"]
+_CONTACT = palette.CATEGORIES["yellow"]
 
 
 def log_base(map: CellMap, regions: Regions) -> None:
@@ -60,15 +53,14 @@ def log_regions(map: CellMap, patrol: PatrolledMap, regions: Regions) -> rrb.Con
         title, owners = f"Without robot {_lost(patrol)}", after.robot.tolist()
         maps.append((title, "regions_after", after.regions, owners, after.policies))
     # Robots past the colours have those of others.
-    colors = [robot_color(robot)[1] for robot in robots[: len(ROBOTS)]]
-    classes = [PictureClass("not free", CLEAR), PictureClass("only the base", BASE_VIEW)]
+    colors = [palette.robot_color(robot)[1] for robot in robots[: len(palette.ROBOTS)]]
+    classes = [palette.NOT_FREE, PictureClass("only the base", BASE_VIEW)]
     legend: list[tuple[str, Color]] = []
     for robot, color in enumerate(colors):
-        patrols, reports = mix(color, FREE, 0.6), mix(color, FREE, 0.25)
-        classes.append(PictureClass(f"robot {robot} patrols", patrols))
-        classes.append(PictureClass(f"robot {robot} reports", reports))
-        legend.append((f"robot {robot} patrols", patrols))
-        legend.append(("... in view of the base: it can report", reports))
+        patrols = PictureClass(f"robot {robot} patrols", palette.tint(color, 0.6))
+        reports = PictureClass(f"robot {robot} reports", palette.tint(color, 0.25))
+        classes += [patrols, reports]
+        legend += [patrols, ("... in view of the base: it can report", reports.color)]
     legend += [*base_legend(patrol), ("in its view, patrolled by nobody", BASE_VIEW)]
     views = []
     for title, name, divided, owner, policies in maps:
@@ -89,15 +81,14 @@ def _lost(patrol: PatrolledMap) -> int:
 
 
 def _text(patrol: PatrolledMap, regions: Regions) -> str:
-    cells = [regions.cells(robot) for robot in range(patrol.robots)]
-    rows = [(one.size, int(regions.view[one].sum())) for one in cells]
     text = f"""# A base station, and regions around it
 
-The base station is at {place(patrol, regions.base)}. It sees {regions.cells_in_view:,} cells, and
-nobody needs to patrol those except for their rim, where robots come to report. The rest is divided
-by the angle around the base station.
+Nobody needs to patrol what the base station sees except for its rim, where robots come to report.
+The rest is divided by the angle around the base station.
 
-{robot_table(("cells", "of these in view of the base"), rows)}
+{numbers(regions, patrol.cells)}
+
+{robot_table(patrol, "cells_patrolled", "contact")}
 """
     after = patrol.reassignment
     if after is None:

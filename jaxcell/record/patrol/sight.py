@@ -1,6 +1,6 @@
 """What several tabs show of robots on a map: what is seen from a cell, and who is who."""
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -12,7 +12,8 @@ from ...space import visibility_polygon
 from ..canvas.map import CellMap
 from ..canvas.marks import points
 from ..canvas.palette import Color, robot_color
-from ..canvas.prose import table
+from ..canvas.prose import described
+from ..canvas.stream import send_changing
 
 
 # Robots that have maps of their own, and rows in tables.
@@ -38,14 +39,14 @@ def log_sight(
         parts = shapely.get_rings(shapely.get_parts(polygon))
         outlines[cell] = [shapely.get_coordinates(ring) for ring in parts]
     shown = [outlines[cell] for cell in viewers.tolist()]
-    style = rr.LineStrips2D.from_fields(colors=color, radii=points(2.0), draw_order=25)
-    map.stream.log(path, style, static=True)
-    strips = [ring for rings in shown for ring in rings]
+    rings, counts = [ring for one in shown for ring in one], [len(one) for one in shown]
+    style: dict[str, Any] = {"colors": color, "radii": points(2.0), "draw_order": 25}
     if not timelines:
-        map.stream.log(path, rr.LineStrips2D.from_fields(strips=strips), static=True)
-    for timeline, times in timelines:
-        columns = rr.LineStrips2D.columns(strips=strips).partition([len(one) for one in shown])
-        map.stream.send_columns(path, [rr.TimeColumn(timeline, sequence=times)], columns)
+        map.stream.log(path, rr.LineStrips2D(rings, **style), static=True)
+    for line, times in timelines:
+        send_changing(
+            map.stream, path, rr.LineStrips2D, times, counts, line, style=style, strips=rings
+        )
 
 
 def place(patrol: PatrolledMap, cell: int) -> str:
@@ -54,10 +55,10 @@ def place(patrol: PatrolledMap, cell: int) -> str:
     return f"({x:g}, {y:g})"
 
 
-def robot_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table of the first robots in Markdown, with their colours."""
-    named = [(f"{i} ({robot_color(i)[0]})", *row) for i, row in enumerate(rows[:_MAX_ROWS])]
-    return table(("robot", *columns), named)
+def robot_table(patrol: PatrolledMap, *names: str) -> str:
+    """A table of quantities of the first robots in Markdown, with their colours."""
+    robots = [f"{i} ({robot_color(i)[0]})" for i in range(patrol.robots)]
+    return described(patrol, *names, first={"robot": robots}, most=_MAX_ROWS)
 
 
 def only_some(patrol: PatrolledMap) -> str:

@@ -8,18 +8,9 @@ from ...patrol import PatrolledMap, Vulnerability
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
-from ..canvas.palette import (
-    BELIEF,
-    CATEGORIES,
-    CLEAR,
-    FREE,
-    KNOWN,
-    TARGET,
-    PictureClass,
-    mix,
-)
+from ..canvas.palette import BELIEF, CATEGORIES, FREE, KNOWN, NOT_FREE, TARGET, PictureClass, tint
 from ..canvas.plot import Plot, ticks
-from ..canvas.prose import table
+from ..canvas.prose import described, numbers
 from .sight import log_sight, place
 
 
@@ -36,22 +27,18 @@ def log_target(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     """Log the tab of the target."""
     attack, stream = patrol.attack, map.stream
     classes = [
-        PictureClass("not free", CLEAR),
+        NOT_FREE,
         PictureClass("out of view", FREE),
-        PictureClass("in view", mix(BELIEF, FREE, 0.6)),
-        PictureClass("boundary: a robot from outside sees it here first", mix(KNOWN, FREE, 0.2)),
+        PictureClass("in view", tint(BELIEF, 0.6)),
+        PictureClass("boundary: a robot from outside sees it here first", tint(KNOWN, 0.2)),
     ]
     kind = 1 + attack.view.astype(np.uint8) + (attack.view & attack.boundary)
     picture = map.picture("target_view", classes, kind)
     target = np.array([attack.target])
     log_sight(map, patrol, "map/target_outline", target, BELIEF)
     log_dots(stream, "map/target_cell", map.xy(target), 0.3 * patrol.cells.cell, TARGET)
-    legend = [(one.label, one.color) for one in classes[1:]]
-    legend += [
-        ("the target", TARGET),
-        ("simulated: a share of the runs", _RUNS),
-        ("exact law", _EXACT),
-    ]
+    legend = [*classes[1:], ("the target", TARGET)]
+    legend += [("simulated: a share of the runs", _RUNS), ("exact law", _EXACT)]
     if attack.fit is not None:
         legend.append(("generalized lambda fit to the runs", _FITTED))
     names = [picture, "target_outline", "target_cell", "base/station", "base/label"]
@@ -76,12 +63,8 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
     shown = min(attack.law.size, int(bounds[-1]))
     most_y = 1.1 * max(float(bars.max()), float(attack.law[:shown].max()))
     plot = Plot(stream, "target/times", float(bounds[-1]), most_y)
-    plot.axes(
-        ticks(plot.most_x),
-        ticks(most_y, 4),
-        "steps until a robot first sees the target",
-        "probability of each number of steps",
-    )
+    about = "steps until a robot first sees the target", "probability of each number of steps"
+    plot.axes(ticks(plot.most_x), ticks(most_y, 4), *about)
     plot.bars("simulated", bars, plot.most_x, _RUNS)
     # A whole number is in the middle of the part of a bar that counts it.
     plot.line("exact", np.arange(shown) + 0.5, attack.law[:shown], _EXACT, _THIN)
@@ -97,12 +80,8 @@ def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View
     """Log the distribution functions, with the attack times."""
     most = int(attack.attack_times.max())
     plot = Plot(stream, "target/captures", float(most), 1.0)
-    plot.axes(
-        ticks(most),
-        ticks(1.0),
-        "steps that the attack takes (upright lines: those asked for)",
-        "probability of capture",
-    )
+    steps_taken = "steps that the attack takes (upright lines: those asked for)"
+    plot.axes(ticks(most), ticks(1.0), steps_taken, "probability of capture")
     plot.marks("attack_times", attack.attack_times.tolist(), CATEGORIES["yellow"])
     steps = np.arange(most + 1, dtype=float)
     runs = np.searchsorted(np.sort(attack.arrival), steps, side="right") / attack.arrival.size
@@ -115,17 +94,12 @@ def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View
 
 def _text(patrol: PatrolledMap) -> str:
     attack, fit = patrol.attack, patrol.attack.fit
-    columns = (attack.attack_times, attack.exact, attack.simulated, attack.fitted)
-    rows = [
-        (f"{steps} steps", *("" if np.isnan(chance) else f"{chance:.4f}" for chance in chances))
-        for steps, *chances in zip(*(column.tolist() for column in columns), strict=True)
-    ]
     if fit is None:
         about = f"No generalized lambda distribution was fitted: {attack.failure}."
     else:
-        numbers = ", ".join(f"{x:.4g}" for x in (fit.l1, fit.l2, fit.l3, fit.l4))
+        lambdas = ", ".join(f"{x:.4g}" for x in (fit.l1, fit.l2, fit.l3, fit.l4))
         about = (
-            f"A generalized lambda distribution ({numbers}) was fitted to the runs, as in the "
+            f"A generalized lambda distribution ({lambdas}) was fitted to the runs, as in the "
             f"source. Its distribution function is up to {fit.distance:.4f} from theirs, "
             "which is what the fit costs: the exact law needs neither."
         )
@@ -139,5 +113,7 @@ runs. {about}
 
 ## Probability of capture
 
-{table(("attack", "exact", "simulated", "fitted"), rows)}
+{described(attack, "attack_time", "exact", "simulated", "fitted")}
+
+{numbers(attack, patrol.cells)}
 """

@@ -140,8 +140,8 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
 def _scaled(values: np.ndarray) -> tuple[np.ndarray, int | None]:
     """Whole numbers in proportion to different values, and how many decimal digits they took.
 
-    They are exact where six digits do, and else rounded to the fewest digits that tell the values
-    apart, at least four.
+    They are exact where six digits do, and else rounded to the fewest digits that
+    distinguish the values, at least four.
     """
     largest = float(np.abs(values).max())
     for exact, most in (True, _EXACT_DIGITS), (False, _MAX_DIGITS):

@@ -100,7 +100,7 @@ def log_sweep(
         variables = rrb.Tabs(*tabs, name="Variables")
         layout = log_tab(stream, "", "Sweep", variables, text, [])
         speed = max(2.0, float(np.ptp(longest.times)) / _SECONDS)
-        send_blueprint(stream, layout, longest.timeline, speed)
+        send_blueprint(stream, [layout], longest.timeline, speed)
 
 
 def _log_variable(

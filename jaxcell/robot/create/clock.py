@@ -7,7 +7,7 @@ from .motion import Moved
 from .packets import WHEEL_BASE
 
 
-# Robots gain and lose speed at once as far as a clock can tell, if they are slow; and these are
+# Robots gain and lose speed at once as far as a clock can show, if they are slow; and these are
 # speeds that the driver does not change.
 _SPEED = 0.18
 _TURNING = 0.69
@@ -18,10 +18,10 @@ class Wheeled(Protocol):
     """What is needed of a robot with a clock: a [`jaxcell.robot.Create`][], or the like."""
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Sets the speeds of the wheels, and tells whether no bump has stopped them."""
+        """Set the speeds of the wheels; say whether no bump has stopped them."""
 
     def stop(self) -> None:
-        """Stops the wheels."""
+        """Stop the wheels."""
 
 
 class ByClock:
@@ -47,7 +47,7 @@ class ByClock:
         - `robot`: e.g. [`jaxcell.robot.Create`][], armed.
         - `speed`, `turning`: metres, and radians, a second. The wheels' speeds must be among those
             that [`jaxcell.robot.Create.drive`][] does not change.
-        - `clock`: tells the seconds; for an emulated robot, its own.
+        - `clock`: gives the seconds; for an emulated robot, its own.
         - `pause`: seconds to stand still after each motion.
 
         **Raises:** `ValueError` for a speed that is not positive or that no wheel has.
@@ -59,13 +59,13 @@ class ByClock:
         self._clock, self._pause = clock, pause
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
-        """Goes straight, back if negative; forward it stops when the bumper is pressed."""
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
         wheel = math.copysign(self._speed, distance)
         seconds, bumped = self._for(abs(distance) / self._speed, wheel, wheel, distance > 0)
         return Moved(wheel * seconds, 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turns in place, by radians counter-clockwise."""
+        """Turn in place, by radians counter-clockwise."""
         rate = math.copysign(self._turning, angle)
         wheel = rate * WHEEL_BASE / 2
         seconds, _ = self._for(abs(angle) / self._turning, wheel, -wheel, False)
@@ -74,7 +74,7 @@ class ByClock:
     def _for(
         self, seconds: float, right: float, left: float, stop_on_bump: bool
     ) -> tuple[float, bool]:
-        """Turns the wheels for a time, and tells for how long, and whether there was a bump."""
+        """Turn the wheels for a time; say for how long, and whether there was a bump."""
         began = self._clock()
         free = True
         try:

@@ -90,7 +90,7 @@ class Driver:
 
     @classmethod
     def open(cls: type[_D], url: str, *, patience: float = 0.5) -> _D:
-        """Opens the line to a robot.
+        """Open the line to a robot.
 
         **Arguments:**
 
@@ -114,7 +114,7 @@ class Driver:
         self.close()
 
     def close(self) -> None:
-        """Stops the wheels, closes the interface with Start and Stop, and closes the line."""
+        """Stop the wheels, close the interface with Start and Stop, and close the line."""
         with self._news:
             self._reason = "it is closed"
             self._halt(self._reason)
@@ -135,7 +135,7 @@ class Driver:
         self._handled.clear()
 
     def arm(self) -> None:
-        """Takes the robot to mode Safe, so that it can drive.
+        """Take the robot to mode Safe, so that it can drive.
 
         **Raises:** [`RobotStopped`][] if it must not drive now, or does not go to mode Safe.
         """
@@ -194,14 +194,14 @@ class Driver:
             return not self._bumped
 
     def stop(self) -> None:
-        """Stops the wheels. The robot stays armed."""
+        """Stop the wheels. The robot stays armed."""
         with self._news:
             self._stop_on_bump = self._bumped = False
             self._wheels = (0, 0)
             self._write(_STILL)
 
     def _after(self, reading: Reading) -> Reading:
-        """Waits for a newer reading."""
+        """Wait for a newer reading."""
         self._wait(lambda: self._reading is not reading, self._patience)
         return self.sensors()
 
@@ -246,7 +246,7 @@ class Driver:
         )
 
     def _greet(self) -> bool:
-        """Opens the interface in mode Passive, with a stream; returns whether readings come."""
+        """Open the interface in mode Passive, with a stream; return whether readings come."""
         # The robot takes a moment to change its mode.
         for command in (_HALT + STOP, START):
             with self._news:
@@ -263,7 +263,7 @@ class Driver:
             return self._wait(lambda: self._in(Mode.PASSIVE), 1.0)
 
     def _wake(self) -> None:
-        """Pulls the wake line of the robot (BRC) on cables that join it to RTS or DTR."""
+        """Pull the wake line of the robot (BRC) on cables that join it to RTS or DTR."""
         for line in ("rts", "dtr"):
             # A pseudo-terminal has no such lines and raises OSError 25.
             with contextlib.suppress(OSError, AttributeError):
@@ -313,7 +313,7 @@ class Driver:
                 self._repeat()
 
     def _repeat(self) -> None:
-        """Sends the speeds again, unless they are out of date."""
+        """Send the speeds again, unless they are out of date."""
         now = self._now()
         if self._reason is None:
             if self._reading is None or now - self._reading.time > self._patience:

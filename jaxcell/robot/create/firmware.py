@@ -5,7 +5,7 @@ from .open_interface import RESET, START
 
 
 def firmware(port: Port, *, seconds: float = 10.0, quiet: float = 2.0) -> str:
-    """Reboots the robot and reads what it prints, its firmware version among it.
+    """Reboot the robot and read what it prints, its firmware version among it.
 
     **Arguments:**
 

@@ -26,7 +26,7 @@ class Port(Protocol):
 
 
 def open_line(url: str) -> "serial.SerialBase":
-    """Opens a device such as `/dev/ttyUSB0`, or what else pySerial opens, as `socket://host:port`.
+    """Open a device such as `/dev/ttyUSB0`, or what else pySerial opens, as `socket://host:port`.
 
     **Raises:** `OSError` with a sentence if there is no such line, or another process has it.
     """

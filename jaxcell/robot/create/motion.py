@@ -16,7 +16,7 @@ from .reading import Reading
 _SLOWING = 0.25
 _SLOWEST = 0.03
 _STEERING = 2.0
-_MOST_STEERING = 0.05
+_MAX_STEERING = 0.05
 
 
 class Moved(NamedTuple):
@@ -53,7 +53,7 @@ class Create(Driver):
         tolerance: float = 0.005,
         timeout: float | None = None,
     ) -> Moved:
-        """Drives straight, up to a distance or to the first bump.
+        """Drive straight, up to a distance or to the first bump.
 
         **Arguments:**
 
@@ -71,7 +71,7 @@ class Create(Driver):
         def wheels(rest: float, now: Reading) -> tuple[float, float]:
             velocity = _slowed(rest, speed, _SLOWEST)
             steer = _STEERING * (start.heading - now.heading) * WHEEL_BASE / 2
-            steer = min(max(steer, -_MOST_STEERING), _MOST_STEERING)
+            steer = min(max(steer, -_MAX_STEERING), _MAX_STEERING)
             return velocity + steer, velocity - steer
 
         return self._move(
@@ -94,7 +94,7 @@ class Create(Driver):
         tolerance: float = math.radians(1),
         timeout: float | None = None,
     ) -> Moved:
-        """Turns on the spot; a bumper does not end it, as one may be pressed from the start.
+        """Turn on the spot; a bumper does not end it, as one may be pressed from the start.
 
         **Arguments:**
 
@@ -138,7 +138,7 @@ class Create(Driver):
         timeout: float | None,
         stop_on_bump: bool,
     ) -> Moved:
-        """Drives until `rest` of a reading is within the tolerance, and the wheels are still."""
+        """Drive until `rest` of a reading is within the tolerance, and the wheels are still."""
         whole = abs(rest(start))
         if not math.isfinite(whole):
             raise ValueError(f"{what}: expected a finite number")
@@ -174,7 +174,7 @@ class Create(Driver):
             self.stop()
 
     def _settle(self) -> Reading:
-        """Waits for three readings in a row with the same encoders, or for 30."""
+        """Wait for three readings in a row with the same encoders, or for 30."""
         now = self.sensors()
         same = 0
         for _ in range(30):

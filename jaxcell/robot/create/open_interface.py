@@ -57,7 +57,7 @@ _DATA_BYTES = {
 
 
 def drive(velocity: int, radius: int = STRAIGHT) -> bytes:
-    """Drives along an arc.
+    """Drive along an arc.
 
     **Arguments:**
 
@@ -84,7 +84,7 @@ def drive_direct(*, right: int, left: int) -> bytes:
 
 
 def sensors(id_: int) -> bytes:
-    """Asks once for a packet or a group.
+    """Ask once for a packet or a group.
 
     **Raises:** `ValueError` for an unknown number.
     """
@@ -93,7 +93,7 @@ def sensors(id_: int) -> bytes:
 
 
 def query_list(ids: Sequence[int]) -> bytes:
-    """Asks once for several packets or groups.
+    """Ask once for several packets or groups.
 
     **Raises:** `ValueError` for an unknown number, or more than 255 of them.
     """
@@ -101,7 +101,7 @@ def query_list(ids: Sequence[int]) -> bytes:
 
 
 def stream(ids: Sequence[int]) -> bytes:
-    """Asks for a frame with these packets every 15 ms, from now on.
+    """Ask for a frame with these packets every 15 ms, from now on.
 
     **Raises:** `ValueError` for an unknown number, for none, or for a frame of more than the 172
     bytes that the line carries in 15 ms.
@@ -111,7 +111,7 @@ def stream(ids: Sequence[int]) -> bytes:
 
 
 def pause_resume(on: bool) -> bytes:
-    """Pauses the stream, or resumes it with the packets asked for last."""
+    """Pause the stream, or resume it with the packets asked for last."""
     return bytes([150, on])
 
 
@@ -143,7 +143,7 @@ class StreamParser:
     changed, lost or doubled. Two things make it so: wherever a frame could be read out of step, two
     or more known bytes disagree; and the last packet has one byte that never equals the header, or
     else that byte could get lost and the next header pass for the checksum. Worse damage can go
-    unseen, as an eight-bit checksum cannot tell one in 256 damaged frames that keep their length
+    unseen, as an eight-bit checksum misses one in 256 damaged frames that keep their length
     and packet numbers from a right one.
 
     **Arguments:**
@@ -173,7 +173,7 @@ class StreamParser:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[dict[str, int]]:
-        """Takes the next bytes of the line.
+        """Take the next bytes of the line.
 
         **Returns:** the values of each frame that they complete, by name.
         """
@@ -227,7 +227,7 @@ class Command:
     opcode: int
     "The number of the command."
     data: bytes = b""
-    "Its data; a song's, stream's or query list's begins with the bytes that tell its length."
+    "Its data; a song's, stream's or query list's begins with the bytes that give its length."
 
     @property
     def words(self) -> tuple[int, ...]:
@@ -254,7 +254,7 @@ class CommandParser:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Command]:
-        """Takes the next bytes of the line.
+        """Take the next bytes of the line.
 
         **Returns:** the commands that they complete.
         """

@@ -212,7 +212,7 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
 
 
 def encoder_difference(before: int, after: int) -> int:
-    """Counts from one encoder reading to the next; the counters wrap at 16 bits.
+    """Subtract one encoder reading from the next, in counts; the counters wrap at 16 bits.
 
     **Arguments:**
 

@@ -9,7 +9,7 @@ from .packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, encoder_differ
 
 
 STREAM = (7, 9, 10, 11, 12, 43, 44, 21, 22, 25, 26, 34, 35)
-"""The packets of the stream. `StreamParser` tells why the mode, 35, comes last."""
+"""The packets of the stream. `StreamParser` says why the mode, 35, comes last."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Reading:
         previous: "Reading | None",
         first_mode: int = 0,
     ) -> "Reading":
-        """Makes a reading of a frame.
+        """Make a reading of a frame.
 
         The distances come from the encoders, as the robot's own (packets 19 and 20) are wrong in
         most firmware. The encoders do not sense in which direction a wheel turns; the robot takes

@@ -1,10 +1,10 @@
 """A process of its own that stops the robot when the process that drives it is gone or hangs.
 
-The Open Interface has no timeout: the wheels keep their last speed until told otherwise. A process
-that is killed by SIGKILL cannot tell them. So the driver starts this one, which inherits the open
-serial line and a pipe. The driver beats into the pipe. When the pipe ends, or stays silent for too
-long, the watchdog writes the stop itself. It is in a session of its own and ignores the signals of
-the terminal, so that what stops the driver does not stop it.
+The Open Interface has no timeout: the wheels keep their last speed until the next command.
+A process that is killed by SIGKILL cannot stop them. So the driver starts this one, which inherits
+the open serial line and a pipe. The driver beats into the pipe. When the pipe ends, or stays silent
+for too long, the watchdog writes the stop itself. It is in a session of its own and ignores the
+signals of the terminal, so that what stops the driver does not stop it.
 
 What it cannot help against: a cable pulled out, the loss of power of the computer, and whatever
 kills both processes at once (a container or `systemd` unit that is killed whole).
@@ -73,14 +73,14 @@ class Watchdog:
         return self._process.pid
 
     def beat(self) -> None:
-        """Tells that the driver is alive.
+        """Report that the driver is alive.
 
         **Raises:** `OSError` if the watchdog is not.
         """
         os.write(self._beats, _BEAT)
 
     def dismiss(self) -> None:
-        """Ends the watchdog without a farewell, once the driver has stopped the robot itself."""
+        """End the watchdog without a farewell, once the driver has stopped the robot itself."""
         with contextlib.suppress(OSError):
             os.write(self._beats, _GOODBYE)
         self._end()
@@ -109,7 +109,7 @@ def _watch(line: int, pause: bytes, farewell: bytes, patience: float) -> None:
 
 
 def _write(line: int, data: bytes) -> None:
-    """Writes all of `data`, whether or not the line blocks, for at most a second."""
+    """Write all of `data`, whether or not the line blocks, for at most a second."""
     end = time.monotonic() + 1
     while data and time.monotonic() < end:
         try:

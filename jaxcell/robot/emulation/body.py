@@ -17,7 +17,7 @@ _MIDDLE = math.radians(20.0)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Noise:
-    """What keeps an emulated robot from doing as it is told; all is zero unless said otherwise.
+    """What keeps an emulated robot from doing as commanded; all zero by default.
 
     The wheel encoders do not see slip, veer, or spin, as on the real robot.
     """
@@ -53,7 +53,7 @@ class Body:
     """A differential drive with a bumper, among the walls of a map.
 
     Time is continuous: a tick is a straight chord of the arc that the wheels describe. Against a
-    wall the body stops and its wheels stand still, so that the encoders tell what the way was; the
+    wall the body stops and its wheels stand still, so that the encoders show what the way was; the
     bumper is pressed while the body is held there, on the side of the wall. The bumper faces
     forward: a body that backs into a wall stops without a sign of it.
     """
@@ -92,7 +92,7 @@ class Body:
             )
         self.x, self.y, self.theta = map(float, pose)
         self.travelled = np.zeros(2)
-        "How far the left and the right wheel have turned, in metres, as their encoders tell."
+        "How far the left and the right wheel have turned, in metres, as their encoders show."
         self.bump_left = self.bump_right = False
         self._command = (0.0, 0.0)
         self._slip = (0.0, 0.0)
@@ -109,7 +109,7 @@ class Body:
         return int(left), int(right)
 
     def advance(self, left: float, right: float, seconds: float) -> None:
-        """Lets the wheels turn for a tick, each at its speed in m/s."""
+        """Let the wheels turn for a tick, each at its speed in m/s."""
         if self._stretch(left, right) != self._stretch(*self._command):
             distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
             self._slip = float(distance), float(rotation)
@@ -134,7 +134,7 @@ class Body:
         return float(np.sign(left + right)), float(np.sign(right - left))
 
     def _move(self, forward: float, heading: float) -> float:
-        """Goes straight as far as the walls allow, and tells which share of the way that is."""
+        """Go straight as far as the walls allow; return the share of the way that is."""
         if forward == 0:
             return 1.0
         along = np.array([math.cos(heading), math.sin(heading)])

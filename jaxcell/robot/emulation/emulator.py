@@ -130,7 +130,7 @@ class Emulator:
 
     @property
     def wheels(self) -> tuple[int, int]:
-        """The speeds at which the left and the right wheel are told to turn, in mm/s."""
+        """The commanded speeds of the left and the right wheel, in mm/s."""
         return self._wheels
 
     @property
@@ -162,7 +162,7 @@ class Emulator:
             raise self._failure
 
     def exchange(self, seconds: float, data: bytes = b"") -> bytes:
-        """Lets the robot's time pass, at most a frame, and then hears what a host has sent.
+        """Let the robot's time pass, at most a frame, and then hear what a host has sent.
 
         **Returns:** what the robot has sent in the meantime.
         """
@@ -201,7 +201,7 @@ class Emulator:
             self._failure = error
 
     def _pass(self, seconds: float) -> None:
-        """Lets the robot's time pass."""
+        """Let the robot's time pass."""
         self._now += seconds
         left, right = self._wheels
         self._body.advance(left / 1000, right / 1000, seconds)

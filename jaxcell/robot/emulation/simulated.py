@@ -31,14 +31,14 @@ class _Wire:
         return len(data)
 
     def wait(self, seconds: float, data: bytes = b"") -> None:
-        """Lets the robot's time pass."""
+        """Let the robot's time pass."""
         self._sent += self._robot.exchange(seconds, data)
 
     def fileno(self) -> int:
         raise OSError("a simulated line is no file")
 
     def close(self) -> None:
-        """Leaves the robot as it is."""
+        """Leave the robot as it is."""
 
 
 class SimulatedCreate(Create):

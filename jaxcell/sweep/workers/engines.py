@@ -30,8 +30,8 @@ Engine = Callable[[Take], Outcomes]
 # While one is computed the next waits beside it.
 _JOBS_EACH = 2
 # How often a chunk may take its worker with it.
-_MOST_DEATHS = 3
-_DIED = Failed(f"its worker died each of {_MOST_DEATHS} times: out of memory?")
+_MAX_DEATHS = 3
+_DIED = Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
 # So often we look whether workers of a cluster have come.
 _LOOK_SECONDS = 1.0
 _GONE = "{}: the scheduler of the cluster is gone"
@@ -75,7 +75,7 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
             f"engine: expected local, processes, dask or dask://host:port, got {name!r}"
         )
     if workers is not None and name not in ("processes", "dask"):
-        raise ValueError(f"workers: the engine {name} is not told how many, got {workers}")
+        raise ValueError(f"workers: the engine {name} takes none, got {workers}")
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     if count < 1:
         raise ValueError(f"workers: expected at least 1, got {count}")
@@ -144,7 +144,7 @@ def _processes(take: Take, workers: int, timeout: float | None) -> Outcomes:
                     deaths[id(job)] += 1
                     if isinstance(error, TimeoutError):
                         outcome = _late(timeout)
-                    elif deaths[id(job)] >= _MOST_DEATHS:
+                    elif deaths[id(job)] >= _MAX_DEATHS:
                         outcome = _DIED
                     if outcome is not None:
                         again.popleft()
@@ -238,9 +238,9 @@ _beside: dict[tuple[str, int], Worker] = {}
 
 
 def _apart(run: str, timeout: float, job: Job) -> Computed | Failed:
-    """Computes a chunk in a process of its own, which is kept for the next one."""
+    """Compute a chunk in a process of its own, which is kept for the next one."""
     place = run, threading.get_ident()
-    for _ in range(_MOST_DEATHS):
+    for _ in range(_MAX_DEATHS):
         worker = _beside.pop(place, None) or Worker({})
         try:
             outcome = worker.outcome(job, timeout)
@@ -261,7 +261,7 @@ def _end_apart(run: str) -> None:
 
 
 def worker_environment(workers: int) -> dict[str, str]:
-    """What processes that share this machine are told before they start.
+    """The environment of processes that share this machine.
 
     Each gets its part of the processors: JAX heeds `PJRT_NPROC`, and nothing else that limits
     threads.

@@ -40,7 +40,7 @@ class Halving:
         return self._halves.pop() if self._halves else next(self._jobs, None)
 
     def settle(self, job: Job, outcome: Computed | Failed) -> Parts | None:
-        """Takes the outcome of a job, and gives the chunk if all of it is known now."""
+        """Take the outcome of a job, and give the chunk if all of it is known now."""
         chunk = self._spec.chunk(job.number)
         inside = np.intersect1d(job.places, self._spec.places(chunk))
         if job.number not in self.begun:

@@ -41,7 +41,7 @@ class Worker:
             )
 
     def give(self, job: Job) -> None:
-        """Hands it a job, which may wait beside others."""
+        """Hand it a job, which may wait beside others."""
         self.jobs.append(job)
         if len(self.jobs) == 1:
             self._begin()
@@ -66,7 +66,7 @@ class Worker:
         return said
 
     def outcome(self, job: Job, timeout: float) -> Computed | Failed:
-        """Computes a job while this process waits.
+        """Compute a job while this process waits.
 
         **Raises:** `TimeoutError`; `EOFError` if it died.
         """
@@ -79,7 +79,7 @@ class Worker:
                 return said
 
     def end(self) -> None:
-        """Ends it at once."""
+        """End it at once."""
         self._process.kill()
         self._process.wait()
         self.connection.close()

@@ -1,4 +1,4 @@
-"""How far a run is, and how fast: for its caller, and in the store for those who ask meanwhile."""
+"""The progress of a run: for its caller, and in the store for those who ask meanwhile."""
 
 import contextlib
 import dataclasses
@@ -18,7 +18,7 @@ _SECONDS_BETWEEN = 1.0
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """How far a run is."""
+    """The progress of a run."""
 
     chunks: int
     "All chunks of the sweep."
@@ -43,12 +43,12 @@ class Count:
         self._began = time.monotonic()
 
     def add(self, members: int) -> None:
-        """Counts a chunk that has ended, of which so many members were computed."""
+        """Count a chunk that has ended, of which so many members were computed."""
         self.done += 1
         self._ended += 1
         self._members += members
 
-    def told(self, failures: tuple[Failure, ...]) -> Progress:
+    def progress(self, failures: tuple[Failure, ...]) -> Progress:
         self.failed += len(failures)
         seconds = max(time.monotonic() - self._began, 1e-9)
         each = seconds / self._ended if self._ended else float("nan")
@@ -64,7 +64,7 @@ class Count:
 
 @contextlib.contextmanager
 def written_down(folder: Path) -> Iterator[Callable[[Progress], None]]:
-    """Keeps in the folder how fast a run is."""
+    """Keep in the folder how fast a run is."""
     path = folder / _FILE
     path.unlink(missing_ok=True)
     last = -math.inf

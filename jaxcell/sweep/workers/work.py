@@ -26,7 +26,7 @@ Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
 
 _WIDE = "JAX_ENABLE_X64"
 _KINDS = "biufc"
-_MOST_LINES = 30
+_MAX_LINES = 30
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,7 +133,7 @@ def check_parameters(spec: Spec) -> None:
 
 
 def prepared(spec: Spec) -> Spec:
-    """A specification that has been looked at, as jobs are told it: with its files found.
+    """A specification as jobs are given it: checked, with its files found.
 
     **Raises:** `ValueError` as `check_parameters` and `with_files_found` do, with its name.
     """
@@ -195,7 +195,7 @@ def jax_is_wide() -> bool:
 
 
 def compute(job: Job) -> Computed | Failed:
-    """Computes a job. Whatever goes wrong with it is its failure and nobody else's."""
+    """Compute a job. Whatever goes wrong with it is its failure and nobody else's."""
     try:
         # A worker of somebody's cluster does not know. Tasks may import JAX when they are called.
         os.environ[_WIDE] = str(int(job.wide))
@@ -215,7 +215,7 @@ def failure(error: BaseException) -> Failed:
     lines = "".join(traceback.format_exception(error)).splitlines()
     message = " ".join(str(error).split())
     name = type(error).__name__
-    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MOST_LINES:]))
+    return Failed(f"{name}: {message}" if message else name, "\n".join(lines[-_MAX_LINES:]))
 
 
 def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:

@@ -1,0 +1,52 @@
+"""Values of quantities as people read them."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .quantities import Quantity
+
+
+_MAX_TEXT = 60
+_UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_north": "°"}
+
+
+def written(value: Any, about: Quantity, cells: Any = None) -> str:
+    """A value as people read it, with its unit; a place in some cells with its pose."""
+    if isinstance(value, np.ndarray | list | tuple):
+        every = [written(one, about, cells) for one in np.asarray(value).tolist()]
+        lengths = np.cumsum([len(one) + 2 for one in every])
+        shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
+        rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []
+        return ", ".join(every[:shown] + rest) or "none"
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return value
+    number = float(value)
+    located = about.kind in ("cell", "place", "position")
+    if math.isnan(number) or (located and number < 0):
+        return "none"
+    if about.kind == "place" and cells is not None:
+        x, y, _ = cells.centre(int(number))
+        return f"({float(x):g}, {float(y):g})"
+    if located and cells is not None:
+        return configuration(cells, int(number), heading=about.kind == "cell")
+    if not math.isfinite(number):
+        return "never" if about.kind == "time" else f"{number}"
+    if about.kind in ("share", "distribution"):
+        return f"{round(100 * number, 9):.4g} %"
+    if about.kind == "residual":
+        return f"{number:.1e}"
+    text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
+    return text + _UNITS.get(about.units, f" {about.units}")
+
+
+def configuration(cells: Any, z: int, heading: bool = True) -> str:
+    """A cell, or a position, as people read it: its number and its pose."""
+    if z < 0:
+        return "none"
+    x, y, theta = cells.centre(z)
+    facing = f", {math.degrees(float(theta)):g}°" if heading else ""
+    return f"{z} ({float(x):g} m, {float(y):g} m{facing})"
