@@ -1,0 +1,219 @@
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Int, UInt8
+
+from ...dynamics import Basins, Continuation
+from ..canvas.curves import curve_view, log_curve
+from ..canvas.map import log_classes, send_pictures
+from ..canvas.marks import log_labels
+from ..canvas.page import log_tab
+from ..canvas.palette import CATEGORIES, MARGIN, OBSTACLE, PLAIN, Color, PictureClass, mix
+from ..canvas.prose import made_with, table
+from ..canvas.scale import Scale
+from ..canvas.stream import recording, send_blueprint
+
+
+# Sides of the drawn box, whatever the units of its axes.
+_SIDE = 10.0
+_OUT: Color = MARGIN
+_MAX_NAMED = len(CATEGORIES)
+_WHITE: Color = (255, 255, 255)
+
+
+def log_basins(
+    found: Basins, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of attractors and basins.
+
+    The first two axes are drawn. Of a box with more, the timeline `slice` goes through the third,
+    and the others are cut in the middle.
+
+    **Arguments:**
+
+    - `found`: the basins.
+    - `path`: the file to write or replace; its name ends in `.rrd`.
+    - `spec`: what was asked for, shown in the text.
+    """
+    with recording(path, "dynamics") as stream:
+        names = np.arange(found.attractors)
+        count = found.box.cells[2] if found.box.dimensions > 2 else 1
+        times = np.arange(count)
+        log_classes(stream, "box/basins", _classes(found.attractors))
+        pictures = np.stack([_picture(found, names, k) for k in range(count)])
+        send_pictures(stream, "box/basins", pictures, "slice", times)
+        scale = Scale.over(found.step.astype(float), "{} mappings".format, ground="out of the box")
+        log_classes(stream, "box/steps", scale.classes)
+        steps = np.stack([_steps(found, scale, k) for k in range(count)])
+        send_pictures(stream, "box/steps", steps, "slice", times)
+        _log_orbits(stream, found, names)
+        _log_ends(stream, found)
+        views: list[rrb.View] = [
+            _view(found, "Basins", "basins"),
+            _view(found, "Mappings to the attractor", "steps"),
+        ]
+        if found.box.dimensions > 2:
+            views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
+        text = f"# {found.title}\n\n{_about(found)}\n\n{made_with(spec or {})}"
+        legend = [*_legend(found.attractors), *scale.legend(4)]
+        tab = log_tab(stream, "", found.title, views, text, legend, timeline="slice")
+        send_blueprint(stream, tab, "slice", speed=10.0)
+
+
+def log_continuation(
+    found: Continuation, path: str | os.PathLike[str], *, spec: Mapping[str, Any] | None = None
+) -> None:
+    """Write a Rerun recording of attractors and basins along parameters, over `member`.
+
+    The arguments are those of [`log_basins`][].
+    """
+    with recording(path, "dynamics") as stream:
+        times = np.arange(len(found.members))
+        log_classes(stream, "box/basins", _classes(found.attractors))
+        pictures = np.stack(
+            [
+                _picture(one, name, one.box.cells[-1] // 2)
+                for one, name in zip(found.members, found.label, strict=True)
+            ]
+        )
+        send_pictures(stream, "box/basins", pictures, "member", times)
+        for name, (_, color) in enumerate(_legend(found.attractors)[:-1]):
+            curve = f"fractions/attractor_{name}"
+            log_curve(
+                stream, curve, found.fraction[:, name], "member", times, color, shape="Linear"
+            )
+        _log_ends(stream, found.members[0])
+        rows = [
+            (k, *(f"{value[k]:.6g}" for value in found.params.values()), one.attractors)
+            for k, one in enumerate(found.members)
+        ]
+        # A text of many rows is not read.
+        shown = rows[:: max(1, len(rows) // 20)]
+        numbers = table(("member", *found.params, "attractors"), shown)
+        text = f"# {found.title}\n\n{numbers}\n\n{made_with(spec or {})}"
+        views = [
+            _view(found.members[0], "Basins", "basins"),
+            curve_view("fractions", "Share of the box", len(times) - 1, 1.0),
+        ]
+        legend = _legend(found.attractors)
+        tab = log_tab(stream, "", found.title, views, text, legend, timeline="member")
+        send_blueprint(stream, tab, "member", speed=4.0)
+
+
+def _classes(attractors: int) -> list[PictureClass]:
+    """Class 0 leads to no attractor; then the basin of each, and the attractor itself."""
+    named = [PictureClass("out of the box", _OUT)]
+    for k in range(attractors):
+        color = _color(k)
+        named += [
+            PictureClass(f"leads to attractor {k}", mix(color, _WHITE, 0.35)),
+            PictureClass(f"attractor {k}", mix(color, OBSTACLE, 0.6)),
+        ]
+    return named[:256]
+
+
+def _color(attractor: int) -> Color:
+    return list(CATEGORIES.values())[attractor] if attractor < _MAX_NAMED else PLAIN
+
+
+def _legend(attractors: int) -> list[tuple[str, Color]]:
+    named = [(f"attractor {k}", _color(k)) for k in range(min(attractors, _MAX_NAMED))]
+    more = attractors - len(named)
+    other = [(f"{more} more attractors", PLAIN)] if more else []
+    return [*named, *other, ("out of the box", _OUT)]
+
+
+def _slice(found: Basins, values: np.ndarray, third: int) -> np.ndarray:
+    """Values over the first two axes, rows along the second; the others are cut."""
+    box = found.box
+    if box.dimensions == 1:
+        return values[None]
+    cut = [third, *(n // 2 for n in box.cells[3:])] if box.dimensions > 2 else []
+    values = values.reshape(*box.cells[:2], -1)
+    return values[..., int(np.ravel_multi_index(cut, box.cells[2:])) if cut else 0].T
+
+
+def _picture(
+    found: Basins, names: Int[np.ndarray, "attractors"], third: int
+) -> UInt8[np.ndarray, "rows columns"]:
+    name = np.append(np.asarray(names), -1)[found.basin]
+    kind = np.where(name < 0, 0, 1 + 2 * name)
+    for k, cells in zip(names, found.attractor_cells, strict=True):
+        kind[cells] = 2 + 2 * k
+    return np.minimum(_slice(found, kind, third), 255).astype(np.uint8)
+
+
+def _steps(found: Basins, scale: Scale, third: int) -> UInt8[np.ndarray, "rows columns"]:
+    inside = _slice(found, found.basin >= 0, third)
+    levels = scale.levels(_slice(found, found.step, third).astype(float))
+    return np.where(inside, levels, 0).astype(np.uint8)
+
+
+def _log_orbits(
+    stream: rr.RecordingStream, found: Basins, names: Sequence[int] | np.ndarray
+) -> None:
+    """The attractors of a box with three axes or more, in its first three."""
+    if found.box.dimensions < 3:
+        return
+    size = np.array(found.box.upper) - np.array(found.box.lower)
+    for k, orbit in zip(names, found.orbit, strict=True):
+        place = _SIDE * (orbit[:, :3] - np.array(found.box.lower)[:3]) / size[:3]
+        cloud = rr.Points3D(place, colors=_color(int(k)), radii=0.08)
+        stream.log(f"space/attractor_{k}", cloud, static=True)
+    half = np.full(3, _SIDE / 2)
+    frame = rr.Boxes3D(centers=[half], half_sizes=[half], colors=PLAIN)
+    stream.log("space/box", frame, static=True)
+
+
+def _log_ends(stream: rr.RecordingStream, found: Basins) -> None:
+    """The drawn box, with the ends and the names of its axes."""
+    box = found.box
+    columns, rows = box.cells[0], box.cells[1] if box.dimensions > 1 else 1
+    stretch = rr.Transform3D(translation=[0, _SIDE, 0], scale=[_SIDE / columns, -_SIDE / rows, 1])
+    for name in ("basins", "steps"):
+        stream.log(f"box/{name}", stretch, static=True)
+    below = _SIDE + 0.2
+    names = (*found.names, "")
+    labels = [
+        (f"{box.lower[0]:.4g}", 0.0, below),
+        (names[0], _SIDE / 2, below),
+        (f"{box.upper[0]:.4g}", _SIDE, below),
+    ]
+    if box.dimensions > 1:
+        labels += [
+            (f"{box.upper[1]:.4g}", -0.7, 0.0),
+            (names[1], -1.4, _SIDE / 2),
+            (f"{box.lower[1]:.4g}", -0.7, _SIDE - 0.4),
+        ]
+    log_labels(stream, "box/ends", labels)
+
+
+def _view(found: Basins, title: str, picture: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin="box",
+        name=title,
+        contents=[f"+ /box/{picture}", "+ /box/ends"],
+        background=OBSTACLE,
+        visual_bounds=rrb.VisualBounds2D(x_range=[-3, _SIDE + 1], y_range=[-0.6, _SIDE + 1.4]),
+    )
+
+
+def _about(found: Basins) -> str:
+    rows = [
+        (k, f"{100 * share:.2f} %", period or "-", cells, f"{steps:.1f}")
+        for k, (share, period, cells, steps) in enumerate(
+            zip(found.fraction, found.period, found.cells_on, found.mean_steps, strict=True)
+        )
+    ]
+    heads = ("attractor", "share of the box", "period", "cells", "mean mappings to it")
+    lost = f"{100 * found.outside_share:.2f} % of the cells lead out of the box."
+    said = "\n\n".join(found.remarks)
+    return (
+        f"{table(heads, rows)}\n\n{lost} Cells of one colour lead to the same attractor, which has "
+        f"a dark shade; a dark cell leads out of the box. The period is in mappings, none where "
+        f"an orbit does not come back.\n\n{said}"
+    )
