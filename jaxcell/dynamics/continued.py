@@ -88,6 +88,18 @@ def continuation(
 
     **Raises:** `ValueError` for arrays of unequal length, or none; else as
     [`jaxcell.dynamics.basins`][].
+
+    A second attractor appears, and takes half of the box:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> found = dynamics.continuation(
+        ...     lambda x, p: jnp.where(x > p["edge"], 0.95, 0.25),
+        ...     space.Box([0], [1], cells=[20]),
+        ...     {"edge": [1.0, 0.75, 0.5]},
+        ... )
+        >>> found.fraction.tolist(), found.appears.tolist()
+        ([[1.0, 0.0], [0.75, 0.25], [0.5, 0.5]], [0, 1])
     """
     each = listed(params)
     found = []

@@ -181,6 +181,16 @@ def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> 
     - `field`: the velocity `field(t, x, params)`.
     - `period`: the time of one application.
     - `steps`: Runge-Kutta steps in it.
+
+    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map].
+
+    What a force adds in a period it takes away again:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> pushed = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None], 2 * jnp.pi, steps=20)
+        >>> abs(pushed(jnp.array([0.5]), {})[0] - 0.5) < 1e-6
+        Array(True, dtype=bool)
     """
     _positive(period=period, steps=steps)
     return Strobe(field, float(period), int(steps))
@@ -209,6 +219,22 @@ def section(
     - `project`: the coordinates of a point of the surface.
     - `dt`: length of a step in time.
     - `max_steps`: the most steps to a return.
+
+    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map] of coordinates on the surface.
+
+    A spiral, which comes back to the positive x axis nearer to its centre by `exp(-pi / 5)`:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> returns = dynamics.section(
+        ...     lambda x, p: jnp.array([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]]),
+        ...     lambda x, p: x[1],
+        ...     lift=lambda u, p: jnp.array([u[0], 0.0]),
+        ...     project=lambda x, p: x[:1],
+        ...     dt=0.05,
+        ... )
+        >>> abs(returns(jnp.array([1.0]), {})[0] - jnp.exp(-jnp.pi / 5)) < 1e-5
+        Array(True, dtype=bool)
     """
     _positive(dt=dt, max_steps=max_steps)
     return Section(Flow(field, float(dt), 1), surface, lift, project, int(max_steps))
@@ -232,6 +258,22 @@ def impacts(
     - `surface`: `surface(x, params)`, positive where the flow goes on, zero at an impact.
     - `reset`: where an impact leads, `reset(x, params)`.
     - `dt`, `steps`: length in time and number of the steps of one application.
+
+    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map].
+
+    A ball falls from 1 m, and leaves the ground with half its speed:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> ball = dynamics.impacts(
+        ...     lambda x, p: jnp.array([x[1], -2.0]),
+        ...     lambda x, p: x[0],
+        ...     lambda x, p: jnp.array([0.0, -0.5 * x[1]]),
+        ...     dt=0.15,
+        ...     steps=10,
+        ... )
+        >>> ball(jnp.array([1.0, 0.0]), {}).round(3) + 0.0
+        Array([0.25, 0.  ], dtype=float64)
     """
     _positive(dt=dt, steps=steps)
     return Impacts(Flow(field, float(dt), int(steps)), surface, reset)

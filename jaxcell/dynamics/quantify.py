@@ -21,6 +21,17 @@ def basin_stability(
     - `found`: the basins.
     - `weight`: the density at points `[cells, axes]`, not necessarily normalised; by default all
         cells weigh the same.
+
+    **Returns:** the shares, which sum to less than 1 where starts leave the box.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[8])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> dynamics.basin_stability(found, lambda x: x[:, 0] > 0.25).round(3).tolist()
+        [0.333, 0.667]
     """
     if weight is None:
         return found.fraction
@@ -34,6 +45,21 @@ def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
 
     By an exact Euclidean distance transform between centres, so right to a cell; what is beyond the
     ends of axes counts only where they are periodic. `inf` where all of the box is one basin.
+
+    **Returns:** the length for each attractor, in the units of the box.
+
+    **Arguments:**
+
+    - `found`: the basins.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[8])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> dynamics.minimal_critical_shock(found).round(3).tolist()
+        [0.5, 0.125]
     """
     shocks = np.full(found.attractors, np.inf)
     for k, cells in enumerate(found.attractor_cells):
@@ -66,6 +92,15 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
 
     **Returns:** `S_b`, over all boxes, and `S_bb`, over those with more than one basin (Daza et al.
     2016). `S_bb > log 2` proves a fractal boundary; a boundary without basins has 0 for both.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[8])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> dynamics.basin_entropy(found, side=2)
+        (0.0, 0.0)
     """
     labels = found.basin.reshape(found.box.shape)
     whole = tuple(slice(0, n // side * side) for n in labels.shape)
@@ -93,6 +128,15 @@ def uncertainty_exponent(
 
     **Returns:** the exponent, the slope of logarithms: 1 for a smooth boundary of a plane, 0 for
     one that fills it (Grebogi et al. 1983); and the share of uncertain cells by radius.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[8])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> dynamics.uncertainty_exponent(found, (1, 2))[1].tolist()
+        [0.25, 0.5]
     """
     labels = found.basin.reshape(found.box.shape)
     modes = ["wrap" if kind == "periodic" else "nearest" for kind in found.box.axes]
@@ -114,6 +158,21 @@ def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"
     """The share of each basin that lies in each basin of other parameters of the same box.
 
     **Raises:** `ValueError` if the boxes differ.
+
+    **Returns:** an array over the attractors of both.
+
+    **Arguments:**
+
+    - `one`, `other`: the basins.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[8])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> dynamics.overlap(found, found).tolist()
+        [[1.0, 0.0], [0.0, 1.0]]
     """
     if one.box != other.box:
         raise ValueError("overlap: expected basins in the same box")

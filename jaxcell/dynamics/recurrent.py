@@ -36,6 +36,13 @@ def unstable_set(
     - `samples`: points along each axis of a cell, from face to face, at least 2.
 
     **Returns:** the cells in ascending order, those of the start included.
+
+    What doubles reaches all that is above it:
+
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [8], cells=[8])
+        >>> dynamics.unstable_set(lambda x, p: 2 * x, box, [[2.5]]).tolist()
+        [2, 4, 5, 6]
     """
     check_map(map, box, params)
     place = np.linspace(-0.5, 0.5, samples)
@@ -75,6 +82,14 @@ def morse_sets(
 
     **Returns:** the cells of each Morse set, and a Boolean matrix, whose entry `i, j` says whether
     set `i` leads to set `j`.
+
+    A saddle in the middle leads to both ends:
+
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[7], axes="clamp")
+        >>> sets, leads = dynamics.morse_sets(lambda x, p: 4 * x - 1.5, box, points=3)
+        >>> [cells.tolist() for cells in sets], leads.toarray().tolist()
+        ([[0], [6], [3]], [[False, False, False], [False, False, False], [True, True, False]])
     """
     check_map(map, box, params)
     count = points if isinstance(points, int) else {"corners": 2, "centre": 1}[points]
@@ -93,6 +108,8 @@ def morse_sets(
             along = at[:, axis]
             if kind == "periodic":
                 along = along % n
+            elif kind == "clamp":
+                along = np.clip(along, 0, n - 1)
             used &= (along >= 0) & (along < n)
             index = index * n + along
         source.append(cells[used])
