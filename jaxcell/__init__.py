@@ -14,7 +14,7 @@ Packages, from the ground floor up; each says in its own page of help what it co
 - `mapping`: cell maps and their groups.
 - `markov`: what one asks of chains. `optimize`: weights, mixtures, covers and games.
 - `bounce`: bouncing robots (chapters 2 and 3). `patrol`: patrolling (chapter 4). `drift`: drifters
-    in ocean currents (chapter 5).
+    in ocean currents (chapter 5). `dynamics`: any map or field, on a box of cells.
 - `study`: questions, for programs, commands and sweeps. `record`: datasets and recordings.
     `robot`: real and emulated robots, without JAX. `sweep`: one study for many parameters.
 
@@ -51,6 +51,7 @@ _PACKAGES = (
     "automata",
     "bounce",
     "drift",
+    "dynamics",
     "mapping",
     "markov",
     "optimize",

@@ -13,6 +13,7 @@ PACKAGES = [
     "automata",
     "bounce",
     "drift",
+    "dynamics",
     "mapping",
     "markov",
     "optimize",

@@ -55,6 +55,9 @@ PICTURES = {
         "direction",
         30,
     ),
+    "dynamics": Picture(
+        ("dynamics pendulum --out runs/pendulum",), "pendulum/dynamics.rrd", "slice", 0
+    ),
     "navigation": Picture(
         (
             "navigate data/maps/complex.json --directions 8 --bounces 45 90 135 "

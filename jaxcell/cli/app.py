@@ -18,7 +18,17 @@ from .robot.replay import RobotReplay
 from .robot.run import RobotRun
 from .robot.sketch import RobotSketch
 from .run import Run
-from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, PatrolMap, Team
+from .studies import (
+    Cover,
+    Drift,
+    Dynamics,
+    Groups,
+    Localize,
+    Navigate,
+    PatrolGraph,
+    PatrolMap,
+    Team,
+)
 from .sweep.run import Sweep, SweepState
 from .sweep.verify import SweepVerify
 from .sweep.view import SweepView
@@ -29,6 +39,7 @@ _COMMANDS = {
     "cover": Cover,
     "demo": Demo,
     "drift": Drift,
+    "dynamics": Dynamics,
     "export": Export,
     "groups": Groups,
     "info": Info,

@@ -10,7 +10,9 @@ from ..base.quantities import Result
 
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
+    "Basins": "dynamics.basins:log_basins",
     "BounceGroups": "bounce.groups:log_groups",
+    "Continuation": "dynamics.basins:log_continuation",
     "CostSummary": "bounce.navigation:log_navigation",
     "CoveragePolicy": "bounce.coverage:log_coverage",
     "GraphPatrol": "patrol.graph:log_patrol_graph",

@@ -40,6 +40,7 @@ and a cell is *wholly visible* if all that is free of its square is in `V(p)` (A
 
 What gives which:
 
+- `Box`: equal cells of a box of any number of dimensions, for other dynamics than robots'.
 - `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made here.
 - `CellSpace`: the cells, `z` from a configuration and back.
 - `free_steps`: where a step leads, among walls of any shape.
@@ -51,6 +52,7 @@ What gives which:
 No part of this package imports JAX.
 """
 
+from .box import Box as Box
 from .cells import CellSpace as CellSpace
 from .segments import free_steps as free_steps
 from .sight import visible_cells as visible_cells, visible_centres as visible_centres

@@ -21,6 +21,7 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 
 from .cover import Cover as Cover
 from .drift import Drift as Drift
+from .dynamics import Dynamics as Dynamics
 from .groups import Groups as Groups
 from .localize import Localize as Localize
 from .map_study import CellStudy as CellStudy, MapStudy as MapStudy

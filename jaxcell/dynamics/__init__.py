@@ -1,0 +1,54 @@
+"""Any dynamics on the same cells: attractors, basins, noise and continuation.
+
+A map or a vector field, written as one function of JAX, is taken to the cells of a
+[`Box`][jaxcell.space.Box] of any number of dimensions: the image of the centre of each cell makes a
+simple map, and images of points inside it, with noise, a generalized one (Hsu 1980, 1981, 1987).
+What bouncing robots and currents are asked is then asked of it.
+
+    image of a cell z      the cell of F(centre of z), or one of two sinks
+    attractor              what orbits from the periodic groups settle on
+    basin of an attractor  the cells that lead to groups from which orbits settle on it
+
+**Maps.** `F` is any function `map(x, params)`; `flow`, `strobe`, `section` and `impacts` make one
+of a field by Runge-Kutta steps of fixed length: over a time, over a period of a force, to the next
+crossing of a surface, and with resets. A flow may have a time of its own in each cell, until its
+image is some cells away, since a cell that moves by less than its own size becomes an equilibrium.
+
+**What to trust.** Centres of cells stand for all of a cell, which is wrong near attractors and
+saddles: a limit cycle makes dozens of periodic groups. So attractors are found by following the map
+itself from the groups, and results say which share of cells are their own images, which images
+differ with steps of half the length, and which cells lead to a saddle.
+
+What gives which:
+
+- `flow`, `strobe`, `section`, `impacts`: a `Map`; any function of JAX is one.
+- `images`: the image of every cell, in chunks.
+- `basins`: attractors, basins and steps, a `Basins`. `continuation`: the same along parameters,
+    matched, a `Continuation`.
+- `chain`: a [`jaxcell.mapping.Chain`][], by samples and noise.
+- `basin_stability`, `minimal_critical_shock`, `basin_entropy`, `uncertainty_exponent`, `overlap`:
+    numbers about basins.
+- `unstable_set`, `morse_sets`: what cells reach, and what recurs, by images of points of each cell.
+- `System`, `systems`: a map with its box, and six to start from.
+"""
+
+from .basin import Basins as Basins, basins as basins
+from .chains import chain as chain
+from .continued import Continuation as Continuation, continuation as continuation
+from .imaging import images as images
+from .maps import (
+    Map as Map,
+    flow as flow,
+    impacts as impacts,
+    section as section,
+    strobe as strobe,
+)
+from .quantify import (
+    basin_entropy as basin_entropy,
+    basin_stability as basin_stability,
+    minimal_critical_shock as minimal_critical_shock,
+    overlap as overlap,
+    uncertainty_exponent as uncertainty_exponent,
+)
+from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
+from .system import System as System

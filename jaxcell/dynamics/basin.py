@@ -1,0 +1,218 @@
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..base.quantities import Result, derived, quantity
+from ..mapping.peel import peeled_groups
+from ..space.box import Box
+from . import attractors as of_map
+from .imaging import Say, changed_by_half_step, images, self_images
+from .maps import Map
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Basins(Result):
+    """Where each cell of a box ends up: its attractor, or out of the box."""
+
+    title: ClassVar[str] = "Attractors and basins"
+    tables: ClassVar[Mapping[str, str]] = {"attractor": "basins"}
+
+    box: Box
+    params: Any
+    "What the map took beside a point."
+    image: Int[np.ndarray, "cells"]
+    "The image of each cell: a cell, `box.outside` or `box.nowhere`."
+    basin: Annotated[
+        Int[np.ndarray, "cells"],
+        quantity("cell", "attractor that the cell leads to, -1 for none", kind="index"),
+    ]
+    group: Annotated[
+        Int[np.ndarray, "cells"],
+        quantity("cell", "periodic group that the cell leads to", kind="index"),
+    ]
+    "Groups are numbered by their smallest cells, and those of the sinks come last."
+    step: Annotated[
+        Int[np.ndarray, "cells"],
+        quantity("cell", "mappings until the cell is on its group", kind="count"),
+    ]
+    group_period: Int[np.ndarray, "groups"]
+    "Number of cells of each group, without those of the sinks."
+    several: Annotated[
+        Bool[np.ndarray, "cells"],
+        quantity("cell", "whether its group leads to several attractors, as a saddle", kind="flag"),
+    ]
+    left: Bool[np.ndarray, "cells"]
+    "Whether the cell leads out of the box."
+    orbit: Float[np.ndarray, "attractors window axes"]
+    "An orbit on each attractor."
+    attractor_cells: tuple[Int[np.ndarray, "_"], ...]
+    "The cells of each attractor."
+    settled: Annotated[
+        bool, quantity("", "whether longer orbits gave the same attractors", kind="flag")
+    ]
+    changed: Annotated[
+        float | None, quantity("", "images that differ with steps of half the length", kind="share")
+    ]
+    labels: tuple[str, ...] = ()
+    "What the axes are called; none for `x0`, `x1`, ..."
+
+    @functools.cached_property
+    def _share(self) -> Float[np.ndarray, "attractors"]:
+        count = len(self.attractor_cells)
+        return np.bincount(self.basin + 1, minlength=count + 1)[1:] / self.box.size
+
+    @derived("", "number of attractors", kind="count")
+    def attractors(self) -> int:
+        return len(self.attractor_cells)
+
+    @derived("", "number of periodic groups", kind="count")
+    def groups(self) -> int:
+        return self.group_period.size
+
+    @derived("", "cells of periodic groups", kind="count")
+    def periodic_cells(self) -> int:
+        return int(self.group_period.sum())
+
+    @derived("", "most mappings to a group within the box", kind="count")
+    def longest_step(self) -> int:
+        return int(self.step[self.group < self.groups].max(initial=0))
+
+    @derived("attractor", "cells that lead to it", kind="share")
+    def fraction(self) -> Float[np.ndarray, "attractors"]:
+        return self._share
+
+    @derived("attractor", "cells of the attractor", kind="count")
+    def cells_on(self) -> Int[np.ndarray, "attractors"]:
+        return np.array([cells.size for cells in self.attractor_cells], np.int64)
+
+    @derived("attractor", "mappings after which an orbit is back, 0 if it never is", kind="count")
+    def period(self) -> Int[np.ndarray, "attractors"]:
+        return np.array([of_map.period(one, self.box) for one in self.orbit], np.int64)
+
+    @derived("attractor", "mean mappings to the attractor", "step", kind="time")
+    def mean_steps(self) -> Float[np.ndarray, "attractors"]:
+        found = self.basin >= 0
+        total = np.bincount(self.basin[found], self.step[found], minlength=self.attractors)
+        return total / np.maximum(1, self._share * self.box.size)
+
+    @derived("", "cells that lead out of the box", kind="share")
+    def outside_share(self) -> float:
+        return float(np.mean(self.left))
+
+    @derived("", "cells that lead to a point that is not finite", kind="share")
+    def nowhere_share(self) -> float:
+        return float(np.mean((self.basin < 0) & ~self.left))
+
+    @derived("", "cells that are their own images", kind="share")
+    def self_images(self) -> float:
+        return self_images(self.image)
+
+    @derived("", "cells that lead to a saddle", kind="share")
+    def several_share(self) -> float:
+        return float(np.mean(self.several))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the axes are called."""
+        return self.labels or tuple(f"x{axis}" for axis in range(self.box.dimensions))
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        box = self.box
+        return {
+            "box_lower": list(box.lower),
+            "box_upper": list(box.upper),
+            "box_cells": list(box.cells),
+            "box_axes": " ".join(box.axes),
+            "box_labels": ", ".join(self.names),
+        }
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        said = []
+        if self.self_images > 0.1:
+            said.append(
+                f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
+                "is too short for these cells."
+            )
+        if self.changed is not None and self.changed > 0.2:
+            said.append(
+                f"{self.changed:.0%} of the images are others with steps of half the length: take "
+                "shorter steps."
+            )
+        if not self.settled:
+            said.append("Orbits had not settled: attractors may be too many.")
+        if self.several_share > 0.05:
+            said.append(
+                f"{self.several_share:.0%} of the cells lead to groups from which orbits end on "
+                "several attractors: take more cells."
+            )
+        return tuple(said)
+
+
+def basins(
+    map: Map,
+    box: Box,
+    params: Any = None,
+    *,
+    follow: int = 0,
+    dtype: Any = None,
+    seed: int = 0,
+    labels: tuple[str, ...] = (),
+    say: Say | None = None,
+) -> Basins:
+    """Find the attractors of a map in a box, and the basin of each.
+
+    **Arguments:**
+
+    - `map`, `box`, `params`, `follow`, `dtype`, `say`: as for [`jaxcell.dynamics.images`][].
+    - `seed`: of the points from which attractors are found.
+    - `labels`: what the axes are called.
+
+    **Returns:** [`Basins`][jaxcell.dynamics.Basins], attractors with larger basins first.
+
+    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][].
+
+    A particle in a double well, from the left and the right:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> well = dynamics.flow(lambda x, p: jnp.array([x[1], x[0] - x[0] ** 3 - x[1]]), 0.05, 20)
+        >>> found = dynamics.basins(well, space.Box([-2, -2], [2, 2], cells=[40, 40]))
+        >>> found.attractors, found.period.tolist(), found.fraction.round(2).tolist()
+        (2, [1, 1], [0.5, 0.5])
+    """
+    image = images(map, box, params, follow=follow, dtype=dtype, say=say)
+    if say is not None:
+        say("finding groups and attractors", 0, 0)
+    groups = peeled_groups(np.append(image, np.array([box.outside, box.nowhere], np.int32)))
+    found = of_map.attractors(map, box, params, groups, follow=follow, seed=seed)
+    group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
+    # The sinks have the last two numbers of cells, and so of groups.
+    live = int(groups.count) - 2
+    reached = found.of_group[group]
+    # A group whose orbits leave the box is one of the cells alone: what leads to it leads outside.
+    left = (reached < 0) & (group != live + 1)
+    order = np.argsort(-np.bincount(reached[reached >= 0], minlength=found.count), kind="stable")
+    rank = np.empty(found.count + 1, np.int32)
+    rank[order], rank[-1] = np.arange(found.count), -1
+    return Basins(
+        box,
+        params,
+        image,
+        basin=rank[reached],
+        group=group,
+        step=step,
+        group_period=np.asarray(groups.group_period)[:live],
+        several=found.several[group],
+        left=left,
+        orbit=found.orbit[order],
+        attractor_cells=tuple(found.cells[k] for k in order),
+        settled=found.settled,
+        changed=changed_by_half_step(map, box, params, follow=follow),
+        labels=labels,
+    )

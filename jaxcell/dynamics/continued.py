@@ -1,0 +1,174 @@
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+from ..base.quantities import Result, derived, quantity
+from ..space.box import Box
+from .basin import Basins, basins
+from .imaging import Say
+from .maps import Map
+
+
+# Attractors farther apart than this share of the box are not the same.
+_FAR = 0.1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Continuation(Result):
+    """Attractors and their basins along a list of parameters, matched from one to the next."""
+
+    title: ClassVar[str] = "Attractors along parameters"
+    tables: ClassVar[Mapping[str, str]] = {"member": "members", "name": "names"}
+
+    params: Mapping[str, Float[np.ndarray, "members"]]
+    "The parameters that vary; the others are single numbers."
+    members: list[Basins]
+    "Not a tuple, whose members would each have their tables in the summary."
+    label: tuple[Int[np.ndarray, "_"], ...]
+    "For each member, the name of each of its attractors; equal numbers are one attractor."
+    fraction: Annotated[
+        Float[np.ndarray, "members names"],
+        quantity("member name", "cells that lead to the attractor", kind="share"),
+    ]
+
+    @derived("", "attractors of all parameters", kind="count")
+    def attractors(self) -> int:
+        return self.fraction.shape[1]
+
+    @derived("member", "parameters that vary", kind="text")
+    def parameters(self) -> list[str]:
+        each = zip(*self.params.values(), strict=True)
+        return [
+            ", ".join(f"{n}={v:.6g}" for n, v in zip(self.params, one, strict=True)) for one in each
+        ]
+
+    @derived("member", "number of attractors", kind="count")
+    def count(self) -> Int[np.ndarray, "members"]:
+        return np.array([one.attractors for one in self.members], np.int64)
+
+    @derived("member", "cells that lead out of the box", kind="share")
+    def outside_share(self) -> Float[np.ndarray, "members"]:
+        return np.array([one.outside_share for one in self.members])
+
+    @derived("name", "first parameters with the attractor, by their number", kind="index")
+    def appears(self) -> Int[np.ndarray, "names"]:
+        return np.argmax(self.fraction > 0, axis=0)
+
+    @derived("name", "last parameters with the attractor, by their number", kind="index")
+    def vanishes(self) -> Int[np.ndarray, "names"]:
+        return len(self.members) - 1 - np.argmax(self.fraction[::-1] > 0, axis=0)
+
+
+def continuation(
+    map: Map,
+    box: Box,
+    params: Mapping[str, Any],
+    *,
+    say: Say | None = None,
+    **options: Any,
+) -> Continuation:
+    """Find attractors and basins for each of a list of parameters, and match them along the list.
+
+    An attractor continues one of the parameters before if it lies in its basin; of several that do,
+    and where none does, the nearest is taken, by the distance between the cells of both. One that
+    vanished keeps its name, and has it again when it comes back where it was.
+
+    **Arguments:**
+
+    - `map`, `box`: as for [`jaxcell.dynamics.basins`][].
+    - `params`: numbers, and arrays of one length for those that vary.
+    - `options`: those of [`jaxcell.dynamics.basins`][].
+
+    **Returns:** [`Continuation`][jaxcell.dynamics.Continuation].
+
+    **Raises:** `ValueError` for arrays of unequal length, or none; else as
+    [`jaxcell.dynamics.basins`][].
+
+    A second attractor appears, and takes half of the box:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> found = dynamics.continuation(
+        ...     lambda x, p: jnp.where(x > p["edge"], 0.95, 0.25),
+        ...     space.Box([0], [1], cells=[20]),
+        ...     {"edge": [1.0, 0.75, 0.5]},
+        ... )
+        >>> found.fraction.tolist(), found.appears.tolist()
+        ([[1.0, 0.0], [0.75, 0.25], [0.5, 0.5]], [0, 1])
+    """
+    each = listed(params)
+    found = []
+    for k, one in enumerate(each):
+        if say is not None:
+            say("parameters", k, len(each))
+        found.append(basins(map, box, one, **options))
+    label = match(found)
+    names = 1 + max((int(one.max(initial=-1)) for one in label), default=-1)
+    fraction = np.zeros((len(found), names))
+    for k, (member, name) in enumerate(zip(found, label, strict=True)):
+        fraction[k, name] = member.fraction
+    varying = {name: np.asarray(value) for name, value in params.items() if np.ndim(value)}
+    return Continuation(varying, found, label, fraction)
+
+
+def listed(params: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The parameters of each member.
+
+    **Raises:** `ValueError` for arrays of unequal length, or none.
+    """
+    lengths = {name: len(value) for name, value in params.items() if np.ndim(value)}
+    if not lengths:
+        raise ValueError("params: expected an array for at least one of them")
+    if len(set(lengths.values())) > 1:
+        said = ", ".join(f"{name} has {length}" for name, length in lengths.items())
+        raise ValueError(f"params: expected arrays of one length: {said}")
+    return [
+        {name: value[k] if np.ndim(value) else value for name, value in params.items()}
+        for k in range(next(iter(lengths.values())))
+    ]
+
+
+def match(found: Sequence[Basins]) -> tuple[Int[np.ndarray, "_"], ...]:
+    """Name the attractors of a list of basins, so that equal names are one attractor."""
+    labels: list[np.ndarray] = []
+    # By name: where the attractor was last, and in whose basins.
+    known: dict[int, tuple[np.ndarray, Basins, int]] = {}
+    for now in found:
+        names = np.full(now.attractors, -1)
+        if known and now.attractors:
+            cost = np.array(
+                [[_cost(*old, now, k) for k in range(now.attractors)] for old in known.values()]
+            )
+            for row, column in zip(*linear_sum_assignment(cost), strict=True):
+                if cost[row, column] < 1:
+                    names[column] = list(known)[row]
+        for k in np.flatnonzero(names < 0):
+            names[k] = max(known, default=-1) + 1
+            known[int(names[k])] = (now.orbit[k], now, int(k))
+        known |= {int(name): (now.orbit[k], now, k) for k, name in enumerate(names)}
+        labels.append(names)
+    return tuple(labels)
+
+
+def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> float:
+    """How unlike two attractors are: below 1 if they may be the same one."""
+    box = now.box
+    index = old.box.index(now.orbit[k])
+    inside = index[index < box.size]
+    enclosed = inside.size > 0 and np.mean(old.basin[inside] == was)
+    size = np.array(box.upper) - np.array(box.lower)
+    apart = _apart(orbit / size, now.orbit[k] / size)
+    if apart > _FAR and not enclosed:
+        return 2.0
+    return min(0.99, apart) if enclosed else 0.5 + min(0.49, apart)
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    """The Hausdorff distance of two orbits."""
+    to_other = cKDTree(other).query(one)[0].max()
+    return float(max(to_other, cKDTree(one).query(other)[0].max()))

@@ -1,0 +1,220 @@
+"""The images of all cells of a box, in chunks of bounded memory."""
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from ..space.box import Box
+from .maps import Flow, Map
+
+
+CHUNK = 1 << 20
+"""Cells that are mapped at once; what that takes beside the result does not grow with the box."""
+
+# Steps between two looks at which cells are away from where they began.
+_STAGE = 16
+
+Say = Callable[[str, int, int], None]
+
+
+def images(
+    map: Map,
+    box: Box,
+    params: Any = None,
+    *,
+    follow: int = 0,
+    dtype: Any = None,
+    out: Int[np.ndarray, "cells"] | None = None,
+    say: Say | None = None,
+) -> Int[np.ndarray, "cells"]:
+    """Map the centre of every cell, on the host's threads in chunks of about a million cells.
+
+    **Arguments:**
+
+    - `map`: a [`Map`][jaxcell.dynamics.maps.Map].
+    - `box`: the cells.
+    - `params`: what the map takes beside a point.
+    - `follow`: how often the image of an outside point is mapped on before it counts as lost; a
+        transient or an attractor may so pass outside.
+    - `dtype`: of points, `float32` or `float64`; by default the widest that is in use.
+    - `out`: an `int32` array to write to, such as a `numpy.memmap`.
+    - `say`: called with what is done and how much of it.
+
+    **Returns:** the image of each cell: a cell, `box.outside` or `box.nowhere`.
+
+    **Raises:** `ValueError` if the map does not give a point of the box's dimension, or cannot be
+    computed where it begins.
+
+    The doubling map, of eight cells:
+
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[8], axes="periodic")
+        >>> dynamics.images(lambda x, p: 2 * x, box).tolist()
+        [1, 3, 5, 7, 1, 3, 5, 7]
+    """
+    check_map(map, box, params)
+    found = np.empty(box.size, np.int32) if out is None else out
+    size = min(CHUNK, box.size)
+
+    def compute(start: int) -> int:
+        first = min(start, box.size - size)
+        cells = np.arange(first, first + size, dtype=np.int32)
+        found[first : first + size] = _images_of(map, box, params, cells, follow, dtype)
+        return size
+
+    for done in _in_threads(compute, range(0, box.size, size)):
+        if say is not None:
+            say("mapping cells", min(done * size, box.size), box.size)
+    return found
+
+
+def check_map(map: Map, box: Box, params: Any) -> None:
+    """Try a map at the middle of a box.
+
+    **Raises:** `ValueError` that says what is wrong with it.
+    """
+    middle = (jnp.asarray(box.lower) + jnp.asarray(box.upper)) / 2
+    try:
+        shape = jax.eval_shape(map, middle, params).shape
+    except (TypeError, KeyError, IndexError, AttributeError) as error:
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ValueError(f"map: fails at the middle of the box: {said}") from error
+    if shape != middle.shape:
+        raise ValueError(
+            f"map: gives an array of shape {list(shape)} for a point of {list(middle.shape)}"
+        )
+
+
+def self_images(image: Int[np.ndarray, "cells"]) -> float:
+    """The share of cells that are their own images, equilibria or too slow for the step."""
+    return float(np.mean(image == np.arange(image.size, dtype=image.dtype)))
+
+
+def changed_by_half_step(
+    map: Any, box: Box, params: Any, *, follow: int = 0, seed: int = 0
+) -> float | None:
+    """The share of images that differ when steps are half as long, on 1 % of the cells.
+
+    `None` for a map that has no steps.
+    """
+    if not hasattr(map, "halved"):
+        return None
+    count = int(np.clip(box.size // 100, min(box.size, 256), 1 << 16))
+    cells = np.random.default_rng(seed).integers(0, box.size, count, dtype=np.int32)
+    one, half = (_images_of(m, box, params, cells, follow, None) for m in (map, map.halved()))
+    return float(np.mean(one != half))
+
+
+def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any) -> np.ndarray:
+    """The images of cells that have a time each.
+
+    Those that are away leave the batch every few steps, so that nobody waits for the slowest.
+    """
+    found = np.empty(cells.size, np.int32)
+    left = np.arange(cells.size)
+    start = np.asarray(cells)
+    points = np.asarray(box.centre(start, dtype))
+    steps = 0
+    while left.size:
+        size = _quartered(left.size)
+        stage = min(_STAGE, map.steps - steps)
+        here, at = (_filled(x, size) for x in (start[left], points))
+        after, index, away = jax.device_get(_cross(map, box, params, here, at, stage))
+        steps += stage
+        away = away[: left.size] | (steps >= map.steps)
+        points, index = after[: left.size], index[: left.size]
+        if follow:
+            lost = away & (index == box.outside)
+            index[lost] = _followed(map, box, params, points[lost], follow)
+        found[left[away]] = index[away]
+        left, points = left[~away], points[~away]
+    return found
+
+
+def _quartered(size: int) -> int:
+    """The next of a few sizes, a quarter of each other, so that few shapes are compiled."""
+    return int(max(1 << 10, 4 ** math.ceil(math.log(size, 4))))
+
+
+def _filled(values: np.ndarray, size: int) -> np.ndarray:
+    """With more of the last row."""
+    return np.concatenate([values, np.repeat(values[-1:], size - len(values), axis=0)])
+
+
+@functools.partial(jax.jit, static_argnames=("map", "box"))
+def _cross(map: Flow, box: Box, params: Any, cells: Any, points: Any, steps: Any) -> Any:
+    """Up to some steps from points, until they are away from the cells that they began in."""
+
+    def cross(cell, x):  # type: ignore[no-untyped-def]
+        here = box.coordinates(cell)
+
+        def step(_, y):  # type: ignore[no-untyped-def]
+            return jnp.where(_away(map, box, here, y), y, map.one(y, params))
+
+        y = jax.lax.fori_loop(0, steps, step, x)
+        return y, box.index(y), _away(map, box, here, y)
+
+    return jax.vmap(cross)(cells, points)
+
+
+def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
+    """Whether a point is out of the box, or as many cells from a cell as a crossing asks for."""
+    index = box.index(y)
+    apart = jnp.abs(box.coordinates(index) - here)
+    around = jnp.asarray(box.cells, jnp.int32) - apart
+    periodic = jnp.asarray([kind == "periodic" for kind in box.axes])
+    apart = jnp.where(periodic, jnp.minimum(apart, around), apart)
+    return (index >= box.size) | (jnp.max(apart) >= map.crossing)
+
+
+def _followed(map: Flow, box: Box, params: Any, points: np.ndarray, follow: int) -> np.ndarray:
+    """The cells of points outside, followed step by step."""
+    if not len(points):
+        return np.empty(0, np.int32)
+    filled = jnp.asarray(_filled(points, _quartered(len(points))))
+    steps = functools.partial(_until_inside, map.one, box, params=params, follow=follow * map.steps)
+    return np.asarray(jax.vmap(steps)(filled))[: len(points)]
+
+
+def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:
+    def lost(state):  # type: ignore[no-untyped-def]
+        y, left = state
+        return (box.index(y) == box.outside) & (left > 0)
+
+    y, _ = jax.lax.while_loop(lost, lambda s: (map(s[0], params), s[1] - 1), (x, follow))
+    return box.index(y)
+
+
+@functools.partial(jax.jit, static_argnames=("map", "box", "follow", "dtype"))
+def _images(
+    map: Map, box: Box, params: Any, cells: Int[Array, "size"], follow: int, dtype: Any
+) -> Int[Array, "size"]:
+    def image(cell):  # type: ignore[no-untyped-def]
+        y = map(box.centre(cell, dtype), params)
+        return _until_inside(map, box, y, params, follow) if follow else box.index(y)
+
+    return jax.vmap(image)(cells)
+
+
+def _images_of(
+    map: Map, box: Box, params: Any, cells: Int[np.ndarray, "size"], follow: int, dtype: Any
+) -> Int[np.ndarray, "size"]:
+    kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
+    params = jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), params)
+    if isinstance(map, Flow) and map.crossing:
+        return _crossing(map, box, params, cells, follow, kind)
+    return np.asarray(_images(map, box, params, jnp.asarray(cells), follow, kind))
+
+
+def _in_threads(compute: Callable[[int], int], starts: range) -> Iterator[int]:
+    """Run on two threads, since XLA leaves cores idle between chunks; yields how many are done."""
+    with ThreadPoolExecutor(2) as pool:
+        for done, _ in enumerate(pool.map(compute, starts), 1):
+            yield done

@@ -1,0 +1,326 @@
+import dataclasses
+from collections.abc import Callable
+from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+# Steps of a flow with crossing times where no cell is there to be crossed.
+_LONG = 32
+
+Point: TypeAlias = Float[Array, "axes"]
+Field: TypeAlias = Callable[[Any, Any], Any]
+"""The velocity at a point, `field(x, params)`."""
+
+
+@runtime_checkable
+class Map(Protocol):
+    """A map of a space to itself: where a point goes next, `map(x, params)`.
+
+    Any function of JAX that has a hash is one, such as one that is defined in a module.
+    """
+
+    def __call__(self, x: Any, params: Any, /) -> Any: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Flow:
+    """What [`flow`][] gives: the map of a vector field over a time, by steps of fixed length."""
+
+    field: Field
+    dt: float
+    steps: int
+    "Steps of one application; with `crossing`, at most."
+    crossing: int = 0
+    "Cells that an image is away at least; 0 for the same number of steps everywhere."
+
+    def __call__(self, x: Any, params: Any) -> Any:
+        steps = _LONG if self.crossing else self.steps
+        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, steps)
+
+    def one(self, x: Any, params: Any) -> Any:
+        """One step, of `dt`."""
+        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, 1)
+
+    def halved(self) -> "Flow":
+        """The same with steps of half the length."""
+        return dataclasses.replace(self, dt=self.dt / 2, steps=2 * self.steps)
+
+
+@dataclasses.dataclass(frozen=True)
+class Strobe:
+    """What [`strobe`][] gives: the map of a forced field over a period of the force."""
+
+    field: Callable[[Any, Any, Any], Any]
+    period: float
+    steps: int
+
+    def __call__(self, x: Any, params: Any) -> Any:
+        def field(t, y):  # type: ignore[no-untyped-def]
+            return self.field(t, y, params)
+
+        return _advance(field, x, 0.0, self.period / self.steps, self.steps)
+
+    def halved(self) -> "Strobe":
+        """The same with steps of half the length."""
+        return dataclasses.replace(self, steps=2 * self.steps)
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """What [`section`][] gives: the map of a surface to itself along a flow."""
+
+    flow: Flow
+    surface: Callable[[Any, Any], Any]
+    lift: Callable[[Any, Any], Any]
+    project: Callable[[Any, Any], Any]
+    max_steps: int
+
+    def __call__(self, x: Any, params: Any) -> Any:
+        # The first step leaves the surface, where the sign of zero says nothing.
+        first = self.flow.one(jnp.asarray(self.lift(x, params)), params)
+
+        def before(state):  # type: ignore[no-untyped-def]
+            _, y, steps = state
+            here = self.surface(state[0], params)
+            return ~((here < 0) & (self.surface(y, params) >= 0)) & (steps < self.max_steps)
+
+        def step(state):  # type: ignore[no-untyped-def]
+            _, y, steps = state
+            return y, self.flow.one(y, params), steps + 1
+
+        last, _, steps = jax.lax.while_loop(before, step, (first, self.flow.one(first, params), 0))
+        time = _crossing_time(self._height(last, params), self.flow.dt)
+        there = self._partial(last, params, time)
+        return jnp.where(steps < self.max_steps, self.project(there, params), jnp.nan)
+
+    def _partial(self, x: Any, params: Any, dt: Any) -> Any:
+        return _rk4(lambda _, y: self.flow.field(y, params), x, 0.0, dt)
+
+    def _height(self, x: Any, params: Any) -> Callable[[Any], Any]:
+        return lambda dt: self.surface(self._partial(x, params, dt), params)
+
+    def halved(self) -> "Section":
+        """The same with steps of half the length."""
+        half = dataclasses.replace(self.flow, dt=self.flow.dt / 2)
+        return dataclasses.replace(self, flow=half, max_steps=2 * self.max_steps)
+
+
+@dataclasses.dataclass(frozen=True)
+class Impacts:
+    """What [`impacts`][] gives: the map of a field with a reset wherever it meets a surface."""
+
+    flow: Flow
+    surface: Callable[[Any, Any], Any]
+    reset: Callable[[Any, Any], Any]
+
+    def __call__(self, x: Any, params: Any) -> Any:
+        def field(_, y):  # type: ignore[no-untyped-def]
+            return self.flow.field(y, params)
+
+        def step(_, y):  # type: ignore[no-untyped-def]
+            after = _rk4(field, y, 0.0, self.flow.dt)
+            hit = (self.surface(y, params) > 0) & (self.surface(after, params) <= 0)
+            time = _crossing_time(
+                lambda dt: -self.surface(_rk4(field, y, 0.0, dt), params), self.flow.dt
+            )
+            met = self.reset(_rk4(field, y, 0.0, time), params)
+            return jnp.where(hit, _rk4(field, met, 0.0, self.flow.dt - time), after)
+
+        return jax.lax.fori_loop(0, self.flow.steps, step, jnp.asarray(x))
+
+    def halved(self) -> "Impacts":
+        """The same with steps of half the length."""
+        return dataclasses.replace(self, flow=self.flow.halved())
+
+
+def flow(
+    field: Field,
+    dt: float,
+    steps: int | Literal["crossing"] = "crossing",
+    *,
+    crossed: int = 16,
+    max_steps: int = 1000,
+) -> Flow:
+    """The map of an autonomous field `x' = field(x, params)`, by Runge-Kutta steps of order 4.
+
+    **Arguments:**
+
+    - `field`: the velocity at a point, an array `[axes]`.
+    - `dt`: length of a step in time.
+    - `steps`: steps of one application. With `"crossing"` each cell has its own number: until its
+        image is `crossed` cells away (after Hsu's criterion), so that slow cells are not their own
+        images, and the error of half a cell that each image has is small beside the way.
+    - `max_steps`: with `"crossing"`, the most steps; a cell whose image is not away by then holds
+        an equilibrium, most likely.
+
+    **Returns:** [`Flow`][jaxcell.dynamics.maps.Flow], a [`Map`][jaxcell.dynamics.maps.Map].
+
+    Half a turn of a harmonic oscillator:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> turn = dynamics.flow(lambda x, p: jnp.array([x[1], -x[0]]), dt=jnp.pi / 100, steps=100)
+        >>> abs(turn(jnp.array([1.0, 0.0]), {})[0] + 1) < 1e-5
+        Array(True, dtype=bool)
+    """
+    _positive(dt=dt, crossed=crossed, max_steps=max_steps)
+    if steps == "crossing":
+        return Flow(field, float(dt), int(max_steps), crossing=int(crossed))
+    _positive(steps=steps)
+    return Flow(field, float(dt), int(steps))
+
+
+def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> Strobe:
+    """The map of a forced field over one period of the force, from phase 0.
+
+    **Arguments:**
+
+    - `field`: the velocity `field(t, x, params)`.
+    - `period`: the time of one application.
+    - `steps`: Runge-Kutta steps in it.
+
+    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map].
+
+    What a force adds in a period it takes away again:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> pushed = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None], 2 * jnp.pi, steps=20)
+        >>> abs(pushed(jnp.array([0.5]), {})[0] - 0.5) < 1e-6
+        Array(True, dtype=bool)
+    """
+    _positive(period=period, steps=steps)
+    return Strobe(field, float(period), int(steps))
+
+
+def section(
+    field: Field,
+    surface: Callable[[Any, Any], Any],
+    *,
+    lift: Callable[[Any, Any], Any],
+    project: Callable[[Any, Any], Any],
+    dt: float,
+    max_steps: int = 10_000,
+) -> Section:
+    """The return map of a flow to a surface that it crosses upwards.
+
+    Steps go on until `surface` changes its sign from negative; the crossing is then found by the
+    secant method within the step. A point that does not return in `max_steps` maps to NaN, which a
+    box counts as `nowhere`.
+
+    **Arguments:**
+
+    - `field`: the velocity `field(x, params)`.
+    - `surface`: `surface(x, params)`, zero on the surface.
+    - `lift`: the point of the full space, `lift(u, params)`, of coordinates `u` on the surface.
+    - `project`: the coordinates of a point of the surface.
+    - `dt`: length of a step in time.
+    - `max_steps`: the most steps to a return.
+
+    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map] of coordinates on the surface.
+
+    A spiral, which comes back to the positive x axis nearer to its centre by `exp(-pi / 5)`:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> returns = dynamics.section(
+        ...     lambda x, p: jnp.array([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]]),
+        ...     lambda x, p: x[1],
+        ...     lift=lambda u, p: jnp.array([u[0], 0.0]),
+        ...     project=lambda x, p: x[:1],
+        ...     dt=0.05,
+        ... )
+        >>> abs(returns(jnp.array([1.0]), {})[0] - jnp.exp(-jnp.pi / 5)) < 1e-5
+        Array(True, dtype=bool)
+    """
+    _positive(dt=dt, max_steps=max_steps)
+    return Section(Flow(field, float(dt), 1), surface, lift, project, int(max_steps))
+
+
+def impacts(
+    field: Field,
+    surface: Callable[[Any, Any], Any],
+    reset: Callable[[Any, Any], Any],
+    *,
+    dt: float,
+    steps: int,
+) -> Impacts:
+    """The map of a flow over `steps` steps, with a reset where it meets a surface from above.
+
+    At most one impact in a step is seen: a bouncing ball that comes to rest has many.
+
+    **Arguments:**
+
+    - `field`: the velocity `field(x, params)`.
+    - `surface`: `surface(x, params)`, positive where the flow goes on, zero at an impact.
+    - `reset`: where an impact leads, `reset(x, params)`.
+    - `dt`, `steps`: length in time and number of the steps of one application.
+
+    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map].
+
+    A ball falls from 1 m, and leaves the ground with half its speed:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics
+        >>> ball = dynamics.impacts(
+        ...     lambda x, p: jnp.array([x[1], -2.0]),
+        ...     lambda x, p: x[0],
+        ...     lambda x, p: jnp.array([0.0, -0.5 * x[1]]),
+        ...     dt=0.15,
+        ...     steps=10,
+        ... )
+        >>> ball(jnp.array([1.0, 0.0]), {}).round(3) + 0.0
+        Array([0.25, 0.  ], dtype=float64)
+    """
+    _positive(dt=dt, steps=steps)
+    return Impacts(Flow(field, float(dt), int(steps)), surface, reset)
+
+
+def _positive(**numbers: Any) -> None:
+    for name, value in numbers.items():
+        if not (isinstance(value, int | float) or hasattr(value, "__float__")) or not value > 0:
+            raise ValueError(f"{name}: expected a number above 0, got {value!r}")
+
+
+def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
+    # A number of Python has no width of its own, so that points of 32 bits stay so.
+    one = field(t, x)
+    two = field(t + dt / 2, x + dt / 2 * one)
+    three = field(t + dt / 2, x + dt / 2 * two)
+    four = field(t + dt, x + dt * three)
+    return x + dt / 6 * (one + 2 * two + 2 * three + four)
+
+
+def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: float, steps: int) -> Any:
+    # Components apart: a batch is then one array for each, which is what vector units read.
+    def step(k, components):  # type: ignore[no-untyped-def]
+        y = jnp.stack(components)
+        return tuple(_rk4(field, y, t + dt * jnp.asarray(k, y.dtype), dt))
+
+    start = tuple(jnp.asarray(x))
+    return jnp.stack(jax.lax.fori_loop(0, steps, step, start))
+
+
+def _crossing_time(height: Callable[[Any], Any], dt: float) -> Any:
+    """When a height that is negative at 0 and not at `dt` is zero, by regula falsi (Illinois)."""
+
+    def narrow(_, state):  # type: ignore[no-untyped-def]
+        low, high, below, above = state
+        # Equal heights happen where nothing is crossed; the time does not matter there.
+        gap = jnp.where(above == below, 1.0, above - below)
+        time = jnp.clip(high - above * (high - low) / gap, low, high)
+        value = height(time)
+        up = value >= 0
+        return (
+            jnp.where(up, low, time),
+            jnp.where(up, time, high),
+            jnp.where(up, below / 2, value),
+            jnp.where(up, value, above / 2),
+        )
+
+    below, above = height(jnp.zeros(())), height(jnp.asarray(dt))
+    ends = jnp.zeros_like(below), jnp.full_like(below, dt)
+    return jax.lax.fori_loop(0, 12, narrow, (*ends, below, above))[1]

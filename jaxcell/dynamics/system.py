@@ -1,0 +1,26 @@
+import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from ..space.box import Box
+from .maps import Map
+
+
+@dataclasses.dataclass(frozen=True)
+class System:
+    """A map with the box to look at, its parameters, and the names of its axes."""
+
+    map: Map
+    box: Box
+    params: Mapping[str, float] = dataclasses.field(default_factory=lambda: MappingProxyType({}))
+    labels: tuple[str, ...] = ()
+    "What the axes are called, with their units."
+    about: str = ""
+    "One line that says what it is."
+
+    def __post_init__(self) -> None:
+        if self.labels and len(self.labels) != self.box.dimensions:
+            raise ValueError(
+                f"labels: expected {self.box.dimensions} for a box of as many axes, got "
+                f"{len(self.labels)}"
+            )

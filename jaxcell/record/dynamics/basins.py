@@ -1,0 +1,165 @@
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Int, UInt8
+
+from ...dynamics import Basins, Continuation
+from ..canvas.curves import curve_view, log_curve
+from ..canvas.map import log_classes, send_pictures
+from ..canvas.marks import log_labels
+from ..canvas.page import log_tab
+from ..canvas.palette import CATEGORIES, MARGIN, OBSTACLE, PLAIN, Color, PictureClass, mix, tint
+from ..canvas.prose import described, made_with, numbers
+from ..canvas.scale import Scale
+from ..canvas.stream import plane, send_blueprint
+
+
+# Sides of the drawn box, whatever the units of its axes.
+_SIDE = 10.0
+_AROUND = -3, -0.6, _SIDE + 1, _SIDE + 1.4
+_OUT: Color = MARGIN
+_MAX_NAMED = len(CATEGORIES)
+_SEEN = """Cells of one colour lead to the same attractor, which has a dark shade; grey cells lead
+out of the box. A period is in mappings, 0 where an orbit does not come back."""
+
+
+def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any]) -> None:
+    """Log attractors and basins.
+
+    The first two axes are drawn. Of a box with more, the timeline `slice` goes through the third,
+    and the others are cut in the middle.
+    """
+    names = np.arange(found.attractors)
+    count = found.box.cells[2] if found.box.dimensions > 2 else 1
+    times = np.arange(count)
+    log_classes(stream, "box/basins", _classes(found.attractors))
+    pictures = np.stack([_picture(found, names, k) for k in range(count)])
+    send_pictures(stream, "box/basins", pictures, "slice", times)
+    scale = Scale.over(found.step.astype(float), "{} mappings".format, ground="out of the box")
+    log_classes(stream, "box/steps", scale.classes)
+    steps = np.stack([_steps(found, scale, k) for k in range(count)])
+    send_pictures(stream, "box/steps", steps, "slice", times)
+    _log_ends(stream, found)
+    views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
+    if found.box.dimensions > 2:
+        _log_orbits(stream, found)
+        views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
+    first = {"": names.tolist()}
+    table = described(found, "fraction", "period", "cells_on", "mean_steps", first=first)
+    text = "\n\n".join([f"# {found.title}", _SEEN, table, numbers(found), made_with(spec)])
+    legend = [*_legend(found.attractors), *scale.legend(4)]
+    tab = log_tab(stream, "", found.title, views, text, legend, timeline="slice")
+    send_blueprint(stream, [tab], "slice", speed=10.0)
+
+
+def log_continuation(
+    stream: rr.RecordingStream, found: Continuation, spec: Mapping[str, Any]
+) -> None:
+    """Log attractors and basins along parameters, over the timeline `member`."""
+    times = np.arange(len(found.members))
+    log_classes(stream, "box/basins", _classes(found.attractors))
+    each = zip(found.members, found.label, strict=True)
+    pictures = np.stack([_picture(one, name, one.box.cells[-1] // 2) for one, name in each])
+    send_pictures(stream, "box/basins", pictures, "member", times)
+    for name, share in enumerate(found.fraction.T):
+        curve = f"fractions/attractor_{name}"
+        log_curve(stream, curve, share, "member", times, _color(name), shape="Linear")
+    _log_ends(stream, found.members[0])
+    table = described(found, "parameters", "count", "outside_share", first={"": times.tolist()})
+    text = "\n\n".join([f"# {found.title}", _SEEN, table, made_with(spec)])
+    curves = curve_view("fractions", "Share of the box", len(times) - 1, 1.0)
+    views = [_view("Basins", "basins"), curves]
+    legend = _legend(found.attractors)
+    tab = log_tab(stream, "", found.title, views, text, legend, timeline="member")
+    send_blueprint(stream, [tab], "member", speed=4.0)
+
+
+def _classes(attractors: int) -> list[PictureClass]:
+    """Class 0 leads to no attractor; then the basin of each, and the attractor itself."""
+    named = [PictureClass("out of the box", _OUT)]
+    for k in range(attractors):
+        color = _color(k)
+        named += [
+            PictureClass(f"leads to attractor {k}", tint(color, 0.35)),
+            PictureClass(f"attractor {k}", mix(color, OBSTACLE, 0.6)),
+        ]
+    return named[:256]
+
+
+def _color(attractor: int) -> Color:
+    return list(CATEGORIES.values())[attractor] if attractor < _MAX_NAMED else PLAIN
+
+
+def _legend(attractors: int) -> list[tuple[str, Color]]:
+    named = [(f"attractor {k}", _color(k)) for k in range(min(attractors, _MAX_NAMED))]
+    more = attractors - len(named)
+    other = [(f"{more} more attractors", PLAIN)] if more else []
+    return [*named, *other, ("out of the box", _OUT)]
+
+
+def _slice(found: Basins, values: np.ndarray, third: int) -> np.ndarray:
+    """Values over the first two axes, rows along the second; the others are cut."""
+    box = found.box
+    if box.dimensions == 1:
+        return values[None]
+    cut = [third, *(n // 2 for n in box.cells[3:])] if box.dimensions > 2 else []
+    values = values.reshape(*box.cells[:2], -1)
+    return values[..., int(np.ravel_multi_index(cut, box.cells[2:])) if cut else 0].T
+
+
+def _picture(
+    found: Basins, names: Int[np.ndarray, "attractors"], third: int
+) -> UInt8[np.ndarray, "rows columns"]:
+    name = np.append(np.asarray(names), -1)[found.basin]
+    kind = np.where(name < 0, 0, 1 + 2 * name)
+    for k, cells in zip(names, found.attractor_cells, strict=True):
+        kind[cells] = 2 + 2 * k
+    return np.minimum(_slice(found, kind, third), 255).astype(np.uint8)
+
+
+def _steps(found: Basins, scale: Scale, third: int) -> UInt8[np.ndarray, "rows columns"]:
+    inside = _slice(found, found.basin >= 0, third)
+    levels = scale.levels(_slice(found, found.step, third).astype(float))
+    return np.where(inside, levels, 0).astype(np.uint8)
+
+
+def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:
+    """The attractors of a box with three axes or more, in its first three."""
+    size = np.array(found.box.upper) - np.array(found.box.lower)
+    for k, orbit in enumerate(found.orbit):
+        place = _SIDE * (orbit[:, :3] - np.array(found.box.lower)[:3]) / size[:3]
+        cloud = rr.Points3D(place, colors=_color(k), radii=0.08)
+        stream.log(f"space/attractor_{k}", cloud, static=True)
+    half = np.full(3, _SIDE / 2)
+    frame = rr.Boxes3D(centers=[half], half_sizes=[half], colors=PLAIN)
+    stream.log("space/box", frame, static=True)
+
+
+def _log_ends(stream: rr.RecordingStream, found: Basins) -> None:
+    """The drawn box, with the ends and the names of its axes."""
+    box = found.box
+    columns, rows = box.cells[0], box.cells[1] if box.dimensions > 1 else 1
+    stretch = rr.Transform3D(translation=[0, _SIDE, 0], scale=[_SIDE / columns, -_SIDE / rows, 1])
+    for name in ("basins", "steps"):
+        stream.log(f"box/{name}", stretch, static=True)
+    below = _SIDE + 0.2
+    names = (*found.names, "")
+    labels = [
+        (f"{box.lower[0]:.4g}", 0.0, below),
+        (names[0], _SIDE / 2, below),
+        (f"{box.upper[0]:.4g}", _SIDE, below),
+    ]
+    if box.dimensions > 1:
+        labels += [
+            (f"{box.upper[1]:.4g}", -0.7, 0.0),
+            (names[1], -1.4, _SIDE / 2),
+            (f"{box.lower[1]:.4g}", -0.7, _SIDE - 0.4),
+        ]
+    log_labels(stream, "box/ends", labels)
+
+
+def _view(title: str, picture: str) -> rrb.Spatial2DView:
+    return plane("box", title, _AROUND, [f"/box/{picture}", "/box/ends"])

@@ -1,0 +1,175 @@
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .cells import TOLERANCE
+
+
+Axis: TypeAlias = Literal["sink", "periodic", "clamp"]
+"""What is beyond the ends of an axis: a sink, the other end, or the cell at the end."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Box:
+    """A box of equal cells, of any number of dimensions.
+
+    Cells are numbered from 0, along the last axis first, so that an array over cells becomes one
+    over the axes by `array.reshape(box.shape)`. A point on the face between two cells belongs to
+    the upper one, to 1e-9 of a cell. After the cells come two sinks: `outside` for points that left
+    the box, and `nowhere` for those with a coordinate that is not finite.
+
+    A box is hashable, and what it computes it computes with the arrays of NumPy or JAX that it is
+    given, under `jit` and `vmap` too.
+
+    An angle and a speed, in two by four cells:
+
+        >>> import numpy as np
+        >>> from jaxcell import space
+        >>> box = space.Box([-np.pi, -2], [np.pi, 2], cells=[2, 4], axes=["periodic", "sink"])
+        >>> box.size, box.index(np.array([[0.1, -1.5], [0.1 + 2 * np.pi, -1.5], [0, 2]])).tolist()
+        (8, [4, 4, 8])
+        >>> box.centre(np.array([4])).round(3).tolist()
+        [[1.571, -1.5]]
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    cells: tuple[int, ...]
+    "Number of cells along each axis."
+    axes: tuple[Axis, ...]
+    "What is beyond the ends of each axis."
+
+    def __init__(
+        self,
+        lower: Sequence[float | int] | np.ndarray,
+        upper: Sequence[float | int] | np.ndarray,
+        cells: Sequence[int] | np.ndarray,
+        axes: Sequence[Axis] | Axis = "sink",
+    ) -> None:
+        """**Arguments:**
+
+        - `lower`, `upper`: the corners.
+        - `cells`: number of cells along each axis.
+        - `axes`: for each axis, or for all, what is beyond its ends: `"sink"`, `"periodic"` or
+            `"clamp"`, by which points count for the cell at the end.
+
+        **Raises:** `ValueError` for a box without volume, lists of unequal length, or more cells
+        than 32 bits number.
+        """
+        kinds = (axes,) * len(lower) if isinstance(axes, str) else tuple(axes)
+        object.__setattr__(self, "lower", tuple(map(float, lower)))
+        object.__setattr__(self, "upper", tuple(map(float, upper)))
+        object.__setattr__(self, "cells", tuple(map(int, cells)))
+        object.__setattr__(self, "axes", kinds)
+        lengths = {len(self.lower), len(self.upper), len(self.cells), len(kinds)}
+        if len(lengths) > 1 or not self.lower:
+            raise ValueError(
+                f"box: expected as many lower ends, upper ends, numbers of cells and axes, got "
+                f"{len(self.lower)}, {len(self.upper)}, {len(self.cells)} and {len(kinds)}"
+            )
+        for axis, (low, high, count, kind) in enumerate(
+            zip(self.lower, self.upper, self.cells, kinds, strict=True)
+        ):
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise ValueError(f"box: axis {axis} goes from {low:g} to {high:g}: no volume")
+            if count < 1:
+                raise ValueError(f"cells: axis {axis} has {count}, expected at least 1")
+            if kind not in get_args(Axis):
+                raise ValueError(
+                    f"axes: expected sink, periodic or clamp, got {kind!r} for axis {axis}"
+                )
+        if self.size > np.iinfo(np.int32).max - 1:
+            raise ValueError(
+                f"cells: {' x '.join(map(str, self.cells))} = {self.size:,} are more than the "
+                f"{np.iinfo(np.int32).max - 1:,} that 32 bits number"
+            )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of cells along each axis, the shape of an array over the cells."""
+        return self.cells
+
+    @property
+    def dimensions(self) -> int:
+        return len(self.cells)
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return math.prod(self.cells)
+
+    @property
+    def outside(self) -> int:
+        """The sink of points that left the box."""
+        return self.size
+
+    @property
+    def nowhere(self) -> int:
+        """The sink of points with a coordinate that is not finite."""
+        return self.size + 1
+
+    @property
+    def width(self) -> Float[np.ndarray, "axes"]:
+        """Length of a cell along each axis."""
+        return (np.array(self.upper) - np.array(self.lower)) / np.array(self.cells)
+
+    def ticks(self, axis: int) -> Float[np.ndarray, "cells"]:
+        """The centres of the cells along an axis."""
+        return self.lower[axis] + (np.arange(self.cells[axis]) + 0.5) * self.width[axis]
+
+    def coordinates(self, index: Int[Any, "..."]) -> Int[Any, "... axes"]:
+        """The coordinates of cells, counted in cells along each axis."""
+        xp = index.__array_namespace__()
+        return xp.stack(self._unravel(index), axis=-1)
+
+    def centre(self, index: Int[Any, "..."], dtype: Any = None) -> Float[Any, "... axes"]:
+        """The centres of cells.
+
+        **Arguments:**
+
+        - `index`: cells, not sinks, in an array of NumPy or JAX.
+        - `dtype`: of the result, by default the widest floating-point type that is in use.
+        """
+        xp = index.__array_namespace__()
+        kind = dtype or xp.asarray(0.0).dtype
+        along = zip(self._unravel(index), self.lower, self.width.tolist(), strict=True)
+        return xp.stack(
+            [xp.asarray(k, dtype=kind) * width + (low + 0.5 * width) for k, low, width in along],
+            axis=-1,
+        )
+
+    def index(self, points: Float[Any, "... axes"]) -> Int[Any, "..."]:
+        """The cells of points, or the sinks that they are in.
+
+        **Arguments:**
+
+        - `points`: coordinates along the last dimension, in an array of NumPy or JAX.
+        """
+        xp = points.__array_namespace__()
+        index = xp.zeros(points.shape[:-1], dtype=xp.int32)
+        inside = xp.ones(points.shape[:-1], dtype=bool)
+        about = zip(self.lower, self.width.tolist(), self.cells, self.axes, strict=True)
+        for axis, (low, width, count, kind) in enumerate(about):
+            place = xp.floor((points[..., axis] - low) / width + TOLERANCE)
+            if kind == "periodic":
+                place = place - count * xp.floor(place / count)
+            # Beyond a face by one cell is as good as by many, and no integer overflows.
+            place = xp.clip(place, -1, count)
+            if kind == "sink":
+                inside = inside & (place >= 0) & (place < count)
+            place = xp.clip(xp.where(xp.isfinite(place), place, 0), 0, count - 1)
+            index = index * count + xp.asarray(place, dtype=xp.int32)
+        finite = xp.all(xp.isfinite(points), axis=-1)
+        found = xp.where(inside, index, self.outside)
+        return xp.asarray(xp.where(finite, found, self.nowhere), dtype=xp.int32)
+
+    def _unravel(self, index: Any) -> list[Any]:
+        along = []
+        for count in reversed(self.cells):
+            along.append(index % count)
+            index = index // count
+        return along[::-1]

@@ -1,0 +1,134 @@
+import dataclasses
+import re
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import tyro
+
+from ..base import memory
+from .loading import load_module
+from .study import Say, Study, require, silent
+
+
+if TYPE_CHECKING:
+    from ..dynamics import Basins, Continuation, System
+
+
+# Of the result, and of a chunk of a million cells while it is mapped.
+_BYTES_PER_CELL = 40
+_CHUNK_BYTES = 400e6
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Dynamics(Study):
+    """Find the attractors of any dynamics and their basins, by cells of a box."""
+
+    name: ClassVar[str] = "dynamics"
+
+    system: tyro.conf.Positional[str]
+    """FILE.py:NAME of a jaxcell.dynamics.System, or one of duffing, pendulum, henon, magnetic,
+    lorenz84 and thomas."""
+    params: tuple[str, ...] = ()
+    """Parameters in place of the system's own, as T=0.5; T=0.1:0.9:17 follows the attractors along
+    17 values."""
+    cells: tuple[int, ...] = ()
+    """Cells along each axis, or along all of them; the system's own by default."""
+    follow: int = 0
+    """How often the image of a point outside the box is mapped on before it counts as lost."""
+    seed: int = 0
+    """Seed of the points from which attractors are found."""
+
+    def __post_init__(self) -> None:
+        require("follow", self.follow, "a whole number from 0", lambda x: x >= 0)
+        require("seed", self.seed, "a whole number from 0", lambda x: x >= 0)
+
+    def asked(self) -> "System":
+        """The system with the cells that are asked for.
+
+        **Raises:** `ValueError` if there is none, or its box cannot be cut so.
+        """
+        system = load_system(self.system)
+        if not self.cells:
+            return system
+        from ..space import Box
+
+        box = system.box
+        cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
+        return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
+
+    def memory(self) -> float | int:
+        needed = _CHUNK_BYTES + _BYTES_PER_CELL * self.asked().box.size
+        memory.check(needed, "dynamics", "give fewer --cells")
+        return needed
+
+    def run(self, say: Say = silent) -> "Basins | Continuation":
+        from .. import dynamics
+
+        system = self.asked()
+        params = read_params(self.params, dict(system.params))
+        options: dict[str, Any] = {
+            "follow": self.follow,
+            "seed": self.seed,
+            "labels": system.labels,
+        }
+        if any(isinstance(value, list) for value in params.values()):
+            return dynamics.continuation(system.map, system.box, params, say=say, **options)
+        return dynamics.basins(system.map, system.box, params, say=say, **options)
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        return self.asked().about or f"The system {self.system}"
+
+
+def load_system(reference: str) -> "System":
+    """A system of a file, or one of ours by its name.
+
+    **Raises:** `ValueError` that says what is wrong with the reference.
+    """
+    from ..dynamics import System, systems
+
+    module, colon, name = reference.rpartition(":")
+    if not colon:
+        ours = {name: one for name, one in vars(systems).items() if isinstance(one, System)}
+        if reference not in ours:
+            raise ValueError(
+                f"system: expected FILE.py:NAME or one of {', '.join(ours)}, got {reference!r}"
+            )
+        return ours[reference]
+    try:
+        found = getattr(load_module(module), name)
+    except (ImportError, AttributeError, SyntaxError) as error:
+        raise ValueError(f"system: {reference}: {error}") from None
+    if not isinstance(found, System):
+        raise ValueError(f"system: {reference}: expected a jaxcell.dynamics.System, got {found!r}")
+    return found
+
+
+def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, Any]":
+    """Parameters with those that are given as text, `NAME=NUMBER` or `NAME=FIRST:LAST:COUNT`.
+
+    **Raises:** `ValueError` for a name that is not known, or numbers that cannot be read.
+    """
+    params = dict(known)
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals or name not in known:
+            raise ValueError(
+                f"params: expected NAME=NUMBER with a name among {', '.join(known)}, got {text!r}"
+            )
+        try:
+            params[name] = _number_or_list(value)
+        except ValueError:
+            raise ValueError(
+                f"params: {name}: expected a number or FIRST:LAST:COUNT, got {value!r}"
+            ) from None
+    return params
+
+
+def _number_or_list(text: str) -> float | list[float]:
+    if not re.search(":", text):
+        return float(text)
+    first, last, count = text.split(":")
+    if int(count) < 1:
+        raise ValueError(text)
+    import numpy as np
+
+    return [float(one) for one in np.linspace(float(first), float(last), int(count))]

@@ -1,0 +1,89 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from jaxcell.space import Box
+
+
+KINDS = st.sampled_from(["sink", "periodic", "clamp"])
+
+
+@st.composite
+def boxes(draw):
+    axes = draw(st.integers(1, 4))
+    lower = draw(st.lists(st.floats(-100, 100), min_size=axes, max_size=axes))
+    size = draw(st.lists(st.floats(0.1, 50), min_size=axes, max_size=axes))
+    cells = draw(st.lists(st.integers(1, 7), min_size=axes, max_size=axes))
+    kinds = draw(st.lists(KINDS, min_size=axes, max_size=axes))
+    return lower, np.add(lower, size), cells, kinds
+
+
+@given(boxes())
+def test_the_centre_of_a_cell_is_in_it(corners):
+    box = Box(*corners)
+    cells = np.arange(box.size, dtype=np.int32)
+    assert (box.index(box.centre(cells)) == cells).all()
+    assert (np.ravel_multi_index(box.coordinates(cells).T, box.shape) == cells).all()
+
+
+@given(boxes(), st.data())
+def test_points_are_found_as_numpy_finds_them(corners, data):
+    box = Box(*corners)
+    place = np.array(
+        data.draw(st.lists(st.floats(-3, 9), min_size=box.dimensions, max_size=box.dimensions))
+    )
+    point = np.array(box.lower) + place * box.width
+    expected, inside = [], True
+    for at, count, kind in zip(np.floor(place + 1e-9), box.cells, box.axes, strict=True):
+        if kind == "periodic":
+            at = at % count
+        elif kind == "clamp":
+            at = min(max(at, 0), count - 1)
+        inside &= 0 <= at < count
+        expected.append(int(at))
+    # A place that rounding moves over an edge may be on either side of it.
+    if (np.abs(place - np.round(place) + 1e-9) < 1e-10).any():
+        return
+    found = int(box.index(point))
+    assert found == (np.ravel_multi_index(expected, box.shape) if inside else box.outside)
+
+
+def test_an_edge_belongs_to_the_upper_cell_and_the_last_to_none():
+    box = Box([0], [1], [10])
+    edges = np.linspace(0, 1, 11)[:, None]
+    assert box.index(edges).tolist() == list(range(11))
+    assert box.index(edges - 1e-11).tolist() == list(range(11))
+    assert box.index(np.array([[-1e-11], [-1e-3], [np.inf], [np.nan]])).tolist() == [0, 10, 11, 11]
+
+
+def test_numpy_and_jax_agree_under_jit_and_vmap():
+    box = Box([-1, 0], [1, 5], [3, 4], ["periodic", "clamp"])
+    points = np.random.default_rng(0).uniform(-9, 9, (50, 2))
+    assert (jax.jit(box.index)(jnp.asarray(points)) == box.index(points)).all()
+    assert (jax.vmap(box.index)(jnp.asarray(points)) == box.index(points)).all()
+    cells = np.arange(12, dtype=np.int32)
+    np.testing.assert_array_equal(jax.vmap(box.centre)(jnp.asarray(cells)), box.centre(cells))
+    assert box.centre(jnp.asarray(cells), jnp.float32).dtype == jnp.float32
+
+
+def test_far_points_do_not_overflow():
+    box = Box([0, 0], [1, 1], [4, 4], ["clamp", "sink"])
+    assert box.index(np.array([[1e300, 0.5], [-1e300, 0.5], [0.5, -1e300]])).tolist() == [14, 2, 16]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (([0, 0], [1, 0], [2, 2]), "axis 1 goes from 0 to 0: no volume"),
+        (([0], [np.inf], [2]), "no volume"),
+        (([0, 0], [1, 1], [2]), "got 2, 2, 1 and 2"),
+        (([0], [1], [0]), "axis 0 has 0"),
+        (([0] * 4, [1] * 4, [1000] * 4), "more than the 2,147,483,646"),
+    ],
+)
+def test_bad_boxes_are_refused_in_one_line(arguments, said):
+    with pytest.raises(ValueError, match=said) as refused:
+        Box(*arguments)
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,190 @@
+"""Systems whose groups, basins and sets others have published, or that were counted by others."""
+
+from collections import Counter
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcell import dynamics
+from jaxcell.mapping.peel import peeled_groups
+from jaxcell.space import Box
+
+
+MU = 0.1 * np.pi
+C, D = (1 - np.exp(-2 * MU)) / (2 * MU), np.exp(-2 * MU)
+
+
+def duffing(t, x, p):
+    return jnp.stack([x[1], -0.25 * x[1] - 0.05 * x[0] - x[0] ** 3 + 8.5 * jnp.cos(t)])
+
+
+def double_well(x, p):
+    return jnp.stack([x[1], -1.2 * x[1] + x[0] - x[0] ** 3])
+
+
+def gingerbread(x, p):
+    return jnp.stack([1 - x[1] + jnp.abs(x[0]), x[0]])
+
+
+def kicked_bar(x, p):
+    speed = x[1] - 5.7 * jnp.sin(x[0])
+    return jnp.stack([x[0] + C * speed, D * speed])
+
+
+def edges(x, p):
+    return jnp.stack([0.9 * x[1] + 1.81 * x[0] ** 2, -0.9 * x[0]])
+
+
+def henon(x, p):
+    return jnp.stack([1 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]])
+
+
+def pendulum(x, p):
+    return jnp.stack([x[1], p["T"] - 0.1 * x[1] - jnp.sin(x[0])])
+
+
+# Of Sun and Xiong's programs for the cell mapping method, computed with MATLAB; those of Henon's
+# map and of the one on edges again with NumPy, by the rule that an edge belongs to the upper cell
+# to 1e-9 of a cell.
+CASES = {
+    "Duffing": (
+        dynamics.strobe(duffing, 2 * np.pi, 50),
+        Box([1.6, -3.5], [3.6, 5.5], [151, 151]),
+        {2: 2, 3: 2, 28: 1},
+        0,
+        31,
+        [18317, 3048, 854, 353, 229],
+    ),
+    "double well": (
+        dynamics.flow(double_well, 0.05, 20),
+        Box([-1.5, -1.5], [1.5, 1.5], [151, 151]),
+        {1: 3},
+        0,
+        15,
+        [11377, 11377, 47],
+    ),
+    "Hsu's bar": (
+        kicked_bar,
+        Box([-np.pi, -7], [np.pi, 7], [115, 151]),
+        {1: 1, 6: 2},
+        11070,
+        24,
+        [5042, 1252, 1],
+    ),
+    "edges": (edges, Box([-1.5] * 2, [1.5] * 2, [151] * 2), {1: 1, 4: 11}, 17207, 37, [2120, 1961]),
+    "Henon": (henon, Box([-2] * 2, [2] * 2, [151] * 2), {2: 1, 14: 1}, 12974, 52, [9789, 38]),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_groups_are_those_that_were_published(name):
+    map, box, periods, lost, longest, largest = CASES[name]
+    found = dynamics.basins(map, box)
+    assert Counter(found.group_period.tolist()) == periods
+    basin = np.bincount(found.group, minlength=found.groups + 2)
+    assert basin[found.groups] == lost
+    assert basin[found.groups + 1] == 0
+    # Cells that leave may need more mappings than those that stay.
+    assert max(found.longest_step, int(found.step.max())) == longest
+    assert sorted(basin[: found.groups])[::-1][: len(largest)] == largest
+
+
+def test_a_bijection_has_as_many_groups_as_published():
+    box = Box([-14, -14], [14, 14], [151, 151])
+    image = dynamics.images(gingerbread, box)
+    groups = peeled_groups(np.append(image, [box.outside, box.nowhere]).astype(np.int32))
+    period = np.asarray(groups.group_period)[:-2]
+    assert period.size == 90
+    assert period.sum() == 4454
+    assert {k: n for k, n in Counter(period.tolist()).items() if n > 14} == {6: 15, 30: 15, 84: 15}
+    assert np.count_nonzero(groups.group[: box.size] >= 90) == 18347
+
+
+@pytest.mark.parametrize("time", [0.5, 2.0, 6.0])
+def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
+    box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
+    found = dynamics.basins(dynamics.flow(pendulum, 0.05, int(time / 0.05)), box, {"T": 0.5})
+    assert found.groups > 2
+    assert found.attractors == 2
+    rest = found.basin[box.index(np.array([np.arcsin(0.5), 0.0]))]
+    assert found.period[rest] == 1 or time == 0.5
+    assert found.several_share < 0.01
+
+
+def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
+    box = Box([-np.pi, -10], [np.pi, 10], [201, 201], ["periodic", "sink"])
+    found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
+    # 0.152 of 10,000 starts of bSTAB, 0.1523 of a grid of 150^2.
+    assert found.fraction.min() == pytest.approx(0.152, abs=0.004)
+    assert found.changed < 0.01
+    assert found.remarks == ()
+
+
+def test_crossing_times_leave_few_cells_where_they_are():
+    box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
+    slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), box, {"T": 0.5})
+    assert slow.self_images > 0.1
+    assert any("own images" in said for said in slow.remarks)
+    crossing = dynamics.basins(dynamics.flow(pendulum, 0.05), box, {"T": 0.5})
+    assert crossing.self_images < 0.001
+    assert crossing.attractors == 2
+    assert crossing.fraction.min() == pytest.approx(0.152, abs=0.04)
+
+
+def test_henons_map_has_one_attractor_and_loses_the_rest():
+    found = dynamics.basins(henon, Box([-2, -2], [2, 2], [501, 501]))
+    assert (found.groups, found.attractors) == (4, 1)
+    # 0.43249 of grids of 1000^2 and 2000^2.
+    assert found.fraction[0] == pytest.approx(0.4325, abs=0.001)
+    assert found.fraction[0] + found.outside_share == pytest.approx(1)
+    assert found.period.tolist() == [0]
+
+
+def test_what_is_not_finite_is_not_outside():
+    def map(x, p):
+        return jnp.where(x < 0.25, jnp.inf - jnp.inf, jnp.where(x < 0.5, x + 10, x))
+
+    found = dynamics.basins(map, Box([0], [1], [8]))
+    assert found.nowhere_share == found.outside_share == 0.25
+    assert found.basin[:4].tolist() == [-1] * 4
+
+
+def test_morse_sets_of_the_logistic_map():
+    # CMGDB finds 10 with one box of padding.
+    sets, _ = dynamics.morse_sets(lambda x, p: 1.4 * x * (1 - x), Box([-1], [1], [1024]), padding=1)
+    assert sorted(map(len, sets)) == [1] * 8 + [6, 6]
+
+
+def test_morse_sets_of_a_product():
+    # CMGDB: 25 sets and 119 edges; so do all powers of an axis with five sets.
+    sets, edges = dynamics.morse_sets(lambda x, p: x / (2 - x), Box([0, 0], [1.2, 1.2], [64, 64]))
+    assert (len(sets), edges.nnz) == (25, 119)
+
+
+@pytest.mark.slow
+def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
+    def lorenz(x, p):
+        return jnp.stack(
+            [10 * (x[1] - x[0]), 28 * x[0] - x[1] - x[0] * x[2], x[0] * x[1] - 0.4 * x[2]]
+        )
+
+    centre, radius = np.array([0.1, 0.1, 27]), np.array([30, 30, 40])
+    box = Box(centre - radius, centre + radius, [128] * 3)
+    side = np.sqrt(0.4 * 27)
+    start = [[side, side, 27], [-side, -side, 27]]
+    assert dynamics.unstable_set(dynamics.flow(lorenz, 0.01, 10), box, start).size == 33_320
+
+
+@pytest.mark.slow
+def test_fractions_of_the_pendulum_along_its_torque():
+    box = Box([-np.pi, -10], [np.pi, 10], [201, 201], ["periodic", "sink"])
+    torque = np.array([0.11, 0.16, 0.26, 0.36, 0.46, 0.56, 0.66, 0.76, 0.86, 0.96])
+    # bSTAB, 10,000 starts each, of a standard error up to 0.005.
+    rest = [1, 0.483, 0.3268, 0.238, 0.1703, 0.1279, 0.0839, 0.0545, 0.0244, 0.0071]
+    found = dynamics.continuation(dynamics.flow(pendulum, 0.05, 120), box, {"T": torque})
+    assert found.attractors == 2
+    assert found.fraction[0, 0] == 1
+    np.testing.assert_allclose(found.fraction[:, 0], rest, atol=0.015)
+    assert found.appears.tolist() == [0, 1]
+    assert found.vanishes.tolist() == [9, 9]

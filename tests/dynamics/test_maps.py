@@ -1,0 +1,129 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcell import dynamics
+from jaxcell.dynamics.imaging import changed_by_half_step
+from jaxcell.space import Box
+
+
+def turning(x, p):
+    return jnp.stack([x[1], -x[0]])
+
+
+def test_a_flow_turns_by_its_time():
+    quarter = dynamics.flow(turning, np.pi / 200, 100)
+    np.testing.assert_allclose(quarter(jnp.array([1.0, 0.0]), None), [0, -1], atol=1e-8)
+
+
+def test_a_strobe_sees_the_phase_of_the_force():
+    # x' = cos(t) comes back after a period, x' = cos(t)^2 is pi farther.
+    back = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None], 2 * np.pi, 100)
+    on = dynamics.strobe(lambda t, x, p: jnp.cos(t)[None] ** 2, 2 * np.pi, 100)
+    np.testing.assert_allclose(back(jnp.array([0.3]), None), [0.3], atol=1e-9)
+    np.testing.assert_allclose(on(jnp.array([0.3]), None), [0.3 + np.pi], atol=1e-9)
+
+
+def test_a_section_of_a_spiral_is_its_return_map():
+    # r' = -r / 10, a turn in 2 pi: a return multiplies the radius by exp(-pi / 5).
+    def spiral(x, p):
+        return jnp.stack([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]])
+
+    returns = dynamics.section(
+        spiral,
+        lambda x, p: x[1],
+        lift=lambda u, p: jnp.stack([u[0], 0.0 * u[0]]),
+        project=lambda x, p: x[:1],
+        dt=0.05,
+        max_steps=1000,
+    )
+    expected = 2 * np.exp(-np.pi / 5)
+    np.testing.assert_allclose(returns(jnp.array([2.0]), None), [expected], rtol=1e-6)
+
+
+def test_a_section_that_is_never_met_is_nowhere():
+    away = dynamics.section(
+        lambda x, p: jnp.ones(2),
+        lambda x, p: x[1],
+        lift=lambda u, p: jnp.stack([u[0], 0.0 * u[0]]),
+        project=lambda x, p: x[:1],
+        dt=0.1,
+        max_steps=20,
+    )
+    box = Box([0], [1], [4])
+    assert dynamics.images(away, box).tolist() == [box.nowhere] * 4
+
+
+def test_a_ball_bounces_to_the_height_of_its_energy():
+    # From height 1 at rest, g = 2: down after 1 s at speed 2, up again at 1.6, highest 0.8 s later.
+    ball = dynamics.impacts(
+        lambda x, p: jnp.stack([x[1], -2.0 + 0 * x[0]]),
+        lambda x, p: x[0],
+        lambda x, p: jnp.stack([0.0 * x[0], -0.8 * x[1]]),
+        dt=0.07,
+        steps=1,
+    )
+    fine = dynamics.impacts(ball.flow.field, ball.surface, ball.reset, dt=1.8 / 40, steps=40)
+    np.testing.assert_allclose(fine(jnp.array([1.0, 0.0]), None), [0.64, 0.0], atol=1e-6)
+
+
+def test_images_in_chunks_are_those_of_all_at_once(monkeypatch):
+    box = Box([-2, -2], [2, 2], [40, 30])
+    flow = dynamics.flow(turning, 0.1, 7)
+    whole = dynamics.images(flow, box)
+    monkeypatch.setattr("jaxcell.dynamics.imaging.CHUNK", 500)
+    assert (dynamics.images(flow, box) == whole).all()
+    # One after the other, by hand.
+    for cell in (0, 77, 1199):
+        end = flow(jnp.asarray(box.centre(np.array([cell]))[0]), None)
+        assert whole[cell] == int(box.index(end))
+
+
+def test_crossing_takes_each_cell_as_far_as_it_says():
+    box = Box([-8, -8], [8, 8], [64, 64])
+    flow = dynamics.flow(turning, 0.01, crossed=3, max_steps=2000)
+    image = dynamics.images(flow, box)
+    inside = image < box.size
+    here, there = (box.coordinates(x) for x in (np.flatnonzero(inside), image[inside]))
+    apart = np.abs(there - here).max(axis=1)
+    # Cells beside the centre turn on smaller circles.
+    radius = np.hypot(*box.centre(np.flatnonzero(inside)).T)
+    assert (apart[radius > 1] == 3).all()
+
+
+def test_points_outside_are_followed_back():
+    def swing(x, p):
+        return -1.5 * x
+
+    box = Box([-1], [1], [4])
+    assert dynamics.images(swing, box).tolist() == [4, 2, 1, 4]
+
+    def back(x, p):
+        return jnp.where(jnp.abs(x) > 1, x / 10, -1.5 * x)
+
+    assert dynamics.images(back, box, follow=1).tolist() == [2, 2, 1, 1]
+
+
+def test_half_a_step_tells_of_a_coarse_one():
+    box = Box([-2, -2], [2, 2], [64, 64])
+    assert changed_by_half_step(dynamics.flow(turning, 0.01, 100), box, None) < 0.01
+    assert changed_by_half_step(dynamics.flow(turning, 1.0, 6), box, None) > 0.5
+    assert changed_by_half_step(lambda x, p: x, box, None) is None
+
+
+@pytest.mark.parametrize(
+    ("map", "said"),
+    [
+        (lambda x, p: x[:1], "shape \\[1\\] for a point of \\[2\\]"),
+        (lambda x, p: x * p["speed"], "fails at the middle of the box: 'speed'"),
+    ],
+)
+def test_bad_maps_are_refused(map, said):
+    with pytest.raises(ValueError, match=said):
+        dynamics.images(map, Box([0, 0], [1, 1], [2, 2]), {})
+
+
+@pytest.mark.parametrize("wrong", [{"dt": 0.0}, {"steps": 0}, {"dt": float("nan")}])
+def test_bad_steps_are_refused(wrong):
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))}: expected a number above 0"):
+        dynamics.flow(turning, **{"dt": 0.1, "steps": 3, **wrong})

@@ -1,0 +1,105 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcell import dynamics
+from jaxcell.space import Box
+
+
+def dumb(x, p):
+    return jnp.where(x[0] >= 0, jnp.ones(2), -jnp.ones(2))
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The example of Attractors.jl: nine cells, those from 0 to the right go to (1, 1)."""
+    return dynamics.basins(dumb, Box([-1.5, -1.5], [1.5, 1.5], [3, 3]))
+
+
+def test_basin_stability_weighs_starts(found):
+    np.testing.assert_allclose(dynamics.basin_stability(found), [2 / 3, 1 / 3])
+    left = dynamics.basin_stability(found, lambda x: (x[:, 0] < 0.5).astype(float))
+    np.testing.assert_allclose(left, [0.5, 0.5])
+
+
+def test_minimal_critical_shocks_are_those_of_attractors_jl(found):
+    np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
+
+
+def test_shocks_go_round_periodic_axes():
+    box = Box([0, 0], [8, 1], [8, 1], ["periodic", "sink"])
+
+    def map(x, p):
+        return jnp.where((x[0] > 1) & (x[0] < 4), jnp.array([1.5, 0.5]), jnp.array([7.5, 0.5]))
+
+    found = dynamics.basins(map, box)
+    # Attractor 0 at 7.5 has the cell 1.5 two cells ahead, attractor 1 at 1.5 has 0.5 beside it.
+    np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
+
+
+def test_one_basin_has_no_critical_shock_no_entropy():
+    found = dynamics.basins(lambda x, p: x / 2, Box([-1, -1], [1, 1], [9, 9]))
+    assert dynamics.minimal_critical_shock(found).tolist() == [np.inf]
+    assert dynamics.basin_entropy(found, 3) == (0, 0)
+    assert np.isnan(dynamics.uncertainty_exponent(found)[0])
+
+
+def test_entropy_of_a_straight_boundary_is_that_of_halves():
+    box = Box([-1, -1], [1, 1], [40, 40])
+    found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
+    # Of the 10 x 10 boxes of 4 cells none has both; of the boxes of 8 cells the middle column does.
+    assert dynamics.basin_entropy(found, 4) == (0, 0)
+    whole, mixed = dynamics.basin_entropy(found, 8)
+    assert mixed == pytest.approx(np.log(2))
+    assert whole == pytest.approx(np.log(2) / 5)
+
+
+def test_a_smooth_boundary_has_exponent_one():
+    box = Box([-1, -1], [1, 1], [200, 200])
+    found = dynamics.basins(lambda x, p: jnp.stack([jnp.sign(x[0]) * 0.5, 0 * x[1]]), box)
+    exponent, share = dynamics.uncertainty_exponent(found)
+    assert exponent == pytest.approx(1, abs=0.01)
+    np.testing.assert_allclose(share[:3], [0.01, 0.02, 0.03])
+
+
+@pytest.mark.slow
+def test_a_fractal_boundary_has_the_exponent_and_the_entropy_of_attractors_jl():
+    def grebogi(x, p):
+        angle = x[0] + 1.32 * jnp.sin(2 * x[0]) - 0.9 * jnp.sin(4 * x[0]) - x[1] * jnp.sin(x[0])
+        return jnp.stack([angle, -0.3 * jnp.cos(x[0])])
+
+    box = Box([0, -0.5], [2 * np.pi, 0.5], [300, 300], ["periodic", "sink"])
+    found = dynamics.basins(grebogi, box)
+    assert found.attractors == 2
+    np.testing.assert_allclose(found.fraction, 0.5, atol=0.01)
+    assert 0.15 < dynamics.uncertainty_exponent(found, (3, 5, 8, 11, 15))[0] < 0.3
+    whole, mixed = dynamics.basin_entropy(found, 6)
+    assert 0.39 < whole < 0.43
+    assert 0.59 < mixed < 0.62
+
+
+def test_overlap_of_a_basin_with_itself_is_whole(found):
+    np.testing.assert_allclose(dynamics.overlap(found, found), np.eye(2))
+    other = dynamics.basins(lambda x, p: x, Box([0], [1], [2]))
+    with pytest.raises(ValueError, match="the same box"):
+        dynamics.overlap(found, other)
+
+
+def test_attractors_are_matched_by_where_they_are():
+    def well(x, p):
+        # Fixed points at 0.2 and at 0.8, the second only from p = 1 on.
+        return jnp.where((x > 0.5) & (p["p"] >= 1), 0.8, 0.2) + 0.01 * p["p"]
+
+    found = dynamics.continuation(well, Box([0], [1], [50]), {"p": np.array([0, 1, 2, 0, 1.0])})
+    assert [one.tolist() for one in found.label] == [[0], [0, 1], [0, 1], [0], [0, 1]] or [
+        sorted(one.tolist()) for one in found.label
+    ] == [[0], [0, 1], [0, 1], [0], [0, 1]]
+    assert found.appears.tolist() == [0, 1]
+    assert found.vanishes.tolist() == [4, 4]
+    np.testing.assert_allclose(found.fraction[0], [1, 0])
+
+
+@pytest.mark.parametrize("params", [{"a": 1.0}, {"a": [1.0, 2.0], "b": [1.0]}])
+def test_parameters_of_unequal_length_are_refused(params):
+    with pytest.raises(ValueError, match="params: expected"):
+        dynamics.continuation(lambda x, p: x, Box([0], [1], [2]), params)

@@ -1,0 +1,84 @@
+"""The study of dynamics, its command, its files and its recording."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from recordings import Recording
+
+from jaxcell import study
+from jaxcell.cli.app import run
+
+
+OWN = """
+import jax.numpy as jnp
+from jaxcell import dynamics, space
+
+well = dynamics.System(
+    lambda x, p: jnp.where(x > p["edge"], 0.95, 0.25),
+    space.Box([0], [1], [20]),
+    {"edge": 0.5},
+)
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+    path = tmp_path / "own_system.py"
+    path.write_text(OWN)
+    return f"{path}:well"
+
+
+def test_a_system_of_ones_own_has_all_that_ours_have(own, tmp_path, capsys):
+    assert run(["dynamics", own, "--params", "edge=0.8", "--out", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row["fraction"] for row in found["basins"]] == [0.8, 0.2]
+    with xr.open_dataset(tmp_path / "dynamics.nc") as saved:
+        assert saved.basin.values.tolist() == [0] * 16 + [1] * 4
+        assert saved.attrs["box_cells"] == 20
+    recorded = Recording(tmp_path / "dynamics.rrd")
+    (picture,) = recorded.pictures("slice", "/box/basins").values()
+    labels = recorded.classes("/box/basins")
+    assert [labels[k].split()[-1] for k in picture[0]] == ["0"] * 16 + ["1"] * 4
+    assert sum(labels[k].startswith("attractor") for k in picture[0]) == 2
+
+
+def test_several_values_follow_the_attractors(own, tmp_path, capsys):
+    assert run(["dynamics", own, "--params", "edge=0.5:1:3", "--out", str(tmp_path), "--json"]) == 0
+    capsys.readouterr()
+    with xr.open_dataset(tmp_path / "dynamics.nc") as saved:
+        np.testing.assert_allclose(saved.fraction, [[0.5, 0.5], [0.75, 0.25], [1, 0]])
+    recorded = Recording(tmp_path / "dynamics.rrd")
+    curve = recorded.over("member", "/fractions/attractor_1", "Scalars:scalars")
+    np.testing.assert_allclose([value for (value,) in curve.values()], [0.5, 0.25, 0])
+    assert len(recorded.pictures("member", "/box/basins")) == 3
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"system": "duff"}, "system: expected FILE.py:NAME or one of duffing"),
+        ({"system": "none.py:duff"}, "system: none.py:duff: there is no file none.py"),
+        ({"params": ("forze=1",)}, "params: expected NAME=NUMBER with a name among force"),
+        ({"params": ("force=a",)}, "params: force: expected a number or FIRST:LAST:COUNT"),
+        ({"params": ("force=1:2:0",)}, "params: force: expected a number or FIRST:LAST:COUNT"),
+        ({"cells": (3, 3, 3)}, "got 2, 2, 3 and 2"),
+        ({"cells": (0,)}, "cells: axis 0 has 0"),
+    ],
+)
+def test_bad_questions_are_refused_in_one_line(asked, said):
+    with pytest.raises(ValueError, match=re.escape(said)) as refused:
+        study.Dynamics(**{"system": "duffing", **asked}).run()
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["duffing", "pendulum", "henon", "magnetic", "lorenz84", "thomas"])
+def test_our_systems_have_attractors(name):
+    cells = {"magnetic": (21,), "lorenz84": (51,), "thomas": (41,)}.get(name, ())
+    found = study.Dynamics(system=name, cells=cells).run()
+    assert found.attractors >= 1
+    assert found.fraction.sum() + found.outside_share + found.nowhere_share == pytest.approx(1)
