@@ -20,6 +20,8 @@ from .maps import Flow, Map
 # Orbits that begin in each group and in all of them, and the mappings that are looked at.
 _STARTS = 4
 _MAX_STARTS = 1 << 12
+SCATTERED = 256
+"""Orbits from random points of the box."""
 _WINDOW = 256
 # Mappings before that, doubled until what merges stays the same.
 _SETTLE = 64
@@ -37,6 +39,8 @@ class Attractors:
     count: int
     orbit: Float[np.ndarray, "attractors window axes"]
     "An orbit on each attractor."
+    sampled: Float[np.ndarray, "attractors"]
+    "The share of orbits from random points of the box that end on each attractor."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -53,7 +57,8 @@ def attractors(
     each group until their orbits have settled; orbits that come nearer to each other than half a
     cell are on one attractor (as in the second stage of Hsu 1987, with orbits in place of a
     generalized map of the groups' neighbourhood, whose cells at small steps spread the groups over
-    all of it).
+    all of it). Orbits from random points find attractors that cells are too coarse for, and say how
+    many starts should lead to each.
 
     **Arguments:**
 
@@ -63,20 +68,21 @@ def attractors(
 
     **Returns:** [`Attractors`][jaxcell.dynamics.attractors.Attractors].
     """
-    start, group = _starts(box, groups, seed)
-    settle, before, settled = _SETTLE, None, False
-    end = np.zeros(0, np.int64)
-    orbit = np.zeros((0, _WINDOW, box.dimensions))
-    while start.shape[0]:
+    rng = np.random.default_rng(seed)
+    start, group = _starts(box, groups, rng)
+    scattered = rng.uniform(box.lower, box.upper, (SCATTERED, box.dimensions))
+    start = np.concatenate([start, scattered])
+    settle, before = _SETTLE, np.zeros(0)
+    while True:
         orbit, start = _orbits(map, box, params, start, settle)
         end = _merged(box, orbit, follow)
-        settled = before is not None and np.array_equal(before, end)
+        settled = np.array_equal(before, end)
         if settled or settle >= _MAX_SETTLE:
             break
         settle, before = 2 * settle, end
     count = int(end.max(initial=-1)) + 1
     votes = np.zeros((int(groups.count), count + 1), np.int64)
-    np.add.at(votes, (group, end), 1)
+    np.add.at(votes, (group, end[: group.size]), 1)
     # No orbit begins in a sink: those are the last two groups.
     votes[-2:, -1] = 1
     of_group = votes.argmax(axis=1)
@@ -86,8 +92,9 @@ def attractors(
         several=np.count_nonzero(votes, axis=1) > 1,
         count=count,
         orbit=orbit[[int(np.argmax(end == k)) for k in range(count)]],
+        sampled=np.bincount(end[group.size :] + 1, minlength=count + 1)[1:] / SCATTERED,
         cells=tuple(np.unique(index[end == k][index[end == k] < box.size]) for k in range(count)),
-        settled=settled or not end.size,
+        settled=settled,
     )
 
 
@@ -107,10 +114,9 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 
 
 def _starts(
-    box: Box, groups: PeriodicGroups, seed: int
+    box: Box, groups: PeriodicGroups, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "starts"]]:
     """Random points of a few cells of each group, and the group of each."""
-    rng = np.random.default_rng(seed)
     cells = np.flatnonzero(np.asarray(groups.step[: box.size]) == 0)
     group = np.asarray(groups.group)[cells]
     order = np.argsort(group, kind="stable")

@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,6 +12,7 @@ from ..space.box import Box
 from . import attractors as of_map
 from .imaging import Say, changed_by_half_step, images, self_images
 from .maps import Map
+from .orbits import orbit_basins
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Basins(Result):
     "Groups are numbered by their smallest cells, and those of the sinks come last."
     step: Annotated[
         Int[np.ndarray, "cells"],
-        quantity("cell", "mappings until the cell is on its group", kind="count"),
+        quantity("cell", "mappings until the cell is on its group or attractor", kind="count"),
     ]
     group_period: Int[np.ndarray, "groups"]
     "Number of cells of each group, without those of the sinks."
@@ -49,6 +50,11 @@ class Basins(Result):
     "Whether the cell leads out of the box."
     orbit: Float[np.ndarray, "attractors window axes"]
     "An orbit on each attractor."
+    sampled: Annotated[
+        Float[np.ndarray, "attractors"],
+        quantity("attractor", "orbits from random starts that end on it", kind="share"),
+    ]
+    "A check of `fraction` that knows nothing of cells."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -103,7 +109,7 @@ class Basins(Result):
     def outside_share(self) -> float:
         return float(np.mean(self.left))
 
-    @derived("", "cells that lead to a point that is not finite", kind="share")
+    @derived("", "cells that lead nowhere: not to a finite point, or to no attractor", kind="share")
     def nowhere_share(self) -> float:
         return float(np.mean((self.basin < 0) & ~self.left))
 
@@ -144,12 +150,19 @@ class Basins(Result):
                 f"{self.changed:.0%} of the images are others with steps of half the length: take "
                 "shorter steps."
             )
+        # Three standard errors of what is sampled.
+        doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / of_map.SCATTERED) + 0.02
+        for k in np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt):
+            said.append(
+                f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
+                "of the orbits from random starts end on it: take basins by orbits, or more cells."
+            )
         if not self.settled:
             said.append("Orbits had not settled: attractors may be too many.")
         if self.several_share > 0.05:
             said.append(
                 f"{self.several_share:.0%} of the cells lead to groups from which orbits end on "
-                "several attractors: take more cells."
+                "several attractors: take basins by orbits, or more cells."
             )
         return tuple(said)
 
@@ -161,6 +174,7 @@ def basins(
     *,
     follow: int = 0,
     dtype: Any = None,
+    by: Literal["cells", "orbits"] = "cells",
     seed: int = 0,
     labels: tuple[str, ...] = (),
     say: Say | None = None,
@@ -170,6 +184,9 @@ def basins(
     **Arguments:**
 
     - `map`, `box`, `params`, `follow`, `dtype`, `say`: as for [`jaxcell.dynamics.images`][].
+    - `by`: what takes a cell to its attractor: `"cells"`, the map of the cells, which costs one
+        image of each; or `"orbits"`, the orbit of its centre, which costs as many as it takes and
+        is right where cells are too coarse, as beside a weak or chaotic attractor.
     - `seed`: of the points from which attractors are found.
     - `labels`: what the axes are called.
 
@@ -200,18 +217,26 @@ def basins(
     order = np.argsort(-np.bincount(reached[reached >= 0], minlength=found.count), kind="stable")
     rank = np.empty(found.count + 1, np.int32)
     rank[order], rank[-1] = np.arange(found.count), -1
+    basin = rank[reached]
+    several = found.several[group]
+    cells = tuple(found.cells[k] for k in order)
+    if by == "orbits":
+        basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
+        left, basin = basin < -1, np.maximum(basin, -1)
+        several = np.zeros(box.size, bool)
     return Basins(
         box,
         params,
         image,
-        basin=rank[reached],
+        basin=basin,
         group=group,
         step=step,
         group_period=np.asarray(groups.group_period)[:live],
-        several=found.several[group],
+        several=several,
         left=left,
         orbit=found.orbit[order],
-        attractor_cells=tuple(found.cells[k] for k in order),
+        sampled=found.sampled[order],
+        attractor_cells=cells,
         settled=found.settled,
         changed=changed_by_half_step(map, box, params, follow=follow),
         labels=labels,

@@ -123,9 +123,9 @@ def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: 
     points = np.asarray(box.centre(start, dtype))
     steps = 0
     while left.size:
-        size = _quartered(left.size)
+        size = quartered(left.size)
         stage = min(_STAGE, map.steps - steps)
-        here, at = (_filled(x, size) for x in (start[left], points))
+        here, at = (with_last(x, size) for x in (start[left], points))
         after, index, away = jax.device_get(_cross(map, box, params, here, at, stage))
         steps += stage
         away = away[: left.size] | (steps >= map.steps)
@@ -138,12 +138,12 @@ def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: 
     return found
 
 
-def _quartered(size: int) -> int:
+def quartered(size: int) -> int:
     """The next of a few sizes, a quarter of each other, so that few shapes are compiled."""
     return int(max(1 << 10, 4 ** math.ceil(math.log(size, 4))))
 
 
-def _filled(values: np.ndarray, size: int) -> np.ndarray:
+def with_last(values: np.ndarray, size: int) -> np.ndarray:
     """With more of the last row."""
     return np.concatenate([values, np.repeat(values[-1:], size - len(values), axis=0)])
 
@@ -178,7 +178,7 @@ def _followed(map: Flow, box: Box, params: Any, points: np.ndarray, follow: int)
     """The cells of points outside, followed step by step."""
     if not len(points):
         return np.empty(0, np.int32)
-    filled = jnp.asarray(_filled(points, _quartered(len(points))))
+    filled = jnp.asarray(with_last(points, quartered(len(points))))
     steps = functools.partial(_until_inside, map.one, box, params=params, follow=follow * map.steps)
     return np.asarray(jax.vmap(steps)(filled))[: len(points)]
 

@@ -1,6 +1,6 @@
 import dataclasses
 import re
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
 
@@ -34,6 +34,9 @@ class Dynamics(Study):
     """Cells along each axis, or along all of them; the system's own by default."""
     follow: int = 0
     """How often the image of a point outside the box is mapped on before it counts as lost."""
+    by: Literal["cells", "orbits"] = "cells"
+    """What takes a cell to its attractor: the map of the cells, or the orbit of its centre, which
+    takes longer and is right where cells are too coarse."""
     seed: int = 0
     """Seed of the points from which attractors are found."""
 
@@ -67,6 +70,7 @@ class Dynamics(Study):
         params = read_params(self.params, dict(system.params))
         options: dict[str, Any] = {
             "follow": self.follow,
+            "by": self.by,
             "seed": self.seed,
             "labels": system.labels,
         }

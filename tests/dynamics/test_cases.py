@@ -141,6 +141,39 @@ def test_henons_map_has_one_attractor_and_loses_the_rest():
     assert found.period.tolist() == [0]
 
 
+@pytest.mark.parametrize("axes", [1, 2])
+def test_orbits_and_cells_agree_where_cells_are_fine(axes):
+    box = Box([-2] * axes, [2] * axes, [40] * axes)
+
+    def wells(x, p):
+        return x + 0.3 * (x - x**3)
+
+    by_cells = dynamics.basins(wells, box)
+    by_orbits = dynamics.basins(wells, box, by="orbits")
+    assert by_cells.attractors == by_orbits.attractors == 2**axes
+    assert (by_cells.basin == by_orbits.basin).all()
+    assert by_orbits.remarks == ()
+
+
+def test_orbits_find_what_coarse_cells_do_not():
+    box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
+    flow = dynamics.flow(pendulum, 0.05, 20)
+    coarse = dynamics.basins(flow, box, {"T": 0.5})
+    assert abs(coarse.fraction.min() - 0.152) > 0.03
+    assert any("take basins by orbits" in said for said in coarse.remarks)
+    found = dynamics.basins(flow, box, {"T": 0.5}, by="orbits")
+    assert found.fraction.min() == pytest.approx(0.152, abs=0.01)
+
+
+def test_orbits_that_leave_are_followed_as_far_as_it_is_said():
+    def back(x, p):
+        return jnp.where(jnp.abs(x) > 1, x / 10, jnp.where(jnp.abs(x) > 0.5, 3 * x, 0.9 * x))
+
+    box = Box([-1], [1], [40])
+    assert dynamics.basins(back, box, by="orbits").outside_share == 0.5
+    assert dynamics.basins(back, box, by="orbits", follow=1).outside_share == 0
+
+
 def test_what_is_not_finite_is_not_outside():
     def map(x, p):
         return jnp.where(x < 0.25, jnp.inf - jnp.inf, jnp.where(x < 0.5, x + 10, x))

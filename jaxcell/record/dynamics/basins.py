@@ -47,8 +47,8 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any
     if found.box.dimensions > 2:
         _log_orbits(stream, found)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
-    first = {"": names.tolist()}
-    table = described(found, "fraction", "period", "cells_on", "mean_steps", first=first)
+    columns = "fraction", "sampled", "period", "cells_on", "mean_steps"
+    table = described(found, *columns, first={"": names.tolist()})
     text = "\n\n".join([f"# {found.title}", _SEEN, table, numbers(found), made_with(spec)])
     legend = [*_legend(found.attractors), *scale.legend(4)]
     tab = log_tab(stream, "", found.title, views, text, legend, timeline="slice")
