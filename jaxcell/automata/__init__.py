@@ -38,6 +38,7 @@ What gives which:
 - `Filter`: its colours, knowledge cycles (`KnowledgeCycle`), uncertainties and configurations;
     `Filter.run` gives a `FilterRun`, `Filter.start` a `FilterState` to observe with.
 - `Environments`, `EnvironmentsState`: the filters of several maps.
+- `equivalence`: which states of a machine with inputs can be told apart, an `Equivalence`.
 - `fastest_localization`: the shortest string that localizes a robot.
 - `minimize`: the smallest filter with the same colours.
 - `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other forms;
@@ -50,6 +51,7 @@ from .environments import (
     Environments as Environments,
     EnvironmentsState as EnvironmentsState,
 )
+from .equivalence import Equivalence as Equivalence, equivalence as equivalence
 from .export import to_dot as to_dot, to_json as to_json
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
