@@ -106,7 +106,7 @@ def equivalence(
         )
     label = np.zeros(images.shape[1], np.int64)
     for row in observations:
-        label = _ranked(label, np.unique(row, return_inverse=True)[1])
+        label = ranked(label, np.unique(row, return_inverse=True)[1])
     for image in images:
         label = _along(image, label)
     label = _refined(images, label)
@@ -126,7 +126,7 @@ def _along(
         alone = np.bincount(label, minlength=count) == 1
         open_ = np.flatnonzero(~alone[label])
         refined = label.copy()
-        refined[open_] = count + _ranked(label[open_], label[jump[open_]])
+        refined[open_] = count + ranked(label[open_], label[jump[open_]])
         refined, more = _compact(refined)
         if more == count:
             return label
@@ -140,7 +140,7 @@ def _compact(label: Int[np.ndarray, "states"]) -> tuple[Int[np.ndarray, "states"
     return (np.cumsum(used) - 1)[label], int(used.sum())
 
 
-def _ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
+def ranked(a: Int[np.ndarray, "_"], b: Int[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
     """A number for each different pair, in their order."""
     key = a.astype(np.int64) * (int(b.max(initial=0)) + 1) + b
     return np.unique(key, return_inverse=True)[1]
@@ -159,7 +159,7 @@ def _refined(
         looked_at = looked_at[blocks.size[blocks.label[looked_at]] > 1]
         kind = np.zeros(looked_at.size, np.int64)
         for image in images:
-            kind = _ranked(kind, blocks.label[image[looked_at]])
+            kind = ranked(kind, blocks.label[image[looked_at]])
         changed = blocks.split(looked_at, kind)
         before = into[_ranges(starts[changed], starts[changed + 1] - starts[changed])]
         looked_at = np.unique(before)
