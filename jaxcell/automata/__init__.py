@@ -41,6 +41,7 @@ What gives which:
 - `equivalence`: which states of a machine with inputs can be told apart, an `Equivalence`.
 - `adaptive_choice`: which inputs find out soonest in which state such a machine is, `Decisions`;
     `homing_sequence`: one sequence of inputs that does whatever is observed, `Homing`.
+- `Policy`, `PolicyState`: the choice of angles at bumps as a file, and as a robot follows it.
 - `fastest_localization`: the shortest string that localizes a robot.
 - `minimize`: the smallest filter with the same colours.
 - `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other forms;
@@ -61,4 +62,5 @@ from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as Fil
 from .homing import Homing as Homing, homing_sequence as homing_sequence
 from .jflap import nondeterministic_to_jflap as nondeterministic_to_jflap, to_jflap as to_jflap
 from .minimize import minimize as minimize
+from .policy import Policy as Policy, PolicyState as PolicyState
 from .subset import Automaton as Automaton, subset_construction as subset_construction
