@@ -10,6 +10,7 @@ from ..base.quantities import Result
 
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
+    "AdaptivelyLocalized": "bounce.policy:log_policy",
     "BounceGroups": "bounce.groups:log_groups",
     "CostSummary": "bounce.navigation:log_costliest",
     "CoveragePolicy": "bounce.coverage:log_coverage",
