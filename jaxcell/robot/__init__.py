@@ -26,6 +26,7 @@ bump, is what a filter expects.
 | what runs (`load_task` reads it) | run | from a log | source |
 | --- | --- | --- | --- |
 | a localization filter | `run_filter` | `replay_filter` | section 2.4 |
+| a localization policy | `run_policy` | `replay_policy` | end of chapter 2 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -71,6 +72,7 @@ from .patrol import (
     replay_patrol as replay_patrol,
     run_patrol as run_patrol,
 )
+from .policy import replay_policy as replay_policy, run_policy as run_policy
 from .routing import grid_steps as grid_steps, route as route, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
 from .runner import (

@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...automata import Filter
+from ...automata import Filter, Policy
 from ...space import CellSpace
 from ..canvas.belief import (
     MAX_ARROWS,
@@ -69,7 +69,7 @@ class RobotRecording:
         robots: Sequence[RecordedRobot],
         *,
         cells: CellSpace | None = None,
-        filter: Filter | None = None,
+        filter: Filter | Policy | None = None,
         filter_of_cells: bool = True,
         viewer: str | None = None,
         spec: Mapping[str, Any] | None = None,
@@ -79,7 +79,7 @@ class RobotRecording:
         - `path`: the file to write or replace; its name ends in `.rrd`.
         - `robots`: who drives.
         - `cells`: the map that they drive in, if it is known.
-        - `filter`: the localization filter that the robot runs, if it does.
+        - `filter`: the localization filter or policy that the robot runs, if it does.
         - `filter_of_cells`: whether it is of that map, so that its cells can be shown on it.
         - `viewer`: where to show the run as it goes; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: what was asked for, shown in the text.
