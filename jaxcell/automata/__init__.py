@@ -41,7 +41,8 @@ What gives which:
 - `equivalence`: which states of a machine with inputs can be told apart, an `Equivalence`.
 - `adaptive_choice`: which inputs find out soonest in which state such a machine is, `Decisions`;
     `homing_sequence`: one sequence of inputs that does whatever is observed, `Homing`.
-- `Policy`, `PolicyState`: the choice of angles at bumps as a file, and as a robot follows it.
+- `Policy`, `PolicyState`: the choice of angles at bumps as a file, and as a robot follows it;
+    `policy_to_c_header`.
 - `fastest_localization`: the shortest string that localizes a robot.
 - `minimize`: the smallest filter with the same colours.
 - `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other forms;
@@ -50,6 +51,7 @@ What gives which:
 
 from .adaptive import Decisions as Decisions, adaptive_choice as adaptive_choice
 from .c_header import to_c_header as to_c_header
+from .c_policy import policy_to_c_header as policy_to_c_header
 from .cycles import KnowledgeCycle as KnowledgeCycle
 from .environments import (
     Environments as Environments,

@@ -40,8 +40,9 @@ cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
 `CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
 
-**Without a host**, an Arduino on the robot's serial line runs a filter by the program that
-`filter_sketch` writes, or bounces for ever by that of `bounce_sketch` (section 3.5.4).
+**Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the
+program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by that of
+`bounce_sketch` (section 3.5.4).
 
 `jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,
 `jaxcell.robot.emulation.simulated` the driver and that robot on one clock, a hundred times as fast.
@@ -81,7 +82,11 @@ from .runner import (
     run_filter as run_filter,
     run_plan as run_plan,
 )
-from .sketch import bounce_sketch as bounce_sketch, filter_sketch as filter_sketch
+from .sketch import (
+    bounce_sketch as bounce_sketch,
+    filter_sketch as filter_sketch,
+    policy_sketch as policy_sketch,
+)
 from .tasks.files import load_task as load_task
 from .tasks.patrol_task import PatrolTask as PatrolTask, save_patrols as save_patrols
 from .team import (
