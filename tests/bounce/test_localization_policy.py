@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from jaxcell import bundled, space
-from jaxcell.automata import equivalence
-from jaxcell.bounce import AdaptivelyLocalized, bounce_map, localization_policy
+from jaxcell.automata import adaptive_choice, equivalence
+from jaxcell.bounce import AdaptivelyLocalized, bounce_map, cell_walls, localization_policy
 from jaxcell.space import CellSpace
 from jaxcell.verify import compare_policy
 
@@ -82,6 +82,18 @@ def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, f
     assert best.optimal
     assert best.bumps_needed.sum() == mean
     assert best.mean_bumps <= found.mean_bumps
+
+
+def test_the_machine_of_walls_is_that_of_cells():
+    cells = lab("lab_b")
+    images, lengths, behind = cell_walls(cells).machine([1, 3])
+    assert behind.size + behind.sum() == cells.size
+    roots = [np.flatnonzero(behind >= steps) for steps in range(int(behind.max()) + 1)]
+    found = localization_policy(cells, np.radians([45, 135]))
+    assert max(adaptive_choice(images, lengths, roots).upper) + 1 == found.worst_bumps
+    mean = localization_policy(cells, np.radians([45, 135]), aim="mean")
+    upper = adaptive_choice(images, lengths, roots, aim="mean").upper
+    assert sum(upper) + cells.size == mean.bumps_needed.sum()
 
 
 def test_one_angle_tells_less_and_says_so():
