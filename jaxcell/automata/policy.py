@@ -123,6 +123,12 @@ class Policy:
             if not isinstance(header["metadata"], dict):
                 raise ValueError("metadata: expected an object")
             named = {name: arrays[name] for name in _ARRAYS}
+            sizes = {name: array.size for name, array in named.items()}
+            if not (
+                sizes["first"] == sizes["offsets"] == sizes["turn"] + 1
+                and sizes["steps"] == sizes["target"]
+            ):
+                raise ValueError("its tables are of different lengths")
             return Policy(**named, metadata=header["metadata"])
         except KeyError as error:
             raise ValueError(f"{path}: {error} is missing") from error
@@ -135,15 +141,10 @@ class Policy:
             ("first", self.first, self.steps.size),
             ("offsets", self.offsets, self.members.size),
         ):
-            if (
-                bounds.size != states + 1
-                or bounds[0] != 0
-                or bounds[-1] != total
-                or np.any(np.diff(bounds) < 0)
-            ):
-                raise ValueError(f"{name}: expected to rise from 0 to {total} in {states} parts")
-        if not states or self.target.size != self.steps.size:
-            raise ValueError("target: expected a start, and one state for each of `steps`")
+            if bounds[0] != 0 or bounds[-1] != total or np.any(np.diff(bounds) < 0):
+                raise ValueError(f"{name}: expected to rise from 0 to {total}")
+        if states < 2:
+            raise ValueError("turn: expected a start, and a state after it")
         owner = np.repeat(np.arange(states), np.diff(self.first))
         falls = (np.diff(owner) == 0) & (np.diff(self.steps) <= 0)
         if self.steps.min(initial=0) < 0 or falls.any():
