@@ -328,8 +328,11 @@ class RobotRecording:
         if any(robot.about.trace is not None for robot in self._robots):
             marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
         if self._has_belief:
+            by = "filter"
+            if isinstance(self._filter, Policy):
+                by = "policy, at each bump and before it turns"
             marks += [
-                "- **Blue**: the cells where it may be, by its filter; squares while they are more "
+                f"- **Blue**: the cells where it may be, by its {by}; squares while they are more "
                 f"than {MAX_ARROWS}.",
                 "- **Green**: those that are left when it is localized.",
             ]
