@@ -52,7 +52,7 @@ def adaptive_choice(
     *,
     place: Integer[np.ndarray, "states"] | None = None,
     aim: Aim = "worst",
-    limit: int = 50_000,
+    limit: int = 5_000_000,
 ) -> Decisions:
     """Choose inputs, each by what was observed before it, until a set is known well enough.
 
@@ -74,7 +74,7 @@ def adaptive_choice(
     - `roots`: the sets that may be met first, without repeats.
     - `place`: where two states are settled if they have the same; by default nowhere.
     - `aim`: what is made small: the inputs that a set needs at worst, or their sum over its states.
-    - `limit`: how many sets are searched at most.
+    - `limit`: how many states the searched sets may have together: what the search takes.
 
     **Returns:** [`Decisions`][].
 
@@ -281,7 +281,7 @@ class Search:
             return
         if self.left <= 0:
             return
-        self.left -= 1
+        self.left -= len(self.sets[one])
         self.searched += 1
         least = math.inf
         choices = sorted(

@@ -36,7 +36,7 @@ def homing_sequence(
     roots: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
     *,
     place: Integer[np.ndarray, "states"] | None = None,
-    limit: int = 20_000,
+    limit: int = 1_000_000,
 ) -> Homing:
     """Find one sequence of inputs that settles every set of states, whatever is observed.
 
@@ -47,7 +47,7 @@ def homing_sequence(
     **Arguments:**
 
     - `images`, `observations`, `roots`, `place`: as for [`adaptive_choice`][].
-    - `limit`: how many families are searched at most.
+    - `limit`: how many sets the searched families may have together: what the search takes.
 
     **Returns:** [`Homing`][].
 
@@ -73,9 +73,9 @@ def homing_sequence(
     while queue and least < len(best):
         bound, _, _, family = heapq.heappop(queue)
         least = min(bound, len(best))
-        if least == len(best) or searched == limit:
+        if least == len(best) or limit <= 0:
             break
-        searched += 1
+        searched, limit = searched + 1, limit - len(family)
         for i in range(len(images)):
             after, longer = _after(search, family, i), length[family] + 1
             if longer >= length.get(after, len(best)):

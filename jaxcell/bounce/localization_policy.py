@@ -83,7 +83,7 @@ class LocalizationPolicy(Result):
             how = "at worst" if self.aim == "worst" else "in the mean"
             needs = self.worst_bumps if self.aim == "worst" else self.mean_bumps
             found.append(
-                f"The search ended at its limit of {self.searched:,} sets of cells: this policy "
+                f"The search ended at its limit after {self.searched:,} sets of cells: this policy "
                 f"needs {needs:.4g} bumps {how}, and none needs less than {self.least:.4g}."
             )
         return tuple(found)
@@ -228,7 +228,7 @@ def localization_policy(
     aim: Aim = "worst",
     step: float | None = None,
     collision: Collision = "swept",
-    limit: int = 50_000,
+    limit: int = 5_000_000,
     metadata: Mapping[str, Any] | None = None,
 ) -> LocalizationPolicy:
     """The choice among angles at each bump that localizes a robot in the fewest bumps.
@@ -250,8 +250,8 @@ def localization_policy(
     - `aim`: whether the bumps until then are to be few at `"worst"`, or in the `"mean"` over all
         starts.
     - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
-    - `limit`: how many sets of cells are searched at most. Beyond it the policy is the best that
-        was found, at least as good as the greedy one, and `least` is what is proved of all.
+    - `limit`: how many cells the searched sets may have together. Beyond it the policy is the best
+        that was found, at least as good as the greedy one, and `least` is what is proved of all.
     - `metadata`: kept with the policy, and saved with it.
 
     **Returns:** [`LocalizationPolicy`][].
