@@ -38,21 +38,31 @@ What gives which:
 - `Filter`: its colours, knowledge cycles (`KnowledgeCycle`), uncertainties and configurations;
     `Filter.run` gives a `FilterRun`, `Filter.start` a `FilterState` to observe with.
 - `Environments`, `EnvironmentsState`: the filters of several maps.
+- `equivalence`: which states of a machine with inputs can be told apart, an `Equivalence`.
+- `adaptive_choice`: which inputs find out soonest in which state such a machine is, `Decisions`;
+    `homing_sequence`: one sequence of inputs that does whatever is observed, `Homing`.
+- `Policy`, `PolicyState`: the choice of angles at bumps as a file, and as a robot follows it;
+    `policy_to_c_header`.
 - `fastest_localization`: the shortest string that localizes a robot.
 - `minimize`: the smallest filter with the same colours.
 - `to_c_header`, `to_dot`, `to_jflap`, `to_json`: a filter in other forms;
     `nondeterministic_to_jflap` is the automaton before it is made deterministic.
 """
 
+from .adaptive import Decisions as Decisions, adaptive_choice as adaptive_choice
 from .c_header import to_c_header as to_c_header
+from .c_policy import policy_to_c_header as policy_to_c_header
 from .cycles import KnowledgeCycle as KnowledgeCycle
 from .environments import (
     Environments as Environments,
     EnvironmentsState as EnvironmentsState,
 )
+from .equivalence import Equivalence as Equivalence, equivalence as equivalence
 from .export import to_dot as to_dot, to_json as to_json
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
+from .homing import Homing as Homing, homing_sequence as homing_sequence
 from .jflap import nondeterministic_to_jflap as nondeterministic_to_jflap, to_jflap as to_jflap
 from .minimize import minimize as minimize
+from .policy import Policy as Policy, PolicyState as PolicyState
 from .subset import Automaton as Automaton, subset_construction as subset_construction

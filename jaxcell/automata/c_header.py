@@ -102,7 +102,7 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
         >>> [line for line in automata.to_c_header(filter).splitlines() if "STATES" in line][0]
         '#define FILTER_STATES 5u'
     """
-    name = _identifier(name)
+    name = identifier(name)
     states = len(filter.transition)
     impossible = next(2**bits - 1 for bits in (8, 16, 32) if states < 2**bits)
     transition = filter.transition.astype("int64")
@@ -118,24 +118,26 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
         suffix="u" if impossible < 2**16 else "ul",
         trap=trap,
         refuted=f"{refuted} || state == {name.upper()}_TRAP" if filter.open_world else refuted,
-        state_bits=_bits(impossible),
-        color_bits=_bits(int(filter.color.max())),
-        uncertainty_bits=_bits(int(filter.uncertainty.max())),
-        transition=_rows(f"{{{zero}, {one}}}" for zero, one in transition.tolist()),
-        color=_rows(map(str, filter.color.tolist())),
-        uncertainty=_rows(map(str, filter.uncertainty.tolist())),
+        state_bits=bits_for(impossible),
+        color_bits=bits_for(int(filter.color.max())),
+        uncertainty_bits=bits_for(int(filter.uncertainty.max())),
+        transition=rows_of(f"{{{zero}, {one}}}" for zero, one in transition.tolist()),
+        color=rows_of(map(str, filter.color.tolist())),
+        uncertainty=rows_of(map(str, filter.uncertainty.tolist())),
     )
 
 
-def _identifier(name: str) -> str:
+def identifier(name: str) -> str:
     """The beginning of C identifiers: letters, digits and underscores, a letter first."""
     identifier = re.sub(r"[^A-Za-z0-9_]", "_", name).lstrip("_")
     return identifier if identifier[:1].isalpha() else f"filter_{identifier}".rstrip("_")
 
 
-def _bits(largest: int) -> int:
+def bits_for(largest: int) -> int:
+    """The width of the type that holds numbers up to the largest."""
     return next(bits for bits in (8, 16, 32) if largest < 2**bits)
 
 
-def _rows(entries: Iterable[str]) -> str:
+def rows_of(entries: Iterable[str]) -> str:
+    """The entries of a table, in lines."""
     return textwrap.fill(", ".join(entries), 100, initial_indent="    ", subsequent_indent="    ")

@@ -41,6 +41,14 @@ def write_arrays(
         np.savez_compressed(file, **stored)
 
 
+def read_kind(path: str | os.PathLike[str]) -> str:
+    """What a file of [`write_arrays`][] is, by the `kind` of its header, without its arrays.
+
+    **Raises:** `ValueError` as [`read_arrays`][].
+    """
+    return str(_read(path, headed=True)[0].get("kind"))
+
+
 def read_arrays(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]:
@@ -50,6 +58,17 @@ def read_arrays(
 
     **Raises:** `ValueError` if it is not such a file, or was truncated or altered.
     """
+    header, found = _read(path)
+    for name, array in found.items():
+        if array.dtype != np.int32 or array.ndim != 1:
+            raise ValueError(f"{path}: {name}: expected a list of 32-bit numbers")
+    return header, {name: np.cumsum(one, dtype=np.int32) for name, one in found.items()}
+
+
+def _read(
+    path: str | os.PathLike[str], headed: bool = False
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The header and the arrays as they are stored, or the header alone."""
     with Path(path).open("rb") as file:
         if file.read(len(_OLD)) == _OLD:
             raise ValueError(
@@ -59,7 +78,7 @@ def read_arrays(
         file.seek(0)
         try:
             with np.lib.npyio.NpzFile(file) as stored:
-                found = {name: stored[name] for name in stored.files}
+                found = {name: stored[name] for name in ([_HEADER] if headed else stored.files)}
             header = json.loads(found.pop(_HEADER).tobytes())
         except (
             Exception
@@ -69,7 +88,4 @@ def read_arrays(
             ) from error
     if not isinstance(header, dict):
         raise ValueError(f"{path}: its header: expected a JSON object")
-    for name, array in found.items():
-        if array.dtype != np.int32 or array.ndim != 1:
-            raise ValueError(f"{path}: {name}: expected a list of 32-bit numbers")
-    return header, {name: np.cumsum(one, dtype=np.int32) for name, one in found.items()}
+    return header, found

@@ -106,8 +106,47 @@ class LocalizationFilter(Result):
         }
 
 
+class RunOnMap(Result):
+    """What there is to say of a simulated robot over time, and of where it may be at the end."""
+
+    cells: CellSpace
+    run: Localization
+
+    def _pose(self, cell: int) -> str:
+        x, y, theta = map(float, self.cells.centre(cell))
+        return f"{x:g} m, {y:g} m, {math.degrees(theta):g}°"
+
+    @derived("time", "mappings", "mappings", kind="coordinate")
+    def time(self) -> Int[np.ndarray, "times"]:
+        return np.arange(len(self.run.states), dtype=np.int32)
+
+    @derived("time", "x of the robot", "m")
+    def robot_x(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.run.path)[0]
+
+    @derived("time", "y of the robot", "m")
+    def robot_y(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.run.path)[1]
+
+    @derived("time", "heading of the robot", "rad", sense="counter-clockwise")
+    def robot_theta(self) -> Float[np.ndarray, "times"]:
+        return self.cells.centre(self.run.path)[2]
+
+    @derived("candidate", "x", "m")
+    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.run.candidates)[0]
+
+    @derived("candidate", "y", "m")
+    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.run.candidates)[1]
+
+    @derived("candidate", "heading", "degree")
+    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
+        return np.rad2deg(self.cells.centre(self.run.candidates)[2])
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class Localized(LocalizationFilter):
+class Localized(RunOnMap, LocalizationFilter):
     """A localization filter of a map, and a robot that it localizes.
 
     The constructor checks that filter and run are of these cells.
@@ -161,26 +200,6 @@ class Localized(LocalizationFilter):
     def end_pose(self) -> str:
         return self._pose(self.run.end)
 
-    def _pose(self, cell: int) -> str:
-        x, y, theta = map(float, self.cells.centre(cell))
-        return f"{x:g} m, {y:g} m, {math.degrees(theta):g}°"
-
-    @derived("time", "mappings", "mappings", kind="coordinate")
-    def time(self) -> Int[np.ndarray, "times"]:
-        return np.arange(len(self.run.states), dtype=np.int32)
-
-    @derived("time", "x of the robot", "m")
-    def robot_x(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.run.path)[0]
-
-    @derived("time", "y of the robot", "m")
-    def robot_y(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.run.path)[1]
-
-    @derived("time", "heading of the robot", "rad", sense="counter-clockwise")
-    def robot_theta(self) -> Float[np.ndarray, "times"]:
-        return self.cells.centre(self.run.path)[2]
-
     @derived("time", "cells where the robot may be", "cells", kind="count")
     def belief_size(self) -> Int[np.ndarray, "times"]:
         return self.uncertainty[self.run.states]
@@ -188,18 +207,6 @@ class Localized(LocalizationFilter):
     @derived("time", "colour of the filter", kind="count")
     def belief_color(self) -> Int[np.ndarray, "times"]:
         return self.color[self.run.states]
-
-    @derived("candidate", "x", "m")
-    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.run.candidates)[0]
-
-    @derived("candidate", "y", "m")
-    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.run.candidates)[1]
-
-    @derived("candidate", "heading", "degree")
-    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
-        return np.rad2deg(self.cells.centre(self.run.candidates)[2])
 
     def checks(self) -> Checks:
         # The run follows the transitions, and ends with the cells of its last state. In some of the

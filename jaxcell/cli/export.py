@@ -11,7 +11,7 @@ class Export:
     """Write a saved filter for another program: .dot, .jff (JFLAP), .json, or .h (C)."""
 
     filter: tyro.conf.Positional[Path]
-    """Filter file, as localize --out writes it."""
+    """Filter file, or policy file (.h only), as localize --out writes it."""
     file: tyro.conf.Positional[Path]
     """File to write; its suffix says which format."""
     minimal: bool = False
@@ -19,6 +19,7 @@ class Export:
 
     def run(self) -> int:
         from .. import automata
+        from ..automata.storage import read_kind
         from .options import check_out, write_text
 
         formats = {
@@ -30,9 +31,22 @@ class Export:
         if self.file.suffix not in formats:
             raise ValueError(f"{self.file}: expected a suffix among {', '.join(formats)}")
         check_out(self.file, folder=False, option="")
+        if read_kind(self.filter) == "policy":
+            self._policy()
+            return 0
         filter = automata.Filter.load(self.filter)
         if self.minimal:
             filter = automata.minimize(filter)
         write_text(self.file, formats[self.file.suffix](filter))
         note(f"{self.file}: {len(filter.transition)} states")
         return 0
+
+    def _policy(self) -> None:
+        from .. import automata
+        from .options import write_text
+
+        if self.file.suffix != ".h" or self.minimal:
+            raise ValueError(f"{self.file}: a policy has no minimal form, and only that of C (.h)")
+        policy = automata.Policy.load(self.filter)
+        write_text(self.file, automata.policy_to_c_header(policy))
+        note(f"{self.file}: {policy.turn.size} states")

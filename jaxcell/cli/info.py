@@ -67,8 +67,18 @@ def _directory(path: Path) -> dict[str, Any]:
 
 
 def _filter(path: Path) -> dict[str, Any]:
-    from ..automata import Filter
+    from ..automata import Filter, Policy
+    from ..automata.storage import read_kind
 
+    if read_kind(path) == "policy":
+        policy = Policy.load(path)
+        return {
+            "what": "a localization policy",
+            "states": policy.turn.size,
+            "ends": policy.ends.size,
+            "largest_uncertainty": int(policy.uncertainty[policy.ends].max()),
+            **policy.metadata,
+        }
     filter = Filter.load(path)
     return {
         "what": "a localization filter",

@@ -10,6 +10,7 @@ from ..base.quantities import Result
 
 # By the name of the class of a result, so that only one family is imported.
 _FAMILIES = {
+    "AdaptivelyLocalized": "bounce.policy:log_localization_policy",
     "Basins": "dynamics.basins:log_basins",
     "BounceGroups": "bounce.groups:log_groups",
     "Continuation": "dynamics.basins:log_continuation",

@@ -26,6 +26,7 @@ bump, is what a filter expects.
 | what runs (`load_task` reads it) | run | from a log | source |
 | --- | --- | --- | --- |
 | a localization filter | `run_filter` | `replay_filter` | section 2.4 |
+| a localization policy | `run_policy` | `replay_policy` | end of chapter 2 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -39,8 +40,9 @@ cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
 `CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
 
-**Without a host**, an Arduino on the robot's serial line runs a filter by the program that
-`filter_sketch` writes, or bounces for ever by that of `bounce_sketch` (section 3.5.4).
+**Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the
+program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by that of
+`bounce_sketch` (section 3.5.4).
 
 `jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,
 `jaxcell.robot.emulation.simulated` the driver and that robot on one clock, a hundred times as fast.
@@ -70,6 +72,7 @@ from .patrol import (
     replay_patrol as replay_patrol,
     run_patrol as run_patrol,
 )
+from .policy import replay_policy as replay_policy, run_policy as run_policy
 from .routing import grid_steps as grid_steps, route as route, wave as wave
 from .run_log import LoggedRun as LoggedRun, RunLog as RunLog, read_log as read_log
 from .runner import (
@@ -78,7 +81,11 @@ from .runner import (
     run_filter as run_filter,
     run_plan as run_plan,
 )
-from .sketch import bounce_sketch as bounce_sketch, filter_sketch as filter_sketch
+from .sketch import (
+    bounce_sketch as bounce_sketch,
+    filter_sketch as filter_sketch,
+    policy_sketch as policy_sketch,
+)
 from .tasks.files import load_task as load_task
 from .tasks.patrol_task import PatrolTask as PatrolTask, save_patrols as save_patrols
 from .team import (

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..automata import Filter, to_c_header
+from ..automata import Filter, Policy, policy_to_c_header, to_c_header
+from ..automata.c_policy import policy_bits
 from .create.packets import METRES_PER_COUNT, WHEEL_BASE
-from .tasks.files import FilterTask
+from .tasks.files import FilterTask, PolicyTask
 
 
 FLASH = 32256
@@ -56,18 +57,11 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
         >>> print(*robot.filter_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a filter of 3 states.
     """
-    if direction is not None and not 0 <= direction < task.directions:
-        raise ValueError(f"direction: expected 0 to {task.directions - 1}, got {direction}")
-    turn = task.bounce * task.directions / (2 * math.pi)
-    if direction is not None and abs(turn - round(turn)) > 1e-6:
-        raise ValueError(
-            f"{task.path}: bounce_deg: {math.degrees(task.bounce):g} deg is not a whole number of "
-            f"the {task.directions} directions"
-        )
+    _check_direction(task, direction, "bounce_deg", (task.bounce,))
     tables = table_bytes(task.filter)
     strides = None if direction is None else task.strides
-    _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task)
     count = len(task.filter.transition)
+    _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task.path, count)
     return _fill(
         title=f"Localizes an iRobot Create 2 by its bumps: a filter of {count} states.",
         source=[
@@ -78,7 +72,59 @@ def filter_sketch(task: FilterTask, *, direction: int | None = None, flash: int 
         tables=to_c_header(task.filter),
         table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
         step=task.step,
-        bounce=task.bounce,
+        bounces=(task.bounce,),
+        strides=strides,
+        direction=direction or 0,
+    )
+
+
+def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int = FLASH) -> str:
+    """A program for an Arduino that lets a Create choose its angles, without a host.
+
+    It does what [`jaxcell.robot.run_policy`][] does with a [`jaxcell.robot.Walker`][].
+
+    **Arguments:**
+
+    - `task`: the policy, with its cells and bouncing angles.
+    - `direction`, `flash`: as for [`filter_sketch`][].
+
+    **Returns:** the text of an `.ino` file.
+
+    **Raises:** `ValueError` as [`filter_sketch`][].
+
+    The policy of a robot that bumps after two steps, and is localized there:
+
+        >>> import pathlib
+        >>> import numpy as np
+        >>> from jaxcell import robot
+        >>> from jaxcell.automata import Policy
+        >>> from jaxcell.robot.tasks.files import PolicyTask
+        >>> policy = Policy(
+        ...     turn=np.int32([-1, -1]), first=np.int32([0, 1, 1]), steps=np.int32([2]),
+        ...     target=np.int32([1]), offsets=np.int32([0, 2, 3]), members=np.int32([0, 1, 1]),
+        ... )
+        >>> task = PolicyTask(pathlib.Path("policy.jxf"), 1.0, 4, 1.0, 0.0, policy, (1.5,))
+        >>> print(*robot.policy_sketch(task).splitlines()[:1])
+        /* Localizes an iRobot Create 2 by its bumps: a policy of 2 states.
+    """
+    _check_direction(task, direction, "bounces_deg", task.bounces)
+    tables = policy_table_bytes(task.policy)
+    strides = None if direction is None else task.strides
+    count = task.policy.turn.size
+    _check_flash(tables, 0 if strides is None else 8 * len(strides), flash, task.path, count)
+    angles = ", ".join(f"{math.degrees(bounce):g}" for bounce in task.bounces)
+    return _fill(
+        title=f"Localizes an iRobot Create 2 by its bumps: a policy of {count} states.",
+        source=[
+            str(task.path),
+            f"cells of {task.cell:g} m, {task.directions} directions, steps of {task.step:g} m, "
+            f"bounces by one of {angles} degrees",
+        ],
+        tables=policy_to_c_header(task.policy, name="filter"),
+        table_bytes=sum(tables.values()) + (0 if strides is None else 8 * len(strides)),
+        step=task.step,
+        bounces=task.bounces,
+        choosing=True,
         strides=strides,
         direction=direction or 0,
     )
@@ -117,7 +163,7 @@ def bounce_sketch(bounce: float, step: float) -> str:
         tables=None,
         table_bytes=0,
         step=step,
-        bounce=bounce,
+        bounces=(bounce,),
         strides=None,
         direction=0,
     )
@@ -136,20 +182,45 @@ def table_bytes(filter: Filter) -> dict[str, int]:
     return {name: states * bytes_ * (1 + (name == "transitions")) for name, bytes_ in width.items()}
 
 
-def _check_flash(tables: dict[str, int], strides: int, flash: int, task: FilterTask) -> None:
+def policy_table_bytes(policy: Policy) -> dict[str, int]:
+    """Bytes of each table of [`jaxcell.automata.policy_to_c_header`][], by name."""
+    states, bumps = policy.turn.size, policy.steps.size
+    length = {"first": states + 1, "steps": bumps, "target": bumps}
+    width = policy_bits(policy)
+    return {table: length.get(table, states) * bits // 8 for table, bits in width.items()}
+
+
+def _check_direction(
+    task: FilterTask | PolicyTask, direction: int | None, field: str, bounces: tuple[float, ...]
+) -> None:
+    """Raises `ValueError` for a heading that is none, or angles that lead to none."""
+    if direction is None:
+        return
+    if not 0 <= direction < task.directions:
+        raise ValueError(f"direction: expected 0 to {task.directions - 1}, got {direction}")
+    for bounce in bounces:
+        turn = bounce * task.directions / (2 * math.pi)
+        if abs(turn - round(turn)) > 1e-6:
+            raise ValueError(
+                f"{task.path}: {field}: {math.degrees(bounce):g} deg is not a whole number of the "
+                f"{task.directions} directions"
+            )
+
+
+def _check_flash(tables: dict[str, int], strides: int, flash: int, path: Path, states: int) -> None:
     sizes = ", ".join(f"{size:,} for the {name}" for name, size in tables.items())
-    sizes = f"{len(task.filter.transition):,} states take {sizes}"
+    sizes = f"{states:,} states take {sizes}"
     name, largest = max(tables.items(), key=lambda item: item[1])
     if largest > _LARGEST_TABLE:
         raise ValueError(
-            f"{task.path}: the table of the {name} has {largest:,} bytes; an AVR allows for "
+            f"{path}: the table of the {name} has {largest:,} bytes; an AVR allows for "
             f"{_LARGEST_TABLE:,} ({sizes})"
         )
     total = sum(tables.values()) + strides
     room = min(flash - PROGRAM_BYTES, _NEAR_FLASH - 1024)
     if total > room:
         raise ValueError(
-            f"{task.path}: the tables have {total:,} bytes; there is room for {max(room, 0):,}, in "
+            f"{path}: the tables have {total:,} bytes; there is room for {max(room, 0):,}, in "
             f"{flash:,} bytes of flash with a program of up to {PROGRAM_BYTES:,}, and within the "
             f"first 64 KiB ({sizes})"
         )
@@ -162,9 +233,10 @@ def _fill(
     tables: str | None,
     table_bytes: int,
     step: float,
-    bounce: float,
+    bounces: tuple[float, ...],
     strides: Float[np.ndarray, "directions 2"] | None,
     direction: int,
+    choosing: bool = False,
 ) -> str:
     placing = (
         "Put it in the middle of a cell, along one of the directions. Its heading is not known, so "
@@ -190,8 +262,9 @@ def _fill(
         strides="\n".join(f"    {{{_float(ahead)}, {_float(left)}}}," for ahead, left in rows),
         start_direction=direction,
         step=_float(step),
-        # The same turn, by the short way.
-        bounce=_float(math.remainder(bounce, 2 * math.pi)),
+        choosing=int(choosing),
+        # The same turns, by the short way.
+        bounces=", ".join(_float(math.remainder(bounce, 2 * math.pi)) for bounce in bounces),
         metres_per_count=_float(METRES_PER_COUNT),
         wheel_base=_float(WHEEL_BASE),
     )

@@ -331,7 +331,7 @@ def test_other_files_are_refused(tmp_path):
     [
         ({"bounces": []}, "bounces: expected a list of at least one angle"),
         ({"bounces": [0.1]}, "deg is not a whole number of the 8 directions"),
-        ({"bounces": [math.nan]}, "bounce: nan deg"),
+        ({"bounces": [math.nan]}, "bounces: nan deg"),
         ({"bounces": [math.pi, 2 * math.pi]}, "bounces: 360 deg leaves the robot at its wall"),
         ({"bounces": [math.pi / 2, -1.5 * math.pi]}, "bounces: 90 and -270 deg are the same turn"),
         ({"start": 120}, "start: cell 120 does not exist; cells are 0 to 119"),

@@ -1,13 +1,15 @@
 import json
 import math
 
+import numpy as np
 import pytest
 from wheels import bounce_filter, map_cells
 
-from jaxcell.automata import Filter, minimize
+from jaxcell.automata import Filter, minimize, policy_to_c_header
+from jaxcell.bounce import localization_policy
 from jaxcell.cli import main
 from jaxcell.cli.robot.sketch import RobotSketch
-from jaxcell.robot.sketch import bounce_sketch, filter_sketch
+from jaxcell.robot.sketch import bounce_sketch, filter_sketch, policy_sketch
 from jaxcell.robot.tasks.files import load_task
 
 
@@ -36,6 +38,26 @@ def test_a_minimal_filter_is_smaller(filter_file, capsys):
     states = len(minimize(Filter.load(filter_file)).transition)
     assert states < 129
     assert f"#define FILTER_STATES {states}u\n" in capsys.readouterr().out
+
+
+def test_a_choice_of_angles_becomes_a_sketch_and_a_header(tmp_path, capsys):
+    file, header = tmp_path / "policy.jxf", tmp_path / "policy.h"
+    spec = {**SPEC, "bounces_deg": [45.0, 135.0]}
+    found = localization_policy(LAB, np.radians([45, 135]), metadata=spec)
+    found.policy.save(file)
+    assert RobotSketch(file=file, heading=90.0).run() == 0
+    assert capsys.readouterr().out == policy_sketch(load_task(file), direction=2)
+    assert main(["export", str(file), str(header)]) == 0
+    assert header.read_text() == policy_to_c_header(found.policy)
+    for path, more in ((header, ["--minimal"]), (tmp_path / "policy.dot", [])):
+        assert main(["export", str(file), str(path), *more]) == 2
+        assert "a policy has no minimal form, and only that of C" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="--minimal: it is for a filter; equal states of a policy"):
+        RobotSketch(file=file, minimal=True).run()
+    assert main(["info", str(file), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["what"] == "a localization policy"
+    assert (told["states"], told["largest_uncertainty"]) == (found.policy_states, 1)
 
 
 def test_a_policy_becomes_a_sketch(capsys):

@@ -152,7 +152,7 @@ def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     by_orbits = dynamics.basins(wells, box, by="orbits")
     assert by_cells.attractors == by_orbits.attractors == 2**axes
     assert (by_cells.basin == by_orbits.basin).all()
-    assert by_orbits.remarks == ()
+    assert not any("random starts" in said for said in by_cells.remarks)
 
 
 def test_orbits_find_what_coarse_cells_do_not():
@@ -162,7 +162,8 @@ def test_orbits_find_what_coarse_cells_do_not():
     assert abs(coarse.fraction.min() - 0.152) > 0.03
     assert any("take basins by orbits" in said for said in coarse.remarks)
     found = dynamics.basins(flow, box, {"T": 0.5}, by="orbits")
-    assert found.fraction.min() == pytest.approx(0.152, abs=0.01)
+    # 961 starts have a standard error of 0.012.
+    assert found.fraction.min() == pytest.approx(0.152, abs=0.035)
 
 
 def test_orbits_that_leave_are_followed_as_far_as_it_is_said():

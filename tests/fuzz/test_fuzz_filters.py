@@ -9,7 +9,16 @@ import pytest
 from hypothesis import example, given, strategies as st
 from mutations import cases, changed_json, damaged, reads_or_refuses
 
-from jaxcell.automata import Filter, minimize, to_c_header, to_dot, to_jflap, to_json
+from jaxcell.automata import (
+    Filter,
+    Policy,
+    minimize,
+    policy_to_c_header,
+    to_c_header,
+    to_dot,
+    to_jflap,
+    to_json,
+)
 from jaxcell.automata.storage import read_arrays
 
 
@@ -123,3 +132,43 @@ def _npy(text):
     file = io.BytesIO()
     np.lib.format.write_array(file, np.frombuffer(text, np.uint8))
     return file.getvalue()
+
+
+POLICY = {
+    "turn": [-1, 0, -1, -1],
+    "first": [0, 2, 3, 3, 3],
+    "steps": [0, 2, 1],
+    "target": [1, 2, 3],
+    "offsets": [0, 3, 5, 6, 7],
+    "members": [0, 1, 2, 1, 2, 0, 1],
+}
+POLICY_HEADER = {"kind": "policy", "metadata": {"bounces_deg": [45.0]}}
+
+
+def use_policy(path):
+    """Reads a policy, and follows it to an end, or for a while."""
+    policy = Policy.load(path)
+    policy_to_c_header(policy)
+    state = policy.start()
+    while not (state.localized or state.refuted) and state.time < 20:
+        state = state.observe(int(min(policy.after(state.index)) == state.steps))
+
+
+@cases()
+@given(damaged({"f.jxf": forged(POLICY_HEADER, POLICY)}))
+def test_damaged_policies(tmp_path, file):
+    reads_or_refuses(Policy.load, place(tmp_path, file[1]))
+
+
+@cases()
+@given(
+    st.sampled_from(sorted(POLICY)),
+    st.lists(st.integers(-2, 6) | st.sampled_from([-(2**31), 2**31 - 1]), max_size=8),
+)
+def test_forged_policies(tmp_path, name, values):
+    path = place(tmp_path, forged(POLICY_HEADER, POLICY | {name: values}))
+    reads_or_refuses(use_policy, path)
+
+
+def test_the_policy_that_is_damaged_is_one(tmp_path):
+    use_policy(place(tmp_path, forged(POLICY_HEADER, POLICY)))

@@ -18,14 +18,23 @@ from hypothesis import given, settings
 from wheels import body_in, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.automata import Filter, subset_construction, to_c_header
+from jaxcell.bounce import localization_policy
 from jaxcell.robot.create.open_interface import Command
 from jaxcell.robot.create.packets import Contact, Mode
 from jaxcell.robot.emulation.body import Body, Noise
 from jaxcell.robot.emulation.emulator import Emulator, Line
 from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.policy import run_policy
 from jaxcell.robot.runner import run_filter
-from jaxcell.robot.sketch import PROGRAM_BYTES, bounce_sketch, filter_sketch, table_bytes
-from jaxcell.robot.tasks.files import FilterTask
+from jaxcell.robot.sketch import (
+    PROGRAM_BYTES,
+    bounce_sketch,
+    filter_sketch,
+    policy_sketch,
+    policy_table_bytes,
+    table_bytes,
+)
+from jaxcell.robot.tasks.files import FilterTask, PolicyTask
 from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace
 
@@ -275,6 +284,46 @@ def test_a_heading_is_not_needed_where_all_steps_are_equal():
     host = expected(ROOM, cell, ROOM_TASK, known=False)
     assert (run.observed, run.colors) == (host.observations, host.colors)
     assert run.end == host.result == "localized"
+
+
+@functools.cache
+def policy_task() -> PolicyTask:
+    bounces = math.radians(90), math.radians(180)
+    return PolicyTask(
+        path=Path("policy.jxf"),
+        cell=ROOM.cell,
+        directions=ROOM.directions,
+        step=ROOM.cell,
+        radius=0.0,
+        policy=localization_policy(ROOM, bounces).policy,
+        bounces=bounces,
+    )
+
+
+@needs_compiler
+def test_a_policy_chooses_the_angles_that_the_host_does():
+    task, cell = policy_task(), 9
+    robot = Robot(body_in(ROOM, cell))
+    run = play(compiled(policy_sketch(task, direction=cell // ROOM.positions)), robot, seconds=600)
+    body = SimulatedCreate(body_in(ROOM, cell))
+    walker = Walker(body, task.step, strides=task.strides, direction=cell // ROOM.positions)
+    host = run_policy(walker, task.policy, task.bounces)
+    assert (run.end, host.result) == ("localized", "localized")
+    assert (run.observed, run.colors) == (host.observations, host.colors)
+    assert f"configurations: {len(host.cells)}\n" in run.usb
+    assert int(ROOM.index(*robot.pose)) in host.cells
+
+
+def test_a_policy_that_does_not_fit_is_refused_with_sizes():
+    task = policy_task()
+    total = sum(policy_table_bytes(task.policy).values())
+    policy_sketch(task, flash=PROGRAM_BYTES + total)
+    message = rf"policy\.jxf: the tables have {total} bytes; there is room for {total - 1},"
+    with pytest.raises(ValueError, match=message):
+        policy_sketch(task, flash=PROGRAM_BYTES + total - 1)
+    oblique = dataclasses.replace(task, bounces=(task.bounces[0], 1.0))
+    with pytest.raises(ValueError, match=r"bounces_deg: 57\.2958 deg is not a whole number of the"):
+        policy_sketch(oblique, direction=0)
 
 
 BOUNCE = bounce_sketch(math.radians(90), 0.25)

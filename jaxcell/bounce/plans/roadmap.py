@@ -208,7 +208,10 @@ def _shifts(bounces: Float[np.ndarray, "..."], directions: int) -> Int[np.ndarra
     """The angles as numbers of directions, each of which turns the robot to another side."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")
-    shifts = bounce_shift(bounces, directions)
+    try:
+        shifts = bounce_shift(bounces, directions)
+    except ValueError as error:
+        raise ValueError(str(error).replace("bounce:", "bounces:", 1)) from None
     seen: dict[int, float] = {}
     for bounce, shift in zip(np.rad2deg(bounces).tolist(), shifts.tolist(), strict=True):
         if shift == 0:

@@ -81,8 +81,9 @@ def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
 
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ...automata import Filter
+    from ...automata import Filter, Policy
     from ...robot.patrol import replay_patrol
+    from ...robot.policy import replay_policy
     from ...robot.runner import plan_outcome, replay_filter
     from ...robot.tasks.files import load_task
     from ...robot.tasks.patrol_task import PatrolTask
@@ -99,7 +100,9 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
         raise ValueError(f"it is of another {kind} than {path} is now")
     if kind == "filter":
         return replay_filter(run, Filter.load(path))
+    if kind == "policy":
+        return replay_policy(run, Policy.load(path))
     task = load_task(path, run.header["robot"])
     if not isinstance(task, PatrolTask):
-        raise ValueError(f"kind: expected filter, plan, team or patrol, got {kind!r}")
+        raise ValueError(f"kind: expected filter, policy, plan, team or patrol, got {kind!r}")
     return replay_patrol(run, task)

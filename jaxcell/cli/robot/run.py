@@ -18,6 +18,7 @@ from .replay import replayed, show
 
 
 if TYPE_CHECKING:
+    from ...automata import Filter, Policy
     from ...record import RobotRecording
     from ...robot.marker import CrossLook
     from ...robot.outcome import RunOutcome
@@ -41,9 +42,9 @@ class RobotRun:
     The robot stops, and the run ends, at Ctrl-C."""
 
     file: tyro.conf.Positional[Path]
-    """What to run: the filter.jxf of `jaxcell localize --out`, the summary.json of `jaxcell
-    navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell patrol
-    map --out`."""
+    """What to run: the filter.jxf or policy.jxf of `jaxcell localize --out`, the summary.json of
+    `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
+    patrol map --out`."""
     robot: int | None = None
     """Which robot of a team or of those that patrol this is, by default 0. Each runs by itself, in
     a process of its own."""
@@ -182,11 +183,16 @@ class RobotRun:
 
     def _recording(self, task: "AnyTask", emulation: "Emulation | None") -> "RobotRecording":
         from ...record import RecordedRobot, RobotRecording
-        from ...robot.tasks.files import FilterTask
+        from ...robot.tasks.files import FilterTask, PolicyTask
 
         assert self.out is not None
         self.out.mkdir(parents=True, exist_ok=True)
-        filter = task.filter if isinstance(task, FilterTask) else None
+        filter: Filter | Policy | None = None
+        match task:
+            case FilterTask():
+                filter = task.filter
+            case PolicyTask():
+                filter = task.policy
         about = {} if filter is None else filter.metadata
         cells = _cells_of(task, about) if emulation is None else emulation.cells
         robot = RecordedRobot()
@@ -227,8 +233,9 @@ class RobotRun:
     ) -> "_Runner":
         """What runs the task, and the header of its log."""
         from ...robot.patrol import Patrol, run_patrol
+        from ...robot.policy import run_policy
         from ...robot.runner import run_filter, run_plan
-        from ...robot.tasks.files import FilterTask, PlanTask
+        from ...robot.tasks.files import FilterTask, PlanTask, PolicyTask
         from ...robot.team import MemberTask, run_member
 
         header, limit = task.header, self.limit
@@ -240,6 +247,10 @@ class RobotRun:
             case FilterTask():
                 return header, lambda walker, log: run_filter(
                     walker, task.filter, task.bounce, log=log, limit=limit
+                )
+            case PolicyTask():
+                return header, lambda walker, log: run_policy(
+                    walker, task.policy, task.bounces, log=log, limit=limit
                 )
             case PlanTask():
                 return header, lambda walker, log: run_plan(walker, task.actions, log=log)

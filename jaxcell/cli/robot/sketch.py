@@ -15,7 +15,7 @@ class RobotSketch:
     The comment at its top says how to wire it."""
 
     file: tyro.conf.Positional[Path | None] = None
-    """What to run: the filter.jxf of `jaxcell localize --out`."""
+    """What to run: the filter.jxf or policy.jxf of `jaxcell localize --out`."""
     bounce: float | None = None
     """Instead of a file: the angle in degrees to turn by at each bump."""
     step: float | None = None
@@ -56,18 +56,24 @@ class RobotSketch:
 
     def _filter(self, path: Path) -> str:
         from ...automata import minimize
-        from ...robot.sketch import FLASH, filter_sketch
-        from ...robot.tasks.files import FilterTask, load_task
+        from ...robot.sketch import FLASH, filter_sketch, policy_sketch
+        from ...robot.tasks.files import FilterTask, PolicyTask, load_task
 
         if self.step is not None:
             raise ValueError("--step: it is for --bounce; a filter has its own")
         task = load_task(path)
-        if not isinstance(task, FilterTask):
-            raise ValueError(f"{path}: expected a filter, as `jaxcell localize --out` writes it")
-        if self.minimal:
+        if not isinstance(task, FilterTask | PolicyTask):
+            raise ValueError(
+                f"{path}: expected a filter or a policy, as `jaxcell localize --out` writes it"
+            )
+        if self.minimal and isinstance(task, PolicyTask):
+            raise ValueError("--minimal: it is for a filter; equal states of a policy are one")
+        if self.minimal and isinstance(task, FilterTask):
             task = dataclasses.replace(task, filter=minimize(task.filter))
         direction = None
         if self.heading is not None:
             direction = direction_at(self.heading, task.directions)
         flash = FLASH if self.flash is None else self.flash
+        if isinstance(task, PolicyTask):
+            return policy_sketch(task, direction=direction, flash=flash)
         return filter_sketch(task, direction=direction, flash=flash)

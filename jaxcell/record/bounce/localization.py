@@ -7,17 +7,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...automata import Filter
-from ...bounce import Localized
-from ..canvas.belief import (
-    MAX_ARROWS,
-    arrows,
-    belief_length,
-    log_belief_style,
-    log_shades,
-    shades,
-)
+from ...bounce import Localization, Localized
+from ..canvas.belief import MAX_ARROWS, log_beliefs
 from ..canvas.curves import curve_view, log_curve
-from ..canvas.map import CellMap, on_squares, send_pictures
+from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import log_text, text_view
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, TEXT, TRAIL, cycle_color
@@ -47,7 +40,8 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
     every = np.arange(cells.directions)
     shown = {"direction": (every, every), "step": (turns, heading[turns])}
     map = CellMap(stream, cells)
-    _log_belief(stream, found)
+    beliefs = [found.filter.cells(state) for state in found.run.states.tolist()]
+    log_beliefs(stream, cells, beliefs)
     length = max(0.7 * cells.cell, 0.035 * map.extent)
     # Below the arrows of the belief, one of which lies on it as long as the filter is right.
     log_robot(
@@ -62,7 +56,7 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
         middle=0.0,
         order=18.0,
     )
-    _log_end(map, found)
+    log_end(map, found.run)
     marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth"]
     maps = rrb.Vertical(
         map.view("Where the robot is, and where it may be", marks),
@@ -79,38 +73,18 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
     send_blueprint(stream, tabs, "step", float(np.clip(heading.size / 20, 2, 30)))
 
 
-def _log_belief(stream: rr.RecordingStream, found: Localized) -> None:
-    """Log where the robot may be: arrows, or shaded squares while there are too many."""
-    cells, size = found.cells, found.belief_size
-    shown = np.where(size <= MAX_ARROWS, size, 0)
-    beliefs = [found.filter.cells(state) for state in found.run.states[shown > 0].tolist()]
-    where = np.concatenate([*beliefs, np.empty(0, np.int32)])
-    origins, vectors = arrows(cells, where, belief_length(cells))
-    columns = rr.Arrows2D.columns(origins=origins, vectors=vectors)
-    stream.send_columns("map/belief", _steps(found), columns.partition(shown))
-    log_belief_style(stream, cells)
-
-    crowded = np.flatnonzero(size > MAX_ARROWS)
-    if crowded.size:
-        log_shades(stream)
-        times = np.arange(min(crowded[-1] + 2, size.size))
-        kinds = [shades(cells, found.filter.cells(s)) for s in found.run.states[times].tolist()]
-        pictures = on_squares(cells, np.stack(kinds))
-        send_pictures(stream, "map/grid/belief", pictures, "step", times)
-
-
-def _log_end(map: CellMap, found: Localized) -> None:
+def log_end(map: CellMap, run: Localization) -> None:
     """Mark, at the last step, the cells that are left, and the truth."""
-    stream, cells = map.stream, found.cells
-    end = [rr.TimeColumn("step", sequence=[found.run.observations.size])]
-    squares = map.xy(found.run.candidates[:MAX_ARROWS])
+    stream, cells = map.stream, map.cells
+    end = [rr.TimeColumn("step", sequence=[run.observations.size])]
+    squares = map.xy(run.candidates[:MAX_ARROWS])
     half = max(0.5 * cells.cell, 0.014 * map.extent)
     boxes = rr.Boxes2D.columns(centers=squares, half_sizes=np.full(squares.shape, half))
     stream.send_columns("map/candidates", end, boxes.partition([len(squares)]))
     line = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
     stream.log("map/candidates", line, static=True)
 
-    below = map.xy(found.run.path[-1:]) - np.array([0, half])
+    below = map.xy(run.path[-1:]) - np.array([0, half])
     truth = rr.Points2D.columns(positions=below, labels=["the truth"])
     stream.send_columns("map/truth", end, truth)
     style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=50)

@@ -1,11 +1,13 @@
 """Cells where a robot may be, as arrows, or as shaded squares while there are too many."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 from jaxtyping import Float, Integer, UInt8
 
 from ...space import CellSpace
-from .map import log_classes
+from .map import log_classes, on_squares, send_pictures
 from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
 
 
@@ -50,3 +52,30 @@ def shades(
         return np.zeros(cells.positions, np.uint8)
     count = np.bincount(where % cells.positions, minlength=cells.positions)
     return np.ceil(count * (_SHADES / cells.directions)).astype(np.uint8)
+
+
+def log_beliefs(
+    stream: rr.RecordingStream,
+    cells: CellSpace,
+    beliefs: Sequence[Integer[np.ndarray, "_"]],
+    timeline: str = "step",
+) -> None:
+    """Log where a robot may be over time: arrows, or shaded squares while there are too many."""
+    size = np.array([where.size for where in beliefs])
+    shown = np.where(size <= MAX_ARROWS, size, 0)
+    few = [where for where in beliefs if where.size <= MAX_ARROWS]
+    where = np.concatenate([*few, np.empty(0, np.int32)])
+    origins, vectors = arrows(cells, where, belief_length(cells))
+    columns = rr.Arrows2D.columns(origins=origins, vectors=vectors)
+    index = [rr.TimeColumn(timeline, sequence=np.arange(size.size))]
+    stream.send_columns("map/belief", index, columns.partition(shown))
+    log_belief_style(stream, cells)
+
+    crowded = np.flatnonzero(size > MAX_ARROWS)
+    if crowded.size:
+        log_shades(stream)
+        times = np.arange(min(crowded[-1] + 2, size.size))
+        kinds = [shades(cells, beliefs[time]) for time in times.tolist()]
+        send_pictures(
+            stream, "map/grid/belief", on_squares(cells, np.stack(kinds)), timeline, times
+        )

@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...automata import Filter
+from ...automata import Filter, Policy
 from ...space import CellSpace
 from ..canvas.belief import (
     MAX_ARROWS,
@@ -69,7 +69,7 @@ class RobotRecording:
         robots: Sequence[RecordedRobot],
         *,
         cells: CellSpace | None = None,
-        filter: Filter | None = None,
+        filter: Filter | Policy | None = None,
         filter_of_cells: bool = True,
         viewer: str | None = None,
         spec: Mapping[str, Any] | None = None,
@@ -79,7 +79,7 @@ class RobotRecording:
         - `path`: the file to write or replace; its name ends in `.rrd`.
         - `robots`: who drives.
         - `cells`: the map that they drive in, if it is known.
-        - `filter`: the localization filter that the robot runs, if it does.
+        - `filter`: the localization filter or policy that the robot runs, if it does.
         - `filter_of_cells`: whether it is of that map, so that its cells can be shown on it.
         - `viewer`: where to show the run as it goes; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: what was asked for, shown in the text.
@@ -328,8 +328,11 @@ class RobotRecording:
         if any(robot.about.trace is not None for robot in self._robots):
             marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
         if self._has_belief:
+            by = "filter"
+            if isinstance(self._filter, Policy):
+                by = "policy, at each bump and before it turns"
             marks += [
-                "- **Blue**: the cells where it may be, by its filter; squares while they are more "
+                f"- **Blue**: the cells where it may be, by its {by}; squares while they are more "
                 f"than {MAX_ARROWS}.",
                 "- **Green**: those that are left when it is localized.",
             ]

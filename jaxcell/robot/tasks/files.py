@@ -4,7 +4,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ...automata import Filter
+from ...automata import Filter, Policy
+from ...automata.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ..team import KIND as TEAM, MemberTask, read_member
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
@@ -25,6 +26,20 @@ class FilterTask(Task):
 
 
 @dataclasses.dataclass(frozen=True)
+class PolicyTask(Task):
+    """A localization policy."""
+
+    policy: Policy
+    bounces: tuple[float, ...]
+    "The angles that it chooses from, in radians."
+
+    @property
+    def header(self) -> dict[str, Any]:
+        angles = [math.degrees(bounce) for bounce in self.bounces]
+        return {"kind": "policy", **super().header, "bounces_deg": angles}
+
+
+@dataclasses.dataclass(frozen=True)
 class PlanTask(Task):
     """A navigation plan."""
 
@@ -38,7 +53,7 @@ class PlanTask(Task):
         return {"kind": "plan", **super().header, "start": self.start, "actions": self.actions}
 
 
-AnyTask = FilterTask | PlanTask | MemberTask | PatrolTask
+AnyTask = FilterTask | PolicyTask | PlanTask | MemberTask | PatrolTask
 """What a robot can run."""
 
 
@@ -47,12 +62,12 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 
     **Arguments:**
 
-    - `path`: the `filter.jxf` of `jaxcell localize --out`, the `summary.json` of `jaxcell navigate
-        --out`, the `team.json` of `jaxcell team --out`, or the `patrol.json` of `jaxcell patrol map
-        --out`.
+    - `path`: the `filter.jxf` or `policy.jxf` of `jaxcell localize --out`, the `summary.json` of
+        `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the `patrol.json` of
+        `jaxcell patrol map --out`.
     - `robot`: which of a team, or of those that patrol; the first if not given.
 
-    **Returns:** the filter, plan, or part of a robot, with what it has to know of its map.
+    **Returns:** the filter, policy, plan, or part of a robot, with what it has to know of its map.
 
     **Raises:** `ValueError` that names the file and the field, if it is none of them, or there is
     no such robot in it, or no plan; `FileNotFoundError`.
@@ -88,10 +103,26 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         )
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
+    if read_kind(path) == "policy":
+        return _policy(path)
     filter = Filter.load(path)
     fields = Fields(filter.metadata, f"{path}: ")
     common = common_fields(path, fields)
     return FilterTask(**common, filter=filter, bounce=math.radians(fields.number("bounce_deg")))
+
+
+def _policy(path: Path) -> PolicyTask:
+    policy = Policy.load(path)
+    fields = Fields(policy.metadata, f"{path}: ")
+    field, angles = f"{path}: bounces_deg", fields.get("bounces_deg")
+    count = int(policy.turn.max()) + 1
+    expected = f"a list of at least {count} angles, as `jaxcell localize --out` writes it"
+    if not isinstance(angles, list) or len(angles) < count:
+        raise refused(field, expected, angles)
+    for angle in angles:
+        checked_number(field, angle, expected)
+    bounces = tuple(map(math.radians, angles))
+    return PolicyTask(**common_fields(path, fields), policy=policy, bounces=bounces)
 
 
 def _plan(path: Path, fields: Fields) -> PlanTask:

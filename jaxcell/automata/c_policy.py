@@ -1,0 +1,196 @@
+import string
+
+import numpy as np
+
+from .c_header import bits_for, identifier, rows_of
+from .policy import Policy
+
+
+_TEMPLATE = string.Template("""\
+/* A localization policy, made by jaxcell: $states states, $ends of which are ends.
+ *
+ *     ${name}_state state = ${NAME}_START;
+ *     state = ${name}_next(state, observation);    after each observation, 0 or 1
+ *     turn = ${name}_turn(state);                  which angle to turn by now, if any
+ *
+ * On an AVR, where tables would fill the RAM, define JAXCELL_PROGMEM before including this file:
+ * they then stay in flash, where no table may be larger than 32 KiB. */
+#ifndef ${NAME}_H
+#define ${NAME}_H
+
+#include <stdint.h>
+
+#ifdef JAXCELL_PROGMEM
+#include <avr/pgmspace.h>
+#define ${NAME}_TABLE PROGMEM
+#define ${NAME}_READ(bits, entry) ${NAME}_READ_##bits(entry)
+#define ${NAME}_READ_8(entry) pgm_read_byte(&(entry))
+#define ${NAME}_READ_16(entry) pgm_read_word(&(entry))
+#define ${NAME}_READ_32(entry) pgm_read_dword(&(entry))
+#else
+#define ${NAME}_TABLE
+#define ${NAME}_READ(bits, entry) (entry)
+#endif
+
+/* What was known at the last bump, and the steps since then. */
+typedef struct {
+    uint${at_bits}_t at;
+    uint${steps_bits}_t steps;
+} ${name}_state;
+
+#define ${NAME}_STATES $states$suffix
+#define ${NAME}_START {0, 0}
+/* After an observation that cannot occur in the map; nothing follows it. */
+#define ${NAME}_IMPOSSIBLE $states$suffix
+#define ${NAME}_NO_TURN $no_turn
+/* The colour until the robot is localized; the ends have 2 and more, and the last is that of
+ * IMPOSSIBLE. */
+#define ${NAME}_TRANSIENT_COLOR 1
+
+/* Where the next bumps of each state begin in the two tables after this. */
+static const uint${first_bits}_t ${name}_first[$bounds] ${NAME}_TABLE = {
+$first
+};
+
+static const uint${steps_bits}_t ${name}_steps[$bumps] ${NAME}_TABLE = {
+$steps
+};
+
+static const uint${at_bits}_t ${name}_target[$bumps] ${NAME}_TABLE = {
+$target
+};
+
+static const uint8_t ${name}_turns[$states] ${NAME}_TABLE = {
+$turn
+};
+
+static const uint${color_bits}_t ${name}_colors[$states] ${NAME}_TABLE = {
+$color
+};
+
+static const uint${uncertainty_bits}_t ${name}_uncertainties[$states] ${NAME}_TABLE = {
+$uncertainty
+};
+
+static inline ${name}_state ${name}_next(${name}_state state, uint8_t observation) {
+    const ${name}_state impossible = {${NAME}_IMPOSSIBLE, 0};
+    uint${first_bits}_t bump, end;
+    if (state.at >= ${NAME}_STATES || observation > 1) return impossible;
+    bump = ${NAME}_READ($first_bits, ${name}_first[state.at]);
+    end = ${NAME}_READ($first_bits, ${name}_first[state.at + 1]);
+    if (bump == end) return impossible;
+    if (observation == 0) {
+        if (state.steps >= ${NAME}_READ($steps_bits, ${name}_steps[end - 1])) return impossible;
+        state.steps++;
+        return state;
+    }
+    for (; bump < end; bump++) {
+        if (${NAME}_READ($steps_bits, ${name}_steps[bump]) == state.steps) {
+            state.at = ${NAME}_READ($at_bits, ${name}_target[bump]);
+            state.steps = 0;
+            return state;
+        }
+    }
+    return impossible;
+}
+
+/* The number of the angle to turn by now, or NO_TURN. */
+static inline uint8_t ${name}_turn(${name}_state state) {
+    if (state.at >= ${NAME}_STATES || state.steps > 0) return ${NAME}_NO_TURN;
+    return ${NAME}_READ(8, ${name}_turns[state.at]);
+}
+
+static inline uint${color_bits}_t ${name}_color(${name}_state state) {
+    if (state.at >= ${NAME}_STATES) return $last_color;
+    return ${NAME}_READ($color_bits, ${name}_colors[state.at]);
+}
+
+/* In how many configurations the robot may have been at its last bump. */
+static inline uint${uncertainty_bits}_t ${name}_uncertainty(${name}_state state) {
+    if (state.at >= ${NAME}_STATES) return 0;
+    return ${NAME}_READ($uncertainty_bits, ${name}_uncertainties[state.at]);
+}
+
+/* Whether the robot cannot be in the map. */
+static inline int ${name}_refuted(${name}_state state) {
+    return state.at >= ${NAME}_STATES;
+}
+
+/* Whether the policy has come to its end. */
+static inline int ${name}_localized(${name}_state state) {
+    return ${name}_color(state) > ${NAME}_TRANSIENT_COLOR && !${name}_refuted(state);
+}
+
+#endif
+""")
+
+_NO_TURN = 255
+
+
+def policy_to_c_header(policy: Policy, *, name: str = "policy") -> str:
+    """The policy as a C99 header for a microcontroller: small tables, and functions to read them.
+
+    **Arguments:**
+
+    - `policy`: a localization policy.
+    - `name`: what every name in the header begins with; characters that C does not allow become
+        underscores.
+
+    **Returns:** the text of a `.h` file; a comment at its top says how to use it.
+
+    **Raises:** `ValueError` for more than 255 angles.
+
+    A policy without a choice, of a robot that bumps after two steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> policy = automata.Policy(
+        ...     turn=np.int32([-1, -1]), first=np.int32([0, 1, 1]), steps=np.int32([2]),
+        ...     target=np.int32([1]), offsets=np.int32([0, 2, 3]), members=np.int32([0, 1, 1]),
+        ... )
+        >>> text = automata.policy_to_c_header(policy)
+        >>> [line for line in text.splitlines() if "STATES" in line][0]
+        '#define POLICY_STATES 2u'
+    """
+    if policy.turn.max() >= _NO_TURN:
+        raise ValueError(f"turn: expected at most {_NO_TURN} angles, got {policy.turn.max() + 1}")
+    name = identifier(name)
+    bits = policy_bits(policy)
+    turn = np.where(policy.turn < 0, _NO_TURN, policy.turn)
+    tables = {
+        "first": policy.first,
+        "steps": policy.steps,
+        "target": policy.target,
+        "turn": turn,
+        "color": policy.color,
+        "uncertainty": policy.uncertainty,
+    }
+    return _TEMPLATE.substitute(
+        name=name,
+        NAME=name.upper(),
+        states=policy.turn.size,
+        bounds=policy.turn.size + 1,
+        bumps=policy.steps.size,
+        ends=policy.ends.size,
+        suffix="u" if policy.turn.size < 2**16 else "ul",
+        no_turn=_NO_TURN,
+        last_color=policy.ends.size + 2,
+        at_bits=bits["target"],
+        **{f"{table}_bits": bits[table] for table in ("first", "steps", "color", "uncertainty")},
+        **{table: rows_of(map(str, values.tolist())) for table, values in tables.items()},
+    )
+
+
+def policy_bits(policy: Policy) -> dict[str, int]:
+    """The width of the entries of each table of [`policy_to_c_header`][]."""
+    largest = {
+        "first": policy.steps.size,
+        # One more than the longest run is never counted.
+        "steps": int(policy.steps.max()),
+        # The number after the last state is that of IMPOSSIBLE.
+        "target": policy.turn.size,
+        "turn": _NO_TURN,
+        "color": policy.ends.size + 2,
+        "uncertainty": int(policy.uncertainty.max()),
+    }
+    return {table: bits_for(value) for table, value in largest.items()}

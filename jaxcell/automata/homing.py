@@ -1,0 +1,127 @@
+import dataclasses
+import heapq
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Int, Integer
+
+from .adaptive import Search, check_apart
+
+
+# The sets that are not settled, by number.
+_Family: TypeAlias = frozenset[int]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Homing:
+    """A fixed sequence of inputs after which it is known in which state the machine is."""
+
+    inputs: Int[np.ndarray, "length"]
+    "The inputs, by number."
+    least: int
+    "No sequence is shorter than this."
+    searched: int
+    "Number of families of sets whose inputs were all looked at."
+
+    @property
+    def optimal(self) -> bool:
+        """Whether no sequence is shorter."""
+        return self.least == self.inputs.size
+
+
+def homing_sequence(
+    images: Integer[np.ndarray, "inputs states"],
+    observations: Integer[np.ndarray, "inputs states"],
+    roots: Sequence[Sequence[int] | Int[np.ndarray, "_"]],
+    *,
+    place: Integer[np.ndarray, "states"] | None = None,
+    limit: int = 1_000_000,
+) -> Homing:
+    """Find one sequence of inputs that settles every set of states, whatever is observed.
+
+    There always is one: the two states that are told apart soonest are, and then the next two. That
+    is the greedy sequence, save that it prefers inputs which tell any states apart. Then families
+    of sets are searched in the order of the length that their hardest pair leaves possible.
+
+    **Arguments:**
+
+    - `images`, `observations`, `roots`, `place`: as for [`adaptive_choice`][].
+    - `limit`: how many sets the searched families may have together: what the search takes.
+
+    **Returns:** [`Homing`][].
+
+    **Raises:** `ValueError` as [`adaptive_choice`][].
+
+    A ring of three states whose bell rings in state 2:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> ring, rings = np.array([[1, 2, 0]]), np.array([[0, 0, 1]])
+        >>> automata.homing_sequence(ring, rings, [[0, 1, 2]]).inputs.tolist()
+        [0, 0]
+    """
+    check_apart(images, observations)
+    search = Search(images, observations, place, "worst", limit)
+    numbers = (search.number(tuple(sorted(map(int, root)))) for root in roots)
+    start: _Family = frozenset(one for one in numbers if search.lower[one] > 0)
+    best = _greedy(search, start)
+    least, searched = _least(search, start), 0
+    length = {start: 0}
+    before: dict[_Family, tuple[_Family, int]] = {}
+    queue = [(least, 0, 0, start)]
+    while queue and least < len(best):
+        bound, _, _, family = heapq.heappop(queue)
+        least = min(bound, len(best))
+        if least == len(best) or limit <= 0:
+            break
+        searched, limit = searched + 1, limit - len(family)
+        for i in range(len(images)):
+            after, longer = _after(search, family, i), length[family] + 1
+            if longer >= length.get(after, len(best)):
+                continue
+            length[after], before[after] = longer, (family, i)
+            if not after:
+                best = _read(before, after)
+                continue
+            # Of equal bounds first those that are farthest on; numbers keep families uncompared.
+            entry = (longer + _least(search, after), -longer, len(before), after)
+            heapq.heappush(queue, entry)
+    if not queue:
+        least = len(best)
+    return Homing(np.array(best, np.int64), least, searched)
+
+
+def _after(search: Search, family: _Family, i: int) -> _Family:
+    """The sets after an input, whatever was observed."""
+    parts = (part for one in family for part in search.parts(one)[i].values())
+    return frozenset(part for part in parts if search.lower[part] > 0)
+
+
+def _least(search: Search, family: _Family) -> int:
+    return max((search.lower[one] for one in family), default=0)
+
+
+def _greedy(search: Search, family: _Family) -> list[int]:
+    """A sequence that settles all sets, each input by how few states it leaves together."""
+
+    def together(family: _Family) -> int:
+        return sum(len(search.sets[one]) - 1 for one in family)
+
+    inputs = []
+    while family:
+        after = [_after(search, family, i) for i in range(len(search.image))]
+        best = min(range(len(after)), key=lambda i: (together(after[i]), _least(search, after[i])))
+        if together(after[best]) >= together(family):
+            best = search.toward_nearest(sorted(family))
+        inputs.append(best)
+        family = after[best]
+    return inputs
+
+
+def _read(before: dict[_Family, tuple[_Family, int]], family: _Family) -> list[int]:
+    inputs = []
+    while family in before:
+        family, i = before[family]
+        inputs.append(i)
+    return inputs[::-1]

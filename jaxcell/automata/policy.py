@@ -1,0 +1,264 @@
+import dataclasses
+import functools
+import json
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int32
+
+from .storage import read_arrays, write_arrays
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Policy:
+    """What a robot that may choose among angles turns by at each bump until it is localized.
+
+    A state is what the robot knows at a bump: the set of cells where it may be. State 0 is the
+    start, before the first bump. From there each number of steps to the next bump that can be leads
+    to another state; a number that cannot be refutes the map. Where no steps are listed the robot
+    is localized, and there the policy ends.
+
+    A robot that bumps at once or after two steps; then it turns by angle 1, and knows where it is
+    when it bumps again after three:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> policy = automata.Policy(
+        ...     turn=np.int32([-1, 1, -1, -1]), first=np.int32([0, 2, 3, 3, 3]),
+        ...     steps=np.int32([0, 2, 3]), target=np.int32([1, 2, 3]),
+        ...     offsets=np.int32([0, 5, 7, 8, 9]), members=np.int32([0, 1, 2, 3, 4, 1, 3, 4, 0]),
+        ... )
+        >>> state = policy.start().observe(1)
+        >>> state.turn, state.uncertainty
+        (1, 2)
+        >>> for observation in (0, 0, 0, 1):
+        ...     state = state.observe(observation)
+        >>> state.localized, state.cells.tolist()
+        (True, [0])
+    """
+
+    turn: Int32[np.ndarray, "states"]
+    "The angle, by number, that the robot turns by; -1 at the start and where it is localized."
+    first: Int32[np.ndarray, "states+1"]
+    "Where the next bumps of each state begin in `steps` and `target`."
+    steps: Int32[np.ndarray, "bumps"]
+    "After how many steps the next bump may come, in ascending order for each state."
+    target: Int32[np.ndarray, "bumps"]
+    "The state at that bump."
+    offsets: Int32[np.ndarray, "states+1"]
+    "Where the configurations of each state begin in `members`."
+    members: Int32[np.ndarray, "total"]
+    "The configurations of each state in ascending order, one state after the other."
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    "A JSON object that is kept with the policy: what map it is for, and the angles."
+
+    def __post_init__(self) -> None:
+        self._check()
+        try:
+            copied = json.loads(json.dumps(dict(self.metadata), allow_nan=False))
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ValueError(f"metadata: expected a JSON object: {error}") from error
+        object.__setattr__(self, "metadata", copied)
+
+    @property
+    def trap(self) -> int:
+        """The number that stands for the state of a robot which cannot be in the map."""
+        return self.turn.size
+
+    @functools.cached_property
+    def ends(self) -> Int32[np.ndarray, "ends"]:
+        """The states in which the robot is localized."""
+        return np.flatnonzero(np.diff(self.first) == 0).astype(np.int32)
+
+    @functools.cached_property
+    def color(self) -> Int32[np.ndarray, "states"]:
+        """The colour of every state: 1 until the robot is localized, and then one for each end."""
+        color = np.ones(self.turn.size, np.int32)
+        color[self.ends] = 2 + np.arange(self.ends.size)
+        return color
+
+    @functools.cached_property
+    def uncertainty(self) -> Int32[np.ndarray, "states"]:
+        """In how many configurations the robot may be."""
+        return np.diff(self.offsets).astype(np.int32)
+
+    def cells(self, state: int) -> Int32[np.ndarray, "configurations"]:
+        """The configurations where the robot may be at the bump of a state, in ascending order.
+
+        **Raises:** `ValueError` if there is no such state.
+        """
+        if not 0 <= state < self.turn.size:
+            raise ValueError(f"state {state} does not exist; there are {self.turn.size}")
+        return self.members[self.offsets[state] : self.offsets[state + 1]]
+
+    def after(self, state: int) -> dict[int, int]:
+        """The state at the next bump, by the steps until then."""
+        bumps = slice(self.first[state], self.first[state + 1])
+        return dict(zip(self.steps[bumps].tolist(), self.target[bumps].tolist(), strict=True))
+
+    def start(self) -> "PolicyState":
+        """The policy before the first observation."""
+        return PolicyState(self, 0, 0, 0, None)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the policy to one file with a checksum, whole or not at all.
+
+        Equal policies give equal bytes.
+        """
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        write_arrays(path, {"kind": "policy", "metadata": self.metadata}, arrays)
+
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> "Policy":
+        """Reads a policy that [`Policy.save`][] wrote.
+
+        **Raises:** `ValueError` if the file is not a policy, or was truncated or altered.
+        """
+        header, arrays = read_arrays(path)
+        try:
+            if header["kind"] != "policy":
+                raise ValueError(f"it is a {str(header['kind'])[:60]}, not a policy")
+            if not isinstance(header["metadata"], dict):
+                raise ValueError("metadata: expected an object")
+            named = {name: arrays[name] for name in _ARRAYS}
+            sizes = {name: array.size for name, array in named.items()}
+            if not (
+                sizes["first"] == sizes["offsets"] == sizes["turn"] + 1
+                and sizes["steps"] == sizes["target"]
+            ):
+                raise ValueError("its tables are of different lengths")
+            return Policy(**named, metadata=header["metadata"])
+        except KeyError as error:
+            raise ValueError(f"{path}: {error} is missing") from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+
+    def _check(self) -> None:
+        states = self.turn.size
+        for name, bounds, total in (
+            ("first", self.first, self.steps.size),
+            ("offsets", self.offsets, self.members.size),
+        ):
+            if bounds[0] != 0 or bounds[-1] != total or np.any(np.diff(bounds) < 0):
+                raise ValueError(f"{name}: expected to rise from 0 to {total}")
+        if states < 2:
+            raise ValueError("turn: expected a start, and a state after it")
+        owner = np.repeat(np.arange(states), np.diff(self.first))
+        falls = (np.diff(owner) == 0) & (np.diff(self.steps) <= 0)
+        if self.steps.min(initial=0) < 0 or falls.any():
+            raise ValueError("steps: expected numbers from 0, rising in each state")
+        # What is met first has the lowest number, so that the start leads to all others.
+        new = np.maximum.accumulate(np.append(0, self.target))
+        late = new[self.first[:-1]] < np.arange(states)
+        if self.target.min(initial=1) < 1 or new[-1] != states - 1 or np.any(np.diff(new) > 1):
+            raise ValueError("target: expected states in the order in which they are met")
+        if late.any() or not self._ends_everywhere():
+            raise ValueError("target: expected no state to lead back to itself")
+        turns = np.diff(self.first) > 0
+        turns[0] = False
+        if np.any((self.turn >= 0) != turns) or self.turn.min() < -1:
+            raise ValueError("turn: expected an angle where steps follow a bump, and -1 elsewhere")
+
+    def _ends_everywhere(self) -> bool:
+        """Whether every run of the policy comes to an end: states without a way back to them."""
+        into = np.bincount(self.target, minlength=self.turn.size)
+        queue = [0]
+        for state in queue:
+            for target in self.after(state).values():
+                into[target] -= 1
+                if into[target] == 0:
+                    queue.append(target)
+        return len(queue) == self.turn.size
+
+
+_ARRAYS = ("turn", "first", "steps", "target", "offsets", "members")
+
+
+class PolicyState:
+    """A policy after some observations, which nothing changes; the next is another object.
+
+    An observation that cannot occur refutes the map; nothing follows that, or the end.
+    """
+
+    __slots__ = ("index", "policy", "refuted_at", "steps", "time")
+
+    def __init__(
+        self, policy: Policy, index: int, steps: int, time: int, refuted_at: int | None
+    ) -> None:
+        self.policy = policy
+        self.index = index
+        "The state of the last bump, or the trap."
+        self.steps = steps
+        "Steps since then."
+        self.time = time
+        "The number of observations so far."
+        self.refuted_at = refuted_at
+        "The index of the observation that the map cannot give, once there was one."
+
+    def observe(self, observation: int) -> "PolicyState":
+        """The policy after one more observation: 0 for a step, 1 for a bump.
+
+        **Raises:** `ValueError` if it is neither, or if the policy has come to its end.
+        """
+        if observation not in (0, 1):
+            raise ValueError(f"observation {self.time} is {observation!r}; expected 0 or 1")
+        if self.refuted:
+            return PolicyState(self.policy, self.index, 0, self.time + 1, self.refuted_at)
+        if self.localized:
+            raise ValueError(f"observation {self.time}: the policy has come to its end")
+        lengths = list(self._onward)
+        if observation == 0 and self.steps < lengths[-1]:
+            return PolicyState(self.policy, self.index, self.steps + 1, self.time + 1, None)
+        if observation == 1 and self.steps in self._onward:
+            return PolicyState(self.policy, self._onward[self.steps], 0, self.time + 1, None)
+        return PolicyState(self.policy, self.policy.trap, 0, self.time + 1, self.time)
+
+    @property
+    def _onward(self) -> dict[int, int]:
+        return self.policy.after(self.index)
+
+    @property
+    def color(self) -> int:
+        """The output: 1 until localized, one for each end, and the last one where refuted."""
+        if self.refuted:
+            return len(self.policy.ends) + 2
+        return self.policy.color.item(self.index)
+
+    @property
+    def turn(self) -> int | None:
+        """The angle, by number, to turn by now, if any."""
+        if self.steps or self.refuted:
+            return None
+        turn: int = self.policy.turn.item(self.index)
+        return None if turn < 0 else turn
+
+    @property
+    def uncertainty(self) -> int:
+        """In how many configurations the robot may be."""
+        if self.refuted:
+            return 0
+        if not self.steps:
+            return self.policy.uncertainty.item(self.index)
+        return sum(
+            self.policy.uncertainty.item(target)
+            for steps, target in self._onward.items()
+            if steps >= self.steps
+        )
+
+    @property
+    def localized(self) -> bool:
+        """Whether the policy has come to its end."""
+        return not self.refuted and self.color > 1
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the robot cannot be in the map."""
+        return self.refuted_at is not None
+
+    @property
+    def cells(self) -> Int32[np.ndarray, "configurations"]:
+        """The configurations where the robot may be at a bump; none between bumps."""
+        known = not self.steps and not self.refuted
+        return self.policy.cells(self.index) if known else np.empty(0, np.int32)

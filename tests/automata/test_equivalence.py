@@ -1,0 +1,110 @@
+import itertools
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from automata.fa.dfa import DFA
+from hypothesis import given
+
+from jaxcell.automata import equivalence
+
+
+@st.composite
+def machines(draw, most=8):
+    states, inputs = draw(st.integers(1, most)), draw(st.integers(1, 3))
+    images = st.lists(st.integers(0, states - 1), min_size=states, max_size=states)
+    # Few ones: states that are hard to tell apart.
+    seen = st.lists(st.sampled_from([0, 0, 0, 1]), min_size=states, max_size=states)
+    several = {"min_size": inputs, "max_size": inputs}
+    alike = seen.map(lambda one: [one] * inputs)
+    observations = draw(alike | st.lists(seen, **several))
+    return np.array(draw(st.lists(images, **several))), np.array(observations)
+
+
+def answers(images, observations, state, word):
+    found = []
+    for i in word:
+        found.append(observations[i, state])
+        state = images[i, state]
+    return found
+
+
+@given(machines(most=5))
+def test_classes_and_shortest_words_are_those_of_all_sequences(machine):
+    images, observations = machine
+    inputs, states = images.shape
+    found = equivalence(images, observations)
+    assert found.label[0] == 0
+    # Of 5 states any two that can be told apart are so by 4 inputs.
+    words = [w for n in range(states) for w in itertools.product(range(inputs), repeat=n)]
+    for a, b in itertools.combinations(range(states), 2):
+        telling = [w for w in words if answers(*machine, a, w) != answers(*machine, b, w)]
+        assert (found.label[a] != found.label[b]) == bool(telling)
+        if telling:
+            word = found.distinguish(a, b).tolist()
+            assert len(word) == min(map(len, telling))
+            assert answers(*machine, a, word) != answers(*machine, b, word)
+        else:
+            with pytest.raises(ValueError, match=f"states {a} and {b} are equivalent"):
+                found.distinguish(a, b)
+
+
+@given(machines(most=30))
+def test_has_as_many_classes_as_automata_lib(machine):
+    images, observations = machine
+    # Letters out of a state say what is observed there; one leads to each state from the start.
+    transitions = {"end": {}, "start": {f"to {s}": s for s in range(images.shape[1])}}
+    for state in range(images.shape[1]):
+        transitions[state] = {f"go {i}": int(row[state]) for i, row in enumerate(images)}
+        transitions[state] |= {f"see {i}": "end" for i, o in enumerate(observations) if o[state]}
+        transitions[state]["live"] = "end"
+    dfa = DFA(
+        states=set(transitions),
+        input_symbols={letter for row in transitions.values() for letter in row},
+        transitions=transitions,
+        initial_state="start",
+        final_states={"end"},
+        allow_partial=True,
+    )
+    assert equivalence(images, observations).count == len(dfa.minify().states) - 2
+
+
+@given(machines(most=40))
+def test_the_classes_make_a_machine(machine):
+    found = equivalence(*machine)
+    firsts = [np.flatnonzero(found.label == one)[0] for one in range(found.count)]
+    assert firsts == sorted(firsts)
+    for image, observation in zip(*machine, strict=True):
+        after = found.label[image]
+        np.testing.assert_array_equal(after, after[firsts][found.label])
+        np.testing.assert_array_equal(observation, observation[firsts][found.label])
+
+
+def test_a_long_corridor_and_a_code_that_must_be_entered_in_turn():
+    # A cell of the corridor is told by how far it is from the end, where it turns round.
+    squares = 20_000
+    cell = np.arange(2 * squares)
+    east = cell < squares
+    bumped = (cell == squares - 1) | (cell == squares)
+    image = np.where(bumped, (cell + squares) % cell.size, np.where(east, cell + 1, cell - 1))
+    assert equivalence(image[None], bumped[None]).count == squares
+    # The digits 0, 1, 0, 1, ... open the lock; a wrong one leads to where none does.
+    digits = 400
+    state = np.arange(digits + 2)
+    right, lost = np.minimum(state + 1, digits), digits + 1
+    images = np.stack([np.where(state % 2 == i, right, lost) for i in (0, 1)])
+    images[:, -2:] = lost
+    observations = np.broadcast_to(state == digits, images.shape)
+    found = equivalence(images, observations)
+    assert found.count == digits + 2
+    word = found.distinguish(0, digits + 1)
+    np.testing.assert_array_equal(word[:-1], state[:digits] % 2)
+
+
+def test_refuses_what_is_no_machine():
+    with pytest.raises(ValueError, match=r"images\[0, 1\] is 2; expected a state from 0 to 1"):
+        equivalence(np.array([[0, 2]]), np.zeros((1, 2)))
+    with pytest.raises(ValueError, match="expected at least one input and state"):
+        equivalence(np.zeros((0, 3), int), np.zeros((0, 3)))
+    with pytest.raises(ValueError, match="state 2 does not exist; states are 0 to 1"):
+        equivalence(np.array([[0, 1]]), np.array([[0, 1]])).distinguish(0, 2)

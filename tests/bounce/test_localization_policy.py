@@ -1,0 +1,130 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell import bundled, space
+from jaxcell.automata import adaptive_choice, equivalence
+from jaxcell.bounce import AdaptivelyLocalized, bounce_map, cell_walls, localization_policy
+from jaxcell.space import CellSpace
+from jaxcell.verify import compare_policy
+
+
+# Of a few numbers of free squares, for each is compiled anew.
+GRIDS = st.sampled_from([9, 15]).flatmap(
+    lambda free: st.permutations([True] * free + [False] * (20 - free)).map(
+        lambda one: np.reshape(one, (4, 5))
+    )
+)
+ANGLES = st.lists(st.integers(1, 7), min_size=1, max_size=2, unique=True)
+
+
+def lab(name):
+    room = space.Workspace.load(bundled(f"maps/{name}.json"))
+    return CellSpace.of(room, cell=1.0, directions=8)
+
+
+@settings(max_examples=15)
+@given(GRIDS, ANGLES, st.sampled_from(["cell", "position", "class"]), st.data())
+def test_a_robot_is_localized_as_far_as_its_angles_tell(free, shifts, goal, data):
+    cells = CellSpace.of_grid(free, 8)
+    bounces = np.array(shifts) * math.pi / 4
+    aim = data.draw(st.sampled_from(["worst", "mean"]))
+    found = localization_policy(cells, bounces, goal, aim=aim)
+    assert found.optimal
+    assert found.least == pytest.approx(found.worst_bumps if aim == "worst" else found.mean_bumps)
+    assert found.fixed_bumps >= found.worst_bumps or aim == "mean"
+    mapped = bounce_map(cells, bounces)
+    images, bumped = np.asarray(mapped.image), np.asarray(mapped.bumped)
+    classes = equivalence(images, bumped)
+    assert found.classes == classes.count
+    ends = [found.policy.cells(state) for state in found.policy.ends.tolist()]
+    for end in ends:
+        one_class = np.unique(classes.label[end]).size == 1
+        one_place = np.unique(end % cells.positions).size == 1
+        assert one_class or (goal == "position" and one_place)
+    if goal == "cell":
+        assert found.answered == all(end.size == 1 for end in ends)
+        if classes.count == cells.size:
+            assert found.answered
+
+    run = AdaptivelyLocalized.of(found, data.draw(st.integers(0, cells.size - 1)))
+    assert run.run.truth_is_a_candidate
+    assert run.run.bumps == run.bumps_needed.ravel()[run.run.start]
+    assert all(value <= limit for value, limit in run.checks().values())
+    # All cells, moved one step at a time.
+    left, state = np.arange(cells.size), found.policy.start()
+    for time, observation in enumerate(run.run.observations.tolist()):
+        np.testing.assert_array_equal(run.beliefs[time], left)
+        assert state.uncertainty == left.size
+        left = left[bumped[0, left] == observation]
+        state = state.observe(observation)
+        if not state.localized:
+            left = np.unique(images[state.turn or 0, left])
+    np.testing.assert_array_equal(run.run.candidates, left)
+    np.testing.assert_array_equal(run.beliefs[-1], left)
+
+
+@pytest.mark.parametrize(
+    ("name", "worst", "mean", "fixed"), [("lab_a", 11, 970, 12), ("lab_b", 9, 680, 10)]
+)
+def test_two_angles_leave_one_cell_on_the_maps_of_table_2_2(name, worst, mean, fixed):
+    # With one angle their filters leave up to four (Alam 2018, Table 2.2).
+    cells = lab(name)
+    found = localization_policy(cells, np.radians([45, 135]), collision="endpoint")
+    assert (found.classes, found.largest_uncertainty, found.localized_to_one) == (152, 1, 1.0)
+    assert (found.worst_bumps, found.optimal, found.fixed_bumps) == (worst, True, fixed)
+    for start in range(cells.size):
+        run = found.drive(start)
+        assert run.candidates.tolist() == [run.end]
+    best = localization_policy(cells, np.radians([45, 135]), aim="mean", collision="endpoint")
+    assert best.optimal
+    assert best.bumps_needed.sum() == mean
+    assert best.mean_bumps <= found.mean_bumps
+
+
+def test_the_machine_of_walls_is_that_of_cells():
+    cells = lab("lab_b")
+    images, lengths, behind = cell_walls(cells).machine([1, 3])
+    assert behind.size + behind.sum() == cells.size
+    roots = [np.flatnonzero(behind >= steps) for steps in range(int(behind.max()) + 1)]
+    found = localization_policy(cells, np.radians([45, 135]))
+    assert max(adaptive_choice(images, lengths, roots).upper) + 1 == found.worst_bumps
+    mean = localization_policy(cells, np.radians([45, 135]), aim="mean")
+    upper = adaptive_choice(images, lengths, roots, aim="mean").upper
+    assert sum(upper) + cells.size == mean.bumps_needed.sum()
+
+
+def test_one_angle_tells_less_and_says_so():
+    found = localization_policy(lab("lab_a"), [math.radians(45)], collision="endpoint")
+    assert (found.classes, found.largest_uncertainty, found.answered) == (94, 4, False)
+    assert "no choice" in found.remarks[0].lower()
+    known = localization_policy(lab("lab_a"), [math.radians(45)], "class", collision="endpoint")
+    assert known.answered
+    assert known.worst_bumps == found.worst_bumps
+
+
+def test_a_search_that_ends_at_its_limit_says_what_holds():
+    cells = lab("lab_a")
+    cut = localization_policy(cells, np.radians([45, 135]), collision="endpoint", limit=100)
+    assert not cut.optimal
+    assert cut.searched == 1
+    assert cut.least <= 11 <= cut.worst_bumps
+    assert f"needs {cut.worst_bumps} bumps at worst, and none needs less than" in cut.remarks[0]
+    assert compare_policy(cut)[-1].agrees
+
+
+def test_refuses_angles_that_are_no_turns():
+    cells = lab("lab_a")
+    for bounces, message in (
+        ([50], "bounces: 50 deg is not a whole number of the 8 directions"),
+        ([45, 405], "bounces: 45 and 405 deg are the same turn"),
+        ([360], "bounces: 360 deg leaves the robot at its wall for good"),
+        ([], "bounces: expected a list of at least one angle"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            localization_policy(cells, np.radians(bounces))
+    policy = localization_policy(cells, np.radians([45, 135]))
+    with pytest.raises(ValueError, match="start: cell 152 does not exist; cells are 0 to 151"):
+        policy.drive(152)

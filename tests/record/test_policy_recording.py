@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from jaxcell.bounce import AdaptivelyLocalized, localization_policy
+from jaxcell.record import dataset, save_recording, summary
+from jaxcell.record.canvas.palette import CURRENT
+
+
+@pytest.fixture(scope="module")
+def found(lab):
+    policy = localization_policy(lab.cells, np.radians([45, 135]), collision=lab.collision)
+    return AdaptivelyLocalized.of(policy, 151)
+
+
+@pytest.fixture(scope="module")
+def recorded(found, read, tmp_path_factory):
+    path = tmp_path_factory.mktemp("policy") / "lab.rrd"
+    save_recording(found, path)
+    return read(path)
+
+
+def test_shows_the_belief_and_the_turn_at_each_bump(found, recorded):
+    arrows = recorded.over("step", "/map/belief", "Arrows2D:origins")
+    assert [len(arrows[time]) for time in range(len(found.beliefs))] == found.belief_size.tolist()
+    labels = recorded.over("step", "/map/turn", "Points2D:labels")
+    said = [one for time in sorted(labels) for one in labels[time]]
+    turns = found.bounce_deg[found.turned_by[found.turned_by >= 0]]
+    assert said == [f"bump {i}: turn by {turn:g}°" for i, turn in enumerate(turns, 1)]
+    assert len(said) == found.run.bumps - 1
+    bumps = recorded.over("step", "/policy/bumps", "Scalars:scalars")
+    assert bumps[max(bumps)] == [found.run.bumps]
+
+
+def test_lights_up_one_state_at_a_time(found, recorded):
+    colors = recorded.over("step", "/tree/graph", "GraphNodes:colors")
+    red, green, blue = CURRENT
+    current = (red << 24) + (green << 16) + (blue << 8) + 255
+    for time, row in colors.items():
+        (state,) = (i for i, color in enumerate(row) if color == current)
+        assert state == found.run.states[time]
+
+
+def test_the_dataset_and_the_summary_have_its_numbers(found):
+    kept = dataset(found)
+    assert int(kept.bumps_needed.max()) == found.worst_bumps == kept.worst_bumps
+    np.testing.assert_array_equal(kept.belief_size, found.belief_size)
+    said = summary(found)
+    assert [one["bounce_deg"] for one in said["angles"]] == [45.0, 135.0]
+    assert said["run"]["candidates"] == [found.run.end]
