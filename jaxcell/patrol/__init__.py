@@ -48,8 +48,9 @@ time `t_a`. With `S_r(t)` the probability that robot `r` has not come by `t`, th
 capture is `p_d = 1 - prod_r S_r(t_a)`. `capture_probabilities` has it exactly for all cells, in
 time `O(robots * cells * edges * t_a)`. For one cell `vulnerability` puts the source's way beside it
 (4.4.6): simulated times, and the generalized lambda distribution `Gld` (Eq. 4.10) that `fit_gld`
-fits to them. `share_game` mixes policies against an adversary who attacks the most vulnerable
-cell, of all or of the `contested` ones, where luck decides.
+fits to them. An adversary attacks the most vulnerable cell of the `contested` ones, where luck
+decides: `capture_policies` make the least probability of capture great, a local optimum, and
+`capture_frontier` says what of it is left where steps must be hard to predict.
 
 **Perimeters.** The baselines BMP, DCP and DNCP of Table 4.1 (Agmon, Kraus and Kaminka 2008) are
 robots on a cycle that toss one coin: `Perimeter`. The probability of detection is a polynomial in
@@ -63,16 +64,16 @@ from ..optimize import Graph as Graph
 from .law.distribution import Gld as Gld
 from .law.fit import GldFit as GldFit, fit_gld as fit_gld
 from .map.attack import (
-    Vulnerability as Vulnerability,
     boundary as boundary,
     capture_probabilities as capture_probabilities,
-    outside as outside,
-    vulnerability as vulnerability,
-)
-from .map.game import (
-    ShareGame as ShareGame,
     contested as contested,
-    share_game as share_game,
+    outside as outside,
+)
+from .map.capture import (
+    CaptureSearch as CaptureSearch,
+    Frontier as Frontier,
+    capture_frontier as capture_frontier,
+    capture_policies as capture_policies,
 )
 from .map.graph import cell_graph as cell_graph
 from .map.patrolled import PatrolledMap as PatrolledMap
@@ -90,6 +91,10 @@ from .map.regions import (
     Regions as Regions,
     angular_regions as angular_regions,
     base_station as base_station,
+)
+from .map.vulnerability import (
+    Vulnerability as Vulnerability,
+    vulnerability as vulnerability,
 )
 from .perimeter import (
     Maximin as Maximin,

@@ -162,16 +162,24 @@ class PatrolGraph(Study):
             best = optimize.minimum_commute(graph, emphasis, self.share)
             chain = patrol.random_walk(graph, best.weights)
         elif self.strategy == "capture":
-            best = patrol.maximin_capture(graph, self.attack_time)
+            best = patrol.maximin_capture(graph, self.attack_time, throw=False)
             chain = best.chains[0]
         else:
             seek: Any = {
                 "mixing": lambda: optimize.fastest_mixing(graph, even),
-                "kemeny": lambda: patrol.minimum_kemeny(graph, even, stay=True),
+                "kemeny": lambda: patrol.minimum_kemeny(graph, even, stay=True, throw=False),
                 "entropy": lambda: patrol.maximum_entropy_rate(graph),
-                "return-time": lambda: patrol.maximum_return_time_entropy(graph, even, stay=True),
+                "return-time": lambda: patrol.maximum_return_time_entropy(
+                    graph, even, stay=True, throw=False
+                ),
             }[self.strategy]
             best = seek()
             chain = best.chain
         value = None if goal is None else best.value
-        return {"chain": chain, "certificate": best.certificate, "goal": goal, "value": value}
+        return {
+            "chain": chain,
+            "certificate": best.certificate,
+            "goal": goal,
+            "value": value,
+            "local": self.strategy in ("kemeny", "return-time", "capture"),
+        }

@@ -41,14 +41,25 @@ def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
             np.zeros(times.size),
             _DEVIATIONS,
         ),
-        Comparison.close(
+        _compare_walks(patrol),
+    ]
+
+
+def _compare_walks(patrol: PatrolledMap) -> Comparison:
+    if patrol.search is None:
+        return Comparison.close(
             "commute times of the robots, by resistances of networkx",
             patrol.commute_time,
             [_commute_time(patrol, policy) for policy in patrol.policies],
             _TIME,
             relative=True,
-        ),
+        )
+    shares = [policy.share_of_time(patrol.graph) for policy in patrol.policies]
+    later = [
+        policy.chain.to_scipy().T @ share
+        for policy, share in zip(patrol.policies, shares, strict=True)
     ]
+    return Comparison.close("shares of time, a step later", shares, later, _CLOSE)
 
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
@@ -57,11 +68,17 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view
-        share = unseen / max(1, unseen.sum())
         forward = policy.chain.to_scipy().T.tocsr()
+        if patrol.start == "worst":
+            each = np.diag(unseen.astype(float))[:, unseen]
+        else:
+            share = unseen.astype(float)
+            if patrol.start == "stationary":
+                share *= policy.share_of_time(patrol.graph)
+            each = (share / share.sum())[:, None] if share.any() else np.zeros((view.size, 0))
         for t in range(survive.size):
-            survive[t] *= share.sum()
-            share = np.where(view, 0, forward @ share)
+            survive[t] *= each.sum(axis=0).max(initial=0.0)
+            each = np.where(view[:, None], 0, forward @ each)
     return 1 - survive[times]
 
 
