@@ -21,7 +21,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 - *MAECT* is the choice of weights with the least `C` (Eq. 4.4), `jaxcell.optimize.minimum_commute`;
     with an *emphasis*, the edges of the shortest closed tour through some vertices have at least a
     given share of the weight (Eq. 4.5). It is convex and comes with a duality gap.
-- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1).
+- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1), whose steps count in their
+    own direction alone, as printed; then all rows of Table 4.2 come out for `k = 1`.
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
@@ -124,4 +125,8 @@ from .walks.graph_patrol import GraphPatrol as GraphPatrol
 from .walks.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.measures import Measures as Measures, measure as measure
 from .walks.paths import toward as toward
-from .walks.walk import random_walk as random_walk, walk_hitting_times as walk_hitting_times
+from .walks.walk import (
+    edge_shares as edge_shares,
+    random_walk as random_walk,
+    walk_hitting_times as walk_hitting_times,
+)

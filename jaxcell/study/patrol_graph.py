@@ -39,8 +39,9 @@ class PatrolGraph(Study):
     """Least share of steps on the shortest closed tour through them."""
     vertex: str | None = None
     """The vertex that "toward" is toward."""
-    paths: int = 3
-    """Shortest paths from each vertex that lead there, for "toward" and the game."""
+    paths: int = 1
+    """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
+    the dissertation's table, the walk goes straight there."""
     attack_time: int | None = None
     """Steps that an attack takes, for "capture", which is by one patroller."""
     robots: int = 1
@@ -150,7 +151,7 @@ class PatrolGraph(Study):
 
         if self.strategy == "toward":
             (vertex,) = self._vertices(names, "vertex", str(self.vertex))
-            return {"chain": patrol.random_walk(graph, patrol.toward(graph, vertex, self.paths))}
+            return {"chain": patrol.toward(graph, vertex, self.paths)}
         # Without given shares of time, the best walks leave some vertices out.
         even = np.full(graph.vertices, 1 / graph.vertices)
         best: Any

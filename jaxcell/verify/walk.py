@@ -23,7 +23,8 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     """Compare a walk on a graph with sparse solves of scipy."""
     P, share, vertices = patrol.transition, patrol.stationary, len(patrol.names)
     steps = []
-    for target in sample(vertices, _TARGETS).tolist():
+    visited = np.flatnonzero(share > 0)
+    for target in visited[sample(visited.size, _TARGETS)].tolist():
         system = scipy.sparse.eye_array(vertices) - scipy.sparse.csr_array(P)
         others = np.arange(vertices) != target
         inner, ones = system.tocsr()[others][:, others].tocsc(), np.ones(vertices - 1)
@@ -41,7 +42,7 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
         Comparison.close(
             "Kemeny constant, by the hitting times from each start",
             np.full(vertices, patrol.kemeny_constant),
-            patrol.hitting_time @ share,
+            patrol.hitting_time[:, visited] @ share[visited],
             _TIME,
             relative=True,
         ),

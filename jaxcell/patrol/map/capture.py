@@ -14,11 +14,12 @@ from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, minimum_commute
-from ..walks.walk import random_walk
+from ..walks.steps import Steps, chances
+from ..walks.walk import edge_shares, random_walk
 from .attack import capture_probabilities, check_attack_times, check_start
 from .policies import Policy
 from .regions import check_visible
-from .survival import Steps, chances, follow, least
+from .survival import follow, least
 
 
 # Gradient steps that try a start, and those that then improve the best one.
@@ -336,12 +337,9 @@ class _Problem:
         policies = []
         for robot, chance in enumerate(drawn):
             chain = Chain(self.steps.image, chance / chance.sum(axis=0))
-            matrix = chain.to_scipy().toarray()
-            flow = np.asarray(dense.stationary(jnp.asarray(matrix)))[:, None] * matrix
-            tail, head = self.graph.edges.T
-            weights = flow[tail, head] + flow[head, tail]
+            weights = edge_shares(self.graph, chain)
             cover = greedy_cover(self.visible, robot)
-            times = np.asarray(dense.hitting(jnp.asarray(matrix)))
+            times = np.asarray(dense.hitting(jnp.asarray(chain.to_scipy().toarray())))
             commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
             policies.append(
                 Policy(

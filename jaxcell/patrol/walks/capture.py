@@ -12,6 +12,7 @@ from ...base.certificate import Certificate
 from ...base.precision import require_x64
 from ...mapping import Chain
 from ...optimize import Graph
+from .ascent import ascend
 from .descent import descend
 from .polytope import ChainPolytope
 from .sequential_lp import maximize_least_capture
@@ -110,15 +111,22 @@ def maximin_capture(
     slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
     arguments = (jnp.asarray(delays), jnp.asarray(attack), *slots)
     begin = among.starts(starts, robots, seed)
-    found, values, steps = descend(_missed, among, begin, arguments)
-    best = int(np.nanargmin(values))
+    plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
+    if plain:
+        matrices = np.array([[among.matrix(robot) for robot in start] for start in begin])
+        found, best, steps = ascend(graph, int(attack[0]), matrices)
+        best_moves = found[:, among.tails, among.heads]
+    else:
+        every, values, steps = descend(_missed, among, begin, arguments)
+        best = int(np.nanargmin(values))
+        best_moves = every[best]
 
     def law(moves: Float[np.ndarray, "robots moves"]) -> tuple[Any, Any]:
         where = jnp.asarray(among.tails), jnp.asarray(among.heads)
         probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
         return np.asarray(probability), np.asarray(slope)
 
-    moves, value, residual, programs = maximize_least_capture(law, among, found[best], tolerance)
+    moves, value, residual, programs = maximize_least_capture(law, among, best_moves, tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices = np.stack([among.matrix(robot) for robot in moves])

@@ -103,6 +103,9 @@ class GraphPatrol(Measures):
                 f"{self.certificate.outcome.value} (residual {self.certificate.residual:.3g}, "
                 f"tolerance {self.certificate.tolerance:.3g})"
             )
+        left_out = int((self.stationary <= 0).sum())
+        if left_out:
+            found.append(f"in the long run the walk leaves out {left_out:,} of the vertices")
         if self.entropy_rate_nats < _FORESEEN:
             found.append(
                 f"the walk is deterministic but for {self.entropy_rate_nats:.1g} nats a step: who "

@@ -1,0 +1,119 @@
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float
+
+from ...base.threads import one_blas_thread
+from ...optimize import Graph
+from .steps import Steps, chances, pull
+
+
+# Steps that try a start, and those that then improve the best one.
+_TRIAL, _STEPS, _BLOCK = 150, 750, 25
+# Of the steps on the logits, and of the soft minimum of the logarithms of capture.
+_RATE, _SOFT, _HARD = 0.1, 30.0, 200.0
+# Eight starts are tried on so many vertices; on more, fewer.
+_TRIED = 100
+# Least probability of a step.
+_FLOOR = 1e-6
+
+
+@one_blas_thread()
+def ascend(
+    graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
+) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int]:
+    """Follow the gradient of the least probability of capture in the logits of the steps.
+
+    Adam tries each start, and then improves the one that came highest. What it lacks of a local
+    optimum is left to linear programs.
+
+    **Arguments:**
+
+    - `graph`: a connected graph whose edges take one step each.
+    - `attack_time`: the steps that an attack takes.
+    - `starts`: transition matrices without waiting; on large graphs only the first are tried.
+
+    **Returns:** the matrices of the robots, the start that led there, and the number of steps.
+    """
+    steps = Steps.of(graph)
+    here = np.arange(graph.vertices)
+    tried = starts[: max(1, int(len(starts) * min(1.0, _TRIED / graph.vertices)))]
+    tries = []
+    for start in tried:
+        logits = np.log(np.maximum(start[:, here, np.asarray(steps.image)], 1e-3))
+        tries.append(_climb(logits, None, steps, attack_time, np.zeros(_TRIAL)))
+    first = int(np.argmax([value for _, value, _ in tries]))
+    best, value, state = tries[first]
+    best, _, _ = _climb(best, (state, value), steps, attack_time, np.arange(_STEPS) / _STEPS)
+    drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
+    matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
+    for matrix, chance in zip(matrices, drawn, strict=True):
+        np.add.at(matrix, (np.broadcast_to(here, chance.shape), np.asarray(steps.image)), chance)
+    return matrices, first, _TRIAL * len(tried) + _STEPS
+
+
+def _climb(best, known, steps, attack_time, progress):  # type: ignore[no-untyped-def]
+    """The best logits, their value, and the state after some steps."""
+    if known is None:
+        logits = jnp.asarray(best, jnp.float32)
+        state = logits, optax.scale_by_adam().init(logits)
+        best, value = logits, float(_least(logits, steps, attack_time))
+    else:
+        state, value = known
+    rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
+    hardness = _SOFT * (_HARD / _SOFT) ** progress
+    for first in range(0, progress.size, _BLOCK):
+        block = slice(first, first + _BLOCK)
+        schedule = jnp.asarray(rate[block], jnp.float32), jnp.asarray(hardness[block], jnp.float32)
+        state = _follow(*state, steps, schedule, attack_time)
+        now = float(_least(state[0], steps, attack_time))
+        if now > value:
+            best, value = state[0], now
+    return best, value, state
+
+
+def _captured(
+    logits: Float[Array, "robots branches vertices"], steps: Steps, attack_time: int
+) -> Float[Array, "robots vertices vertices"]:
+    """The probability that each robot comes from each start to each target in time."""
+    away = 1 - jnp.eye(logits.shape[2], dtype=logits.dtype)
+
+    def one(chance):  # type: ignore[no-untyped-def]
+        def step(late, _):  # type: ignore[no-untyped-def]
+            return away * pull(chance, late, steps), None
+
+        late, _ = jax.lax.scan(step, away, length=attack_time - 1)
+        return 1 - pull(chance, late, steps)
+
+    return jnp.stack([one(chance) for chance in chances(logits, steps, _FLOOR)])
+
+
+@functools.partial(jax.jit, static_argnames="attack_time")
+def _least(logits, steps, attack_time):  # type: ignore[no-untyped-def]
+    worst = jnp.min(_captured(logits, steps, attack_time), axis=1)
+    return jnp.min(1 - jnp.prod(1 - worst, axis=0))
+
+
+@functools.partial(jax.jit, static_argnames="attack_time")
+def _follow(logits, moments, steps, schedule, attack_time):  # type: ignore[no-untyped-def]
+    adam = optax.scale_by_adam()
+
+    def loss(logits, hardness):  # type: ignore[no-untyped-def]
+        captured = jnp.maximum(_captured(logits, steps, attack_time), 1e-12)
+        worst = -jax.nn.logsumexp(-hardness * jnp.log(captured), axis=1) / hardness
+        if logits.shape[0] > 1:
+            missed = jnp.sum(jnp.log1p(-jnp.exp(jnp.minimum(worst, -1e-6))), axis=0)
+            worst = jnp.log(-jnp.expm1(missed))[None]
+        return jax.nn.logsumexp(-hardness * worst) / hardness
+
+    def step(state, now):  # type: ignore[no-untyped-def]
+        logits, moments = state
+        rate, hardness = now
+        change, moments = adam.update(jax.grad(loss)(logits, hardness), moments)
+        return (logits - rate * change, moments), None
+
+    with jax.numpy_dtype_promotion("standard"):
+        return jax.lax.scan(step, (logits, moments), schedule)[0]
