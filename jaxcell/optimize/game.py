@@ -139,6 +139,7 @@ def stackelberg(
 
 def payoffs(
     order: Int[np.ndarray, "strategies vertices"],
+    values: Float[np.ndarray, "vertices"] | None = None,
 ) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
     """The payoffs of a patroller and of an adversary that attacks a vertex (Alam 2018, Alg. 4.2).
 
@@ -150,10 +151,12 @@ def payoffs(
 
     - `order`: the vertices from the closest to the furthest, in mean hitting time, for each
         strategy.
+    - `values`: what the goods at each vertex are worth to both, by default `1 / n`.
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
-    **Raises:** `ValueError` for a row that is not an order of the vertices.
+    **Raises:** `ValueError` for a row that is not an order of the vertices, and for values that
+    are not one finite number a vertex.
 
     Two strategies on two vertices, each nearest to another:
 
@@ -174,7 +177,10 @@ def payoffs(
             )
     k = np.arange(vertices)
     caught = 0.5**k
-    goods = (1 - caught) / vertices
+    worth = np.full(vertices, 1 / vertices) if values is None else np.asarray(values, np.float64)
+    if worth.shape != (vertices,) or not np.isfinite(worth).all():
+        raise ValueError(f"values: expected {vertices} finite numbers, one a vertex, got {values}")
+    goods = (1 - caught) * worth[order]
     row = np.arange(strategies)[:, None]
     patroller, adversary = np.empty(order.shape), np.empty(order.shape)
     patroller[row, order] = caught * (vertices - k) + goods

@@ -3,6 +3,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from ..base.limits import MOST_VERTICES
 from ..base.quantities import Result
 from .map_study import CellStudy
 from .study import Metres, Say, require, silent
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-# The edges by edges matrix of the weights' Hessian would not fit, nor be done today.
-_MAX_CELLS = 1500
 _MAX_RUNS = 10_000_000
 # The emphases among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
@@ -253,10 +252,10 @@ class PatrolMap(CellStudy):
 
         from ..patrol import cell_graph
 
-        if cells.positions > _MAX_CELLS:
+        if cells.positions > MOST_VERTICES:
             raise ValueError(
                 f"{self.map}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
-                f"computed for at most {_MAX_CELLS:,}; expected larger cells"
+                f"computed for at most {MOST_VERTICES:,}; expected larger cells"
             )
         if self.robots > cells.positions:
             raise ValueError(

@@ -118,7 +118,7 @@ def test_each_strategy_is_best_at_what_it_is_for(capsys):
     for name in ("kemeny", "return-time", "capture"):
         assert "the walk is a local optimum" in said[name]
     assert "local optimum" not in said["entropy"]
-    assert "in the long run the walk leaves out 3 of the vertices" in said["toward"]
+    assert "in the long run the walk leaves out 4 of the vertices" in said["toward"]
     to_3 = {name: one["vertices"][2]["mean_time_to"] for name, one in found.items()}
     assert to_3["toward"] < min(to_3["commute"], to_3["entropy"], to_3["mixing"])
     assert found["capture"]["goal"].endswith("captures within 4 steps")
@@ -242,7 +242,7 @@ def test_bad_files_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, file=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol graph: .*{name}: {message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.study.patrol_graph._MAX_VERTICES", 7)
+    monkeypatch.setattr("jaxcell.study.patrol_graph.MOST_VERTICES", 7)
     status, _, error = run(capsys)
     assert status == 2
     assert "it has 8 vertices; the times between all pairs" in error

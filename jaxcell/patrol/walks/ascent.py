@@ -11,12 +11,9 @@ from ...optimize import Graph
 from .steps import Steps, chances, pull
 
 
-# Steps that try a start, and those that then improve the best one.
-_TRIAL, _STEPS, _BLOCK = 150, 750, 25
+_STEPS, _BLOCK = 600, 25
 # Of the steps on the logits, and of the soft minimum of the logarithms of capture.
 _RATE, _SOFT, _HARD = 0.1, 30.0, 200.0
-# Eight starts are tried on so many vertices; on more, fewer.
-_TRIED = 100
 # Least probability of a step.
 _FLOOR = 1e-6
 
@@ -24,55 +21,53 @@ _FLOOR = 1e-6
 @one_blas_thread()
 def ascend(
     graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
-) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int]:
+) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int, float]:
     """Follow the gradient of the least probability of capture in the logits of the steps.
 
-    Adam tries each start, and then improves the one that came highest. What it lacks of a local
-    optimum is left to linear programs.
+    Adam anneals the minimum from each start. What the best then lacks of a local optimum is left to
+    linear programs.
 
     **Arguments:**
 
     - `graph`: a connected graph whose edges take one step each.
     - `attack_time`: the steps that an attack takes.
-    - `starts`: transition matrices without waiting; on large graphs only the first are tried.
+    - `starts`: transition matrices without waiting.
 
-    **Returns:** the matrices of the robots, the start that led there, and the number of steps.
+    **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
+    share of the probability that the last quarter of them added.
     """
     steps = Steps.of(graph)
     here = np.arange(graph.vertices)
-    tried = starts[: max(1, int(len(starts) * min(1.0, _TRIED / graph.vertices)))]
-    tries = []
-    for start in tried:
+    found = []
+    for start in starts:
         logits = np.log(np.maximum(start[:, here, np.asarray(steps.image)], 1e-3))
-        tries.append(_climb(logits, None, steps, attack_time, np.zeros(_TRIAL)))
-    first = int(np.argmax([value for _, value, _ in tries]))
-    best, value, state = tries[first]
-    best, _, _ = _climb(best, (state, value), steps, attack_time, np.arange(_STEPS) / _STEPS)
+        found.append(_climb(logits, steps, attack_time))
+    first = int(np.argmax([course[-1] for _, course in found]))
+    best, course = found[first]
     drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
     matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
     for matrix, chance in zip(matrices, drawn, strict=True):
         np.add.at(matrix, (np.broadcast_to(here, chance.shape), np.asarray(steps.image)), chance)
-    return matrices, first, _TRIAL * len(tried) + _STEPS
+    late = 1 - course[-len(course) // 4] / max(course[-1], 1e-12)
+    return matrices, first, _STEPS * len(starts), late
 
 
-def _climb(best, known, steps, attack_time, progress):  # type: ignore[no-untyped-def]
-    """The best logits, their value, and the state after some steps."""
-    if known is None:
-        logits = jnp.asarray(best, jnp.float32)
-        state = logits, optax.scale_by_adam().init(logits)
-        best, value = logits, float(_least(logits, steps, attack_time))
-    else:
-        state, value = known
+def _climb(logits, steps, attack_time):  # type: ignore[no-untyped-def]
+    """The best logits, and how the value rises."""
+    best = jnp.asarray(logits, jnp.float32)
+    state = best, optax.scale_by_adam().init(best)
+    course = [float(_least(best, steps, attack_time))]
+    progress = np.arange(_STEPS) / _STEPS
     rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
     hardness = _SOFT * (_HARD / _SOFT) ** progress
-    for first in range(0, progress.size, _BLOCK):
+    for first in range(0, _STEPS, _BLOCK):
         block = slice(first, first + _BLOCK)
         schedule = jnp.asarray(rate[block], jnp.float32), jnp.asarray(hardness[block], jnp.float32)
         state = _follow(*state, steps, schedule, attack_time)
         now = float(_least(state[0], steps, attack_time))
-        if now > value:
-            best, value = state[0], now
-    return best, value, state
+        best = state[0] if now > course[-1] else best
+        course.append(max(now, course[-1]))
+    return best, course
 
 
 def _captured(

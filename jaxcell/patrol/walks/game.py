@@ -94,6 +94,7 @@ def strategy_game(
     *,
     paths: int = 1,
     names: Sequence[str] | None = None,
+    values: Float[np.ndarray, "vertices"] | None = None,
 ) -> StrategyGame:
     """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
 
@@ -110,6 +111,8 @@ def strategy_game(
     - `share`: the least sum of the weights on the shortest closed tour through them.
     - `paths`: how many shortest paths lead from each vertex to the one that a walk is toward.
     - `names`: of the vertices; by default their numbers.
+    - `values`: what the goods at each vertex are worth to both; by default as in
+        [`jaxcell.optimize.payoffs`][].
 
     **Returns:** [`StrategyGame`][].
 
@@ -142,7 +145,7 @@ def strategy_game(
     for prefers, time in zip(preferred, times, strict=True):
         mean = time.mean(axis=0) if len(prefers) == graph.vertices else time[:, prefers].mean(1)
         order.append(np.argsort(np.round(mean / (_SAME * mean.max())), kind="stable"))
-    patroller, adversary = payoffs(np.stack(order))
+    patroller, adversary = payoffs(np.stack(order), values)
     return StrategyGame(
         names=[str(v) for v in every] if names is None else list(names),
         preferred=tuple(preferred),

@@ -38,6 +38,8 @@ class GraphPatrol(Measures):
     local: bool = False
     "Whether it is only a local optimum, because the problem is not convex."
     game: StrategyGame | None = None
+    weights_unused: bool = False
+    "Whether the file of the graph has weights on edges, which a walk has of its own."
     robots: int = 1
     "How many walk."
     seed: int = 0
@@ -93,6 +95,8 @@ class GraphPatrol(Measures):
     @property
     def remarks(self) -> tuple[str, ...]:
         found = []
+        if self.weights_unused:
+            found.append("the weights of edges in the file are not used; the walk has its own")
         if self.local:
             found.append(
                 "the walk is a local optimum, the best that several starts lead to; another may be "

@@ -1,13 +1,16 @@
+import dataclasses
 import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
+from ...optimize import Graph
 from ...patrol import GraphPatrol
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import points
@@ -54,14 +57,16 @@ def log_graph_patrol(
 
     **Arguments:**
 
-    - `patrol`: the walk, on a graph whose vertices have positions.
+    - `patrol`: the walk. Vertices without positions are drawn where springs along edges put them.
     - `path`: the file to write or replace; its name ends in `.rrd`.
     - `spec`: what was asked for, shown in the text.
-
-    **Raises:** `ValueError` if the vertices have no positions.
     """
     if patrol.graph.xy is None:
-        raise ValueError("graph: its vertices have no positions; expected xy")
+        graph = nx.Graph(patrol.graph.edges.tolist())
+        places = nx.spring_layout(graph, seed=0, scale=math.sqrt(patrol.graph.vertices))
+        xy = [places[vertex] for vertex in range(patrol.graph.vertices)]
+        placed = Graph(patrol.graph.edges, patrol.graph.vertices, xy)
+        patrol = dataclasses.replace(patrol, graph=placed)
     with recording(path, "patrol_graph") as stream:
         drawing = _Drawing(stream, patrol, patrol.graph.xy)
         tabs = [
