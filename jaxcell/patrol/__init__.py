@@ -4,13 +4,16 @@ A *patroller* walks on an undirected graph whose vertices are places to guard. I
 Markov chain, often one with *weights* `w` on the edges: from a vertex it takes an edge with a
 probability in proportion to the weight. Robots need not talk, start together, or know each other.
 
-Graphs are `Graph` (read and written by `load_graph` and `save_graph`), with `n` vertices, numbered
-from 0. A time is a number of steps, unless an edge has a travel time. Distances are in metres.
+Graphs are `Graph` (read and written by `load_graph` and `save_graph`; `has_weights` says whether a
+file has weights, which are not read, and `load_values` reads a number for each vertex), with `n`
+vertices, numbered from 0. A time is a number of steps, unless an edge has a travel time. Distances
+are in metres.
 
 **Walks.** With `L = A diag(w) A^T` the weighted Laplacian (Eq. 4.2), `A` the incidence matrix, and
 `0 = k_1 <= k_2 <= ... <= k_n` its eigenvalues:
 
     p_ij = w_ij / sum_j w_ij             the walk                                     `random_walk`
+    pi_i p_ij + pi_j p_ji                the share of steps along an edge             `edge_shares`
     h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: steps from i until at j
                                                                                `walk_hitting_times`
     C_ij = h_ij + h_ji                   the commute time, there and back                 `measure`

@@ -144,7 +144,7 @@ def capture_policies(
         >>> commuting = patrol.distributed_policies(graph, visible, 1, 0.0)
         >>> before = patrol.capture_probabilities(graph, visible, commuting, [4]).min()
         >>> round(float(before), 3), round(found.value, 2)
-        (0.465, 0.67)
+        (0.463, 0.67)
     """
     problem = _Problem.of(graph, visible, robots, attack_time, start)
     _check_randomness(randomness)

@@ -242,7 +242,20 @@ def _parse_networkx(text: str, suffix: str) -> tuple[list[_Vertex], list[_Edge]]
 
 
 def has_weights(path: str | os.PathLike[str]) -> bool:
-    """Whether the edges of a graph file have weights, which are not read."""
+    """Whether the edges of a graph file have weights, which [`load_graph`][] does not read.
+
+    **Arguments:**
+
+    - `path`: the file.
+
+    **Returns:** whether it names a weight; lists have none.
+
+    The graph of section 4.5.2 of Alam 2018 has none:
+
+        >>> from jaxcell import bundled, patrol
+        >>> patrol.has_weights(bundled("graphs/eight.json"))
+        False
+    """
     return Path(path).suffix.lower() not in (*_LIST_SUFFIXES, ".adjlist") and bool(
         _WEIGHT.search(_text(Path(path)))
     )

@@ -23,6 +23,16 @@ def load_values(
 
     **Raises:** `ValueError` that names the file and the line, for one that is something else, a
     vertex that does not exist, comes twice, or is missing; `FileNotFoundError`.
+
+    Attacks on two vertices:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import patrol
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "times.txt")
+        ...     _ = path.write_text("hall 6\\nyard 9\\n")
+        ...     patrol.load_values(path, ["yard", "hall"]).tolist()
+        [9.0, 6.0]
     """
     path = Path(path)
     check_file(path, "a number for each vertex")

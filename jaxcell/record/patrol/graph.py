@@ -1,4 +1,3 @@
-import dataclasses
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 
-from ...optimize import Graph
 from ...patrol import GraphPatrol
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import points
@@ -61,14 +59,13 @@ def log_graph_patrol(
     - `path`: the file to write or replace; its name ends in `.rrd`.
     - `spec`: what was asked for, shown in the text.
     """
-    if patrol.graph.xy is None:
+    xy = patrol.graph.xy
+    if xy is None:
         graph = nx.Graph(patrol.graph.edges.tolist())
         places = nx.spring_layout(graph, seed=0, scale=math.sqrt(patrol.graph.vertices))
-        xy = [places[vertex] for vertex in range(patrol.graph.vertices)]
-        placed = Graph(patrol.graph.edges, patrol.graph.vertices, xy)
-        patrol = dataclasses.replace(patrol, graph=placed)
+        xy = np.array([places[vertex] for vertex in range(patrol.graph.vertices)])
     with recording(path, "patrol_graph") as stream:
-        drawing = _Drawing(stream, patrol, patrol.graph.xy)
+        drawing = _Drawing(stream, patrol, xy)
         tabs = [
             _log_walk(drawing, _walks(patrol), spec or {}),
             _log_next(drawing),
