@@ -156,7 +156,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
             '<edge source="1" target="hall"/></graph>',
             "edge .* it joins .* as edge 'hall' to '1' does",
         ),
-        (".graphml", 'target="1"', 'target="attic"', "node 'attic'.x: it is missing"),
+        (".graphml", 'target="1"', 'target="attic"', "node 'attic': it has no position"),
         (".graphml", "</node>", "", "not valid XML, or cut short"),
         (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
         (".graphml", "graphml.graphdrawing.org", "example.org", "not GraphML"),
