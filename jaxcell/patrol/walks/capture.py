@@ -24,7 +24,7 @@ _HARDNESS = 50.0
 # On few vertices so many times as many starts are tried as are asked for.
 _MORE, _QUICK = 8, 7200
 # Derivatives that linear programs take; with more of them, gradients are all there is.
-_POLISHED = 2_000_000
+_POLISHED = 100_000
 # Of the value, by the last quarter of the gradient steps.
 _LATE = 0.02
 
@@ -93,7 +93,7 @@ def maximin_capture(
 
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is by what share of itself
     the value gets greater, to first order, at most, whatever the chains are changed to. On graphs
-    that are too large for linear programs, of some 80 vertices and more, it is the share of the
+    that are too large for linear programs, of some 30 vertices and more, it is the share of the
     value that the last quarter of the gradient steps added, and the tolerance is 0.02. The
     iterations are the gradient steps from all starts and the linear programs.
 
