@@ -18,6 +18,7 @@ from jaxcell.patrol import (
     cell_graph,
     centralized_policies,
     distributed_policies,
+    edge_shares,
     random_walk,
     toward,
 )
@@ -135,5 +136,9 @@ def policy_sets(site: Site) -> dict[str, tuple[Policy, ...]]:
     for share in (0.2, 0.5, 0.8, 0.95):
         sets[f"h = {share}"] = distributed_policies(site.graph, site.visible, robots, share)
     for cell in minimum_cover(site.visible).chosen.tolist():
-        sets[f"toward {site.at(cell)}"] = with_weights(site, toward(site.graph, cell))
+        chain = toward(site.graph, cell)
+        sets[f"toward {site.at(cell)}"] = tuple(
+            dataclasses.replace(p, weights=edge_shares(site.graph, chain), chain=chain)
+            for p in site.policies
+        )
     return sets

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.certificate import Certificate
+from ..base.limits import MOST_VERTICES
 from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
@@ -18,8 +19,6 @@ from .limiting import limiting_distribution
 _TIME_TOLERANCE = 1e-6
 # A matrix over so many cells takes 800 MB, and a solve holds a few.
 _LARGEST_MATRIX = 10_000
-# The mixing time needs up to `_SQUARINGS` of them at once.
-_LARGEST_POWER = 2_000
 # A distance that is exactly the one asked for is within it, whatever rounding says.
 _TIE = 1e-12
 # Past so many squarings, what is left of the spectral gap is rounding.
@@ -201,7 +200,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
     groups = _check_irreducible(chain, "mixing_time")
-    matrix = _matrix(chain, "mixing_time", _LARGEST_POWER)
+    matrix = _matrix(chain, "mixing_time", MOST_VERTICES)
     if groups.period[0] > 1:
         return math.inf
     share = np.asarray(limiting_distribution(chain, groups).value)

@@ -8,8 +8,9 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Array, Float, Int
 
-from ..base.certificate import Certificate
+from ..base.certificate import Certificate, Outcome
 from ..base.precision import require_x64
+from ..base.quiet import no_output
 
 
 # Of the range of payoffs. HiGHS keeps the constraints of a mixed-integer program to 1e-6.
@@ -40,6 +41,7 @@ def stackelberg(
     prior: Any = None,
     *,
     method: str | None = None,
+    time_limit: float = 60.0,
     throw: bool = True,
 ) -> Commitment:
     """The best commitment of a leader whose follower answers when it knows the commitment.
@@ -59,7 +61,11 @@ def stackelberg(
         targets]` where that depends on the type of the follower.
     - `follower`: array `[strategies, targets]`, or `[types, strategies, targets]`.
     - `prior`: array `[types]`, the probability of each type; all alike by default.
-    - `method`: `"dobss"` or `"multiple-lp"`; by default the second for one type, else the first.
+    - `method`: `"dobss"` or `"multiple-lp"`; by default the second for one type, else the first,
+        and then the second as well where the first is not good enough and there are at most 10,000
+        ways to answer.
+    - `time_limit`: of the mixed-integer program, in seconds. At its end the best commitment that
+        was found is not good enough, and its residual says by how much.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`Commitment`][]. The residual of its certificate is the larger of two numbers: by
@@ -95,22 +101,32 @@ def stackelberg(
             raise ValueError(f"{name}: expected payoffs of {types} types, got {len(payoffs)}")
     R, C = (np.broadcast_to(payoffs, (types, *payoffs.shape[1:])) for payoffs in (R, C))
     probability = _distribution(prior, types)
-    if method is None:
-        method = "multiple-lp" if types == 1 else "dobss"
-    routes = {"dobss": _dobss, "multiple-lp": _multiple_lp}
-    if method not in routes:
-        raise ValueError(f"method: expected one of {sorted(routes)}, got {method!r}")
+    if method not in (None, "dobss", "multiple-lp"):
+        raise ValueError(f"method: expected one of ['dobss', 'multiple-lp'], got {method!r}")
+    if not time_limit > 0:
+        raise ValueError(f"time_limit: expected more than 0 s, got {time_limit}")
 
     # Neither scale nor what a type is paid whatever it answers changes how it answers.
     unit_R = _unit(R - R.min())
     unit_C = np.stack([_unit(payoff - payoff.min(axis=1, keepdims=True)) for payoff in C])
-    weights, answer, bound, iterations = routes[method](probability[:, None, None] * unit_R, unit_C)
+    paid = probability[:, None, None] * unit_R
 
-    each = np.arange(types)
-    unit_value = float(probability @ (weights @ unit_R)[each, answer])
-    replies = weights @ unit_C
-    regret = float((replies.max(axis=1) - replies[each, answer]).max())
-    certificate = Certificate(iterations, max(0.0, bound - unit_value, regret), _TOLERANCE)
+    def certified(found: _Found) -> tuple[_Found, Certificate]:
+        weights, answer, bound, iterations = found
+        each = np.arange(types)
+        value = float(probability @ (weights @ unit_R)[each, answer])
+        replies = weights @ unit_C
+        regret = float((replies.max(axis=1) - replies[each, answer]).max())
+        return found, Certificate(iterations, max(0.0, bound - value, regret), _TOLERANCE)
+
+    few = C.shape[2] ** types <= _MAX_PROFILES
+    if method == "multiple-lp" or (method is None and types == 1):
+        found, certificate = certified(_multiple_lp(paid, unit_C))
+    else:
+        found, certificate = certified(_dobss(paid, unit_C, time_limit))
+        if method is None and few and certificate.outcome is not Outcome.CONVERGED:
+            found, certificate = certified(_multiple_lp(paid, unit_C))
+    weights, answer, each = found[0], found[1], np.arange(types)
     certificate.check("stackelberg", throw)
     return Commitment(
         jnp.asarray(weights),
@@ -123,6 +139,7 @@ def stackelberg(
 
 def payoffs(
     order: Int[np.ndarray, "strategies vertices"],
+    values: Float[np.ndarray, "vertices"] | None = None,
 ) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
     """The payoffs of a patroller and of an adversary that attacks a vertex (Alam 2018, Alg. 4.2).
 
@@ -134,10 +151,12 @@ def payoffs(
 
     - `order`: the vertices from the closest to the furthest, in mean hitting time, for each
         strategy.
+    - `values`: what the goods at each vertex are worth to both, by default `1 / n`.
 
     **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
 
-    **Raises:** `ValueError` for a row that is not an order of the vertices.
+    **Raises:** `ValueError` for a row that is not an order of the vertices, and for values that
+    are not one finite number a vertex.
 
     Two strategies on two vertices, each nearest to another:
 
@@ -158,7 +177,10 @@ def payoffs(
             )
     k = np.arange(vertices)
     caught = 0.5**k
-    goods = (1 - caught) / vertices
+    worth = np.full(vertices, 1 / vertices) if values is None else np.asarray(values, np.float64)
+    if worth.shape != (vertices,) or not np.isfinite(worth).all():
+        raise ValueError(f"values: expected {vertices} finite numbers, one a vertex, got {values}")
+    goods = (1 - caught) * worth[order]
     row = np.arange(strategies)[:, None]
     patroller, adversary = np.empty(order.shape), np.empty(order.shape)
     patroller[row, order] = caught * (vertices - k) + goods
@@ -173,6 +195,7 @@ _Found = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float,
 def _dobss(
     R: Float[np.ndarray, "types strategies targets"],
     C: Float[np.ndarray, "types strategies targets"],
+    time_limit: float,
 ) -> _Found:
     """Solve for the weights `x`, the value `a` and the answer `q` of each type, and `z = x q`."""
     types, strategies, targets = C.shape
@@ -204,15 +227,21 @@ def _dobss(
     )
     # HiGHS can fail after presolving payoffs that nearly tie, and then solves the program as it is.
     for presolve in (True, False):
-        found = scipy.optimize.milp(
-            objective,
-            integrality=integrality,
-            bounds=scipy.optimize.Bounds(0, 1),
-            constraints=constraints,
-            options={"mip_rel_gap": 0, "presolve": presolve},
-        )
-        if found.status == 0:
+        with no_output():
+            found = scipy.optimize.milp(
+                objective,
+                integrality=integrality,
+                bounds=scipy.optimize.Bounds(0, 1),
+                constraints=constraints,
+                options={"mip_rel_gap": 0, "presolve": presolve, "time_limit": time_limit},
+            )
+        if found.x is not None:
             break
+        if found.status == 1:
+            raise RuntimeError(
+                f"stackelberg: HiGHS found no commitment of {types} types in {time_limit:g} s; "
+                "expected fewer types or targets, or a longer time_limit"
+            )
     else:
         raise RuntimeError(f"stackelberg: HiGHS gave no answer: {found.message}")
     x, _, _, q = np.split(found.x, np.cumsum(sizes)[:-1])

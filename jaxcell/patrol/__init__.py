@@ -4,13 +4,16 @@ A *patroller* walks on an undirected graph whose vertices are places to guard. I
 Markov chain, often one with *weights* `w` on the edges: from a vertex it takes an edge with a
 probability in proportion to the weight. Robots need not talk, start together, or know each other.
 
-Graphs are `Graph` (read and written by `load_graph` and `save_graph`), with `n` vertices, numbered
-from 0. A time is a number of steps, unless an edge has a travel time. Distances are in metres.
+Graphs are `Graph` (read and written by `load_graph` and `save_graph`; `has_weights` says whether a
+file has weights, which are not read, and `load_values` reads a number for each vertex), with `n`
+vertices, numbered from 0. A time is a number of steps, unless an edge has a travel time. Distances
+are in metres.
 
 **Walks.** With `L = A diag(w) A^T` the weighted Laplacian (Eq. 4.2), `A` the incidence matrix, and
 `0 = k_1 <= k_2 <= ... <= k_n` its eigenvalues:
 
     p_ij = w_ij / sum_j w_ij             the walk                                     `random_walk`
+    pi_i p_ij + pi_j p_ji                the share of steps along an edge             `edge_shares`
     h_ij = 1 + sum_k p_ik h_kj, h_jj = 0 the hitting time: steps from i until at j
                                                                                `walk_hitting_times`
     C_ij = h_ij + h_ji                   the commute time, there and back                 `measure`
@@ -21,7 +24,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 - *MAECT* is the choice of weights with the least `C` (Eq. 4.4), `jaxcell.optimize.minimum_commute`;
     with an *emphasis*, the edges of the shortest closed tour through some vertices have at least a
     given share of the weight (Eq. 4.5). It is convex and comes with a duality gap.
-- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1).
+- `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1), whose steps count in their
+    own direction alone, as printed; then all rows of Table 4.2 come out for `k = 1`.
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
@@ -48,8 +52,9 @@ time `t_a`. With `S_r(t)` the probability that robot `r` has not come by `t`, th
 capture is `p_d = 1 - prod_r S_r(t_a)`. `capture_probabilities` has it exactly for all cells, in
 time `O(robots * cells * edges * t_a)`. For one cell `vulnerability` puts the source's way beside it
 (4.4.6): simulated times, and the generalized lambda distribution `Gld` (Eq. 4.10) that `fit_gld`
-fits to them. `share_game` mixes policies against an adversary who attacks the most vulnerable
-cell, of all or of the `contested` ones, where luck decides.
+fits to them. An adversary attacks the most vulnerable cell of the `contested` ones, where luck
+decides: `capture_policies` make the least probability of capture great, a local optimum, and
+`capture_frontier` says what of it is left where steps must be hard to predict.
 
 **Perimeters.** The baselines BMP, DCP and DNCP of Table 4.1 (Agmon, Kraus and Kaminka 2008) are
 robots on a cycle that toss one coin: `Perimeter`. The probability of detection is a polynomial in
@@ -63,16 +68,16 @@ from ..optimize import Graph as Graph
 from .law.distribution import Gld as Gld
 from .law.fit import GldFit as GldFit, fit_gld as fit_gld
 from .map.attack import (
-    Vulnerability as Vulnerability,
     boundary as boundary,
     capture_probabilities as capture_probabilities,
-    outside as outside,
-    vulnerability as vulnerability,
-)
-from .map.game import (
-    ShareGame as ShareGame,
     contested as contested,
-    share_game as share_game,
+    outside as outside,
+)
+from .map.capture import (
+    CaptureSearch as CaptureSearch,
+    Frontier as Frontier,
+    capture_frontier as capture_frontier,
+    capture_policies as capture_policies,
 )
 from .map.graph import cell_graph as cell_graph
 from .map.patrolled import PatrolledMap as PatrolledMap
@@ -90,6 +95,10 @@ from .map.regions import (
     Regions as Regions,
     angular_regions as angular_regions,
     base_station as base_station,
+)
+from .map.vulnerability import (
+    Vulnerability as Vulnerability,
+    vulnerability as vulnerability,
 )
 from .perimeter import (
     Maximin as Maximin,
@@ -114,9 +123,18 @@ from .walks.entropy import (
     return_time_law as return_time_law,
 )
 from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
-from .walks.graph_files import load_graph as load_graph, save_graph as save_graph
+from .walks.graph_files import (
+    has_weights as has_weights,
+    load_graph as load_graph,
+    save_graph as save_graph,
+)
 from .walks.graph_patrol import GraphPatrol as GraphPatrol
 from .walks.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.measures import Measures as Measures, measure as measure
 from .walks.paths import toward as toward
-from .walks.walk import random_walk as random_walk, walk_hitting_times as walk_hitting_times
+from .walks.values import load_values as load_values
+from .walks.walk import (
+    edge_shares as edge_shares,
+    random_walk as random_walk,
+    walk_hitting_times as walk_hitting_times,
+)

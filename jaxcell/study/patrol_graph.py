@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
 
+from ..base.limits import MOST_VERTICES
 from .study import Say, Study, require, silent
 
 
@@ -14,10 +15,6 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-# The matrices of all pairs, and the eigenvalues, take minutes.
-_MAX_VERTICES = 3000
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PatrolGraph(Study):
     """Find a random walk with which to patrol a graph, and play against an adversary."""
@@ -25,7 +22,8 @@ class PatrolGraph(Study):
     name: ClassVar[str] = "patrol"
 
     file: tyro.conf.Positional[Path]
-    """Graph file: node-link .json, .graphml, or a list of vertices and edges .edges or .txt."""
+    """Graph file: node-link .json, .graphml, .gml, .adjlist, or a list of vertices and edges .edges
+    or .txt. Vertices may have no positions; edges are then alike."""
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
@@ -39,12 +37,21 @@ class PatrolGraph(Study):
     """Least share of steps on the shortest closed tour through them."""
     vertex: str | None = None
     """The vertex that "toward" is toward."""
-    paths: int = 3
-    """Shortest paths from each vertex that lead there, for "toward" and the game."""
+    paths: int = 1
+    """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
+    the dissertation's table, the walk goes straight there."""
     attack_time: int | None = None
     """Steps that an attack takes, for "capture", which is by one patroller."""
     robots: int = 1
     """How many patrollers walk, each by itself."""
+    attack_times: Path | None = None
+    """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, for
+    "capture"."""
+    visits: Path | None = None
+    """File of a line "vertex share" for each vertex: how often the walk is there, relative to the
+    others, for mixing, kemeny, entropy and return-time."""
+    values: Path | None = None
+    """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
     seed: int = 0
@@ -61,8 +68,18 @@ class PatrolGraph(Study):
         for i, name in enumerate(self.emphasis):
             if name in self.emphasis[:i]:
                 raise ValueError(f"emphasis: vertex {name!r} comes twice")
+        if self.attack_times is not None and self.attack_time is not None:
+            raise ValueError("attack_times: expected either this file or one attack_time, got both")
+        if self.values is not None and not self.game:
+            raise ValueError("values has no meaning without a game")
+        prescribed = ("mixing", "kemeny", "entropy", "return-time")
+        if self.visits is not None and self.strategy not in prescribed:
+            raise ValueError(f"visits has no meaning for {self.strategy!r}")
+        if self.attack_times is not None and self.strategy != "capture":
+            raise ValueError(f"attack_times has no meaning for {self.strategy!r}")
         for parameter, strategy in (("vertex", "toward"), ("attack_time", "capture")):
             given, wanted = getattr(self, parameter) is not None, self.strategy == strategy
+            wanted = wanted and (parameter != "attack_time" or self.attack_times is None)
             if given and not wanted:
                 raise ValueError(f"{parameter} has no meaning for {self.strategy!r}")
             if wanted and not given:
@@ -81,7 +98,7 @@ class PatrolGraph(Study):
         return needed
 
     def run(self, say: Say = silent) -> "GraphPatrol":
-        from ..patrol import GraphPatrol, load_graph, strategy_game
+        from ..patrol import GraphPatrol, has_weights, load_graph, load_values, strategy_game
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
@@ -90,8 +107,12 @@ class PatrolGraph(Study):
         walk, game = self._walk(graph, names, emphasis), None
         if self.game:
             say("mixing strategies")
-            game = strategy_game(graph, emphasis, self.share, paths=self.paths, names=names)
+            values = None if self.values is None else load_values(self.values, names)
+            game = strategy_game(
+                graph, emphasis, self.share, paths=self.paths, names=names, values=values
+            )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
+        options["weights_unused"] = has_weights(self.file)
         return GraphPatrol.of(graph, **walk, game=game, **options)
 
     def heading(self, spec: dict[str, Any]) -> str:
@@ -111,10 +132,10 @@ class PatrolGraph(Study):
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
-        if graph.vertices > _MAX_VERTICES:
+        if graph.vertices > MOST_VERTICES:
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
-                f"computed for at most {_MAX_VERTICES:,}"
+                f"computed for at most {MOST_VERTICES:,}"
             )
         hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
         apart = np.flatnonzero(np.isinf(hops[0]))
@@ -150,28 +171,46 @@ class PatrolGraph(Study):
 
         if self.strategy == "toward":
             (vertex,) = self._vertices(names, "vertex", str(self.vertex))
-            return {"chain": patrol.random_walk(graph, patrol.toward(graph, vertex, self.paths))}
+            return {"chain": patrol.toward(graph, vertex, self.paths)}
         # Without given shares of time, the best walks leave some vertices out.
         even = np.full(graph.vertices, 1 / graph.vertices)
+        visits = None
+        if self.visits is not None:
+            visits = patrol.load_values(self.visits, names)
+            visits = even = visits / visits.sum()
         best: Any
         goal = {
             "return-time": "return-time entropy, in nats",
-            "capture": f"least chance that one patroller captures within {self.attack_time} steps",
+            "capture": "least chance that one patroller captures within "
+            + ("its attack time" if self.attack_time is None else f"{self.attack_time} steps"),
         }.get(self.strategy)
         if self.strategy == "commute":
             best = optimize.minimum_commute(graph, emphasis, self.share)
             chain = patrol.random_walk(graph, best.weights)
         elif self.strategy == "capture":
-            best = patrol.maximin_capture(graph, self.attack_time)
+            times: Any = self.attack_time
+            if self.attack_times is not None:
+                times = np.rint(patrol.load_values(self.attack_times, names)).astype(np.int64)
+            best = patrol.maximin_capture(graph, times, throw=False)
             chain = best.chains[0]
         else:
             seek: Any = {
                 "mixing": lambda: optimize.fastest_mixing(graph, even),
-                "kemeny": lambda: patrol.minimum_kemeny(graph, even, stay=True),
-                "entropy": lambda: patrol.maximum_entropy_rate(graph),
-                "return-time": lambda: patrol.maximum_return_time_entropy(graph, even, stay=True),
+                "kemeny": lambda: patrol.minimum_kemeny(graph, even, stay=True, throw=False),
+                "entropy": lambda: patrol.maximum_entropy_rate(
+                    graph, visits, stay=visits is not None
+                ),
+                "return-time": lambda: patrol.maximum_return_time_entropy(
+                    graph, even, stay=True, throw=False
+                ),
             }[self.strategy]
             best = seek()
             chain = best.chain
         value = None if goal is None else best.value
-        return {"chain": chain, "certificate": best.certificate, "goal": goal, "value": value}
+        return {
+            "chain": chain,
+            "certificate": best.certificate,
+            "goal": goal,
+            "value": value,
+            "local": self.strategy in ("kemeny", "return-time", "capture"),
+        }

@@ -1,8 +1,9 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from ..base.limits import MOST_VERTICES
 from ..base.quantities import Result
 from .map_study import CellStudy
 from .study import Metres, Say, require, silent
@@ -17,11 +18,9 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-# The edges by edges matrix of the weights' Hessian would not fit, nor be done today.
-_MAX_CELLS = 1500
 _MAX_RUNS = 10_000_000
-# The shares that are mixed against the adversary, besides the one that is asked for.
-_SHARES = (0.0, 0.2, 0.5, 0.8, 0.95)
+# The emphases among which "auto" chooses.
+_SHARES = (0.0, 0.2, 0.5, 0.8)
 # The smallest cover of more cells may take too long.
 _MAX_COVERED = 500
 _COVER_SECONDS = 5.0
@@ -37,8 +36,21 @@ class PatrolMap(CellStudy):
     """How many robots patrol."""
     range: Metres = 6.0
     """How far a robot sees, in metres; walls are in the way."""
-    share: float = 0.8
-    """Least share of steps on the shortest closed tour through the cells from which all is seen."""
+    strategy: Literal["commute", "capture"] = "commute"
+    """What the walks are for: a short time there and back between cells (commute), or a great least
+    probability of capture in the first of the attack times (capture), a local optimum."""
+    share: float | Literal["auto"] = "auto"
+    """Least share of steps on the shortest closed tour through the cells from which all is seen,
+    for "commute"; "auto" takes the one of 0, 0.2, 0.5 and 0.8 that captures most."""
+    start: Literal["uniform", "stationary", "worst"] = "uniform"
+    """Where robots are, out of view, as an attack begins: anywhere alike (uniform), as often as in
+    the long run (stationary), or where an adversary who sees them likes it best (worst)."""
+    randomness: float = 0.0
+    """Least share of its steps in which a robot goes to any neighbour alike, for "capture"."""
+    frontier: tuple[float, ...] = ()
+    """Values of the randomness at which "capture" is compared with entropy."""
+    starts: int = 3
+    """How many starts "capture" tries."""
     base: str | None = None
     """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
     for a central place that sees much. Without it each robot patrols the whole map."""
@@ -61,7 +73,20 @@ class PatrolMap(CellStudy):
         for name in ("range", "base_range"):
             require(name, getattr(self, name), "more than 0 m, and finite", lambda x: x > 0)
         require("robots", self.robots, "at least 1", lambda x: x >= 1)
-        require("share", self.share, "0 or more and less than 1", lambda x: 0 <= x < 1)
+        if self.share != "auto":
+            require("share", self.share, "0 or more and less than 1", lambda x: 0 <= x < 1)
+        require("starts", self.starts, "at least 1", lambda x: x >= 1)
+        for name, values in (("randomness", (self.randomness,)), ("frontier", self.frontier)):
+            for value in values:
+                require(name, value, "0 or more and less than 1", lambda x: 0 <= x < 1)
+        if self.strategy == "capture":
+            if self.base is not None:
+                raise ValueError('base has no meaning for "capture", whose robots do not report')
+            if self.share != "auto":
+                raise ValueError('share has no meaning for "capture"')
+        elif self.randomness or self.frontier:
+            name = "randomness" if self.randomness else "frontier"
+            raise ValueError(f"{name} has no meaning for {self.strategy!r}")
         if not self.attack_times:
             raise ValueError("attack_times: expected at least one")
         for steps in self.attack_times:
@@ -91,32 +116,31 @@ class PatrolMap(CellStudy):
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
-        def policies_of(share: float) -> "tuple[Policy, ...]":
-            if regions is None:
-                return patrol.distributed_policies(graph, visible, self.robots, share)
-            return patrol.centralized_policies(graph, visible, regions, share)
-
-        say(f"making policies for {self.robots} robots")
-        policies, after = policies_of(self.share), None
+        found: dict[str, Any]
+        if self.strategy == "capture":
+            found = self._searched(graph, visible, say)
+        else:
+            found = self._emphasised(graph, visible, regions, say)
+        policies = found["policies"]
         if self.lost is not None and regions is not None:
-            after = patrol.reassign(graph, visible, regions, policies, self.lost, share=self.share)
+            found["reassignment"] = patrol.reassign(
+                graph, visible, regions, policies, self.lost, share=found["chosen_share"]
+            )
         say("attacking every cell")
         times = list(self.attack_times)
-        capture = patrol.capture_probabilities(graph, visible, policies, times)
+        capture = patrol.capture_probabilities(graph, visible, policies, times, self.start)
         contested = patrol.contested(visible, policies, regions)
         target = self._target(target, contested, capture[0], regions)
         say(f"simulating {self.runs:,} attacks, and fitting their law")
         attack = patrol.vulnerability(
-            jax.random.key(self.seed), graph, visible, policies, target, times, runs=self.runs
-        )
-        say("mixing policies against the adversary")
-        game = patrol.share_game(
+            jax.random.key(self.seed),
             graph,
             visible,
-            lambda share: policies if share == self.share else policies_of(share),
-            sorted({*_SHARES, self.share}),
-            times[0],
-            contested,
+            policies,
+            target,
+            times,
+            start=self.start,
+            runs=self.runs,
         )
         say("comparing covers")
         return patrol.PatrolledMap(
@@ -124,15 +148,67 @@ class PatrolMap(CellStudy):
             reach=self.range,
             graph=graph,
             visible=visible,
-            policies=policies,
             attack=attack,
             capture=capture,
             regions=regions,
-            reassignment=after,
-            game=game,
+            start=self.start,
             smallest_covers=_smallest_covers(visible, policies),
             seed=self.seed,
+            **found,
         )
+
+    def _searched(self, graph: "Graph", visible: "np.ndarray", say: Say) -> dict[str, Any]:
+        """The policies that capture most, and what randomness costs."""
+        from .. import patrol
+
+        say(f"searching for the patrol of {self.robots} robots that captures most")
+        problem = graph, visible, self.robots, self.attack_times[0]
+        search = patrol.capture_policies(
+            *problem,
+            randomness=self.randomness,
+            start=self.start,
+            starts=self.starts,
+            seed=self.seed,
+        )
+        frontier = None
+        if self.frontier:
+            say(f"searching at {len(self.frontier)} floors of randomness")
+            frontier = patrol.capture_frontier(
+                *problem, self.frontier, start=self.start, seed=self.seed
+            )
+        return {"policies": search.policies, "search": search, "frontier": frontier}
+
+    def _emphasised(
+        self, graph: "Graph", visible: "np.ndarray", regions: "Regions | None", say: Say
+    ) -> dict[str, Any]:
+        """The policies of the share that is asked for, or of the one that captures most."""
+        import numpy as np
+
+        from .. import patrol
+
+        tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
+        least, policies = [], []
+        for share in tried:
+            say(f"making policies for {self.robots} robots, with a share of {share:g}")
+            if regions is None:
+                made = patrol.distributed_policies(graph, visible, self.robots, share)
+            else:
+                made = patrol.centralized_policies(graph, visible, regions, share)
+            caught = patrol.capture_probabilities(
+                graph, visible, made, [self.attack_times[0]], self.start
+            )[0]
+            policies.append(made)
+            least.append(caught[patrol.contested(visible, made, regions)].min(initial=1.0))
+        # Shares that differ by rounding count as equal, and the first of them is taken.
+        best = (
+            int(np.argmax(np.round(least, 9))) if self.share == "auto" else tried.index(self.share)
+        )
+        return {
+            "policies": policies[best],
+            "chosen_share": tried[best],
+            "shares": np.array(tried),
+            "share_capture": np.array(least),
+        }
 
     def spec(self, result: Result) -> dict[str, Any]:
         spec = super().spec(result)
@@ -176,10 +252,10 @@ class PatrolMap(CellStudy):
 
         from ..patrol import cell_graph
 
-        if cells.positions > _MAX_CELLS:
+        if cells.positions > MOST_VERTICES:
             raise ValueError(
                 f"{self.map}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
-                f"computed for at most {_MAX_CELLS:,}; expected larger cells"
+                f"computed for at most {MOST_VERTICES:,}; expected larger cells"
             )
         if self.robots > cells.positions:
             raise ValueError(

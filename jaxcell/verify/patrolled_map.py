@@ -27,16 +27,27 @@ def compare_patrolled_map(patrol: PatrolledMap) -> list[Comparison]:
     caught = np.array([_caught(patrol, target) for target in targets])
     spread = np.maximum(attack.exact * (1 - attack.exact), 1 / attack.arrival.size)
     deviation = (attack.simulated - attack.exact) / np.sqrt(spread / attack.arrival.size)
-    commutes = [_commute(patrol, one) for one in patrol.policies]
     seen = "capture of some cells, by products with sparse matrices"
     runs = "capture of the target, by simulation, in standard deviations"
-    back = "commute times of the robots, by resistances of networkx"
     return [
         _compare_sight(patrol),
         Comparison.close(seen, patrol.capture[:, targets].T, caught, _CLOSE),
         Comparison.close(runs, deviation, np.zeros(times.size), _DEVIATIONS),
-        Comparison.close(back, patrol.commute_time, commutes, _TIME, relative=True),
+        _compare_walks(patrol),
     ]
+
+
+def _compare_walks(patrol: PatrolledMap) -> Comparison:
+    if patrol.search is None:
+        back = "commute times of the robots, by resistances of networkx"
+        commutes = [_commute(patrol, one) for one in patrol.policies]
+        return Comparison.close(back, patrol.commute_time, commutes, _TIME, relative=True)
+    shares = [policy.share_of_time(patrol.graph) for policy in patrol.policies]
+    later = [
+        policy.chain.to_scipy().T @ share
+        for policy, share in zip(patrol.policies, shares, strict=True)
+    ]
+    return Comparison.close("shares of time, a step later", shares, later, _CLOSE)
 
 
 def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
@@ -45,11 +56,17 @@ def _caught(patrol: PatrolledMap, target: int) -> np.ndarray:
     survive = np.ones(int(times.max()) + 1)
     for policy in patrol.policies:
         unseen = np.isin(np.arange(view.size), policy.cells) & ~view
-        share = unseen / max(1, unseen.sum())
         forward = policy.chain.to_scipy().T.tocsr()
+        if patrol.start == "worst":
+            each = np.diag(unseen.astype(float))[:, unseen]
+        else:
+            share = unseen.astype(float)
+            if patrol.start == "stationary":
+                share *= policy.share_of_time(patrol.graph)
+            each = (share / share.sum())[:, None] if share.any() else np.zeros((view.size, 0))
         for t in range(survive.size):
-            survive[t] *= share.sum()
-            share = np.where(view, 0, forward @ share)
+            survive[t] *= each.sum(axis=0).max(initial=0.0)
+            each = np.where(view[:, None], 0, forward @ each)
     return 1 - survive[times]
 
 

@@ -23,7 +23,8 @@ _CLOSE = 1e-8
 def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     """Compare a walk on a graph with sparse solves of scipy."""
     P, share, vertices = patrol.transition, patrol.stationary, len(patrol.names)
-    targets, chain = sample(vertices, _TARGETS), scipy.sparse.csr_array(P)
+    visited, chain = np.flatnonzero(share > 0), scipy.sparse.csr_array(P)
+    targets = visited[sample(visited.size, _TARGETS)]
     again = np.zeros((targets.size, vertices))
     for row, target in zip(again, targets.tolist(), strict=True):
         others = np.delete(np.arange(vertices), target)
@@ -31,7 +32,8 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     found = patrol.hitting_time[:, targets].T
     entropy = share @ scipy.special.entr(P).sum(axis=1)
     about = "hitting times of some vertices, by spsolve", found, again
-    kemeny = np.full(vertices, patrol.kemeny_constant), patrol.hitting_time @ share
+    to_visited = patrol.hitting_time[:, visited] @ share[visited]
+    kemeny = np.full(vertices, patrol.kemeny_constant), to_visited
     what = "Kemeny constant, by the hitting times from each start"
     return [
         Comparison.close(*about, _TIME, relative=True),

@@ -47,6 +47,9 @@ def check_chain(found):
     np.testing.assert_allclose(P.sum(axis=1), 1, atol=1e-9)
     pi = np.array([one["stationary"] for one in found["vertices"]])
     np.testing.assert_allclose(pi @ P, pi, atol=1e-9)
+    if not pi.all():
+        # In the long run it leaves out some, to which the times are infinite.
+        return P
     n = len(P)
     fundamental = np.linalg.inv(np.eye(n) - P + pi)
     times = (np.diag(fundamental) - fundamental) / pi
@@ -104,13 +107,18 @@ def test_every_strategy_is_a_walk(capsys, strategy):
 
 def test_each_strategy_is_best_at_what_it_is_for(capsys):
     """Among the walks with the same measure, its own is the best."""
-    found = {
-        name: run(capsys, "--strategy", name, *args)[1]
-        for name, args in {"commute": (), **STRATEGIES}.items()
-    }
-    assert min(found, key=lambda name: found[name]["kemeny_constant"]) == "kemeny"
+    found, said = {}, {}
+    for name, args in {"commute": (), **STRATEGIES}.items():
+        _, found[name], said[name] = run(capsys, "--strategy", name, *args)
+    # That toward a vertex leaves some out, which makes it fast.
+    every = [name for name in found if name != "toward"]
+    assert min(every, key=lambda name: found[name]["kemeny_constant"]) == "kemeny"
     assert max(found, key=lambda name: found[name]["entropy_rate_nats"]) == "entropy"
-    assert min(found, key=lambda name: found[name]["mean_commute_time"]) in ("commute", "kemeny")
+    assert min(every, key=lambda name: found[name]["mean_commute_time"]) in ("commute", "kemeny")
+    for name in ("kemeny", "return-time", "capture"):
+        assert "the walk is a local optimum" in said[name]
+    assert "local optimum" not in said["entropy"]
+    assert "in the long run the walk leaves out 4 of the vertices" in said["toward"]
     to_3 = {name: one["vertices"][2]["mean_time_to"] for name, one in found.items()}
     assert to_3["toward"] < min(to_3["commute"], to_3["entropy"], to_3["mixing"])
     assert found["capture"]["goal"].endswith("captures within 4 steps")
@@ -121,8 +129,8 @@ def test_the_game(capsys):
     status, found, _ = run(capsys, "--game", "--emphasis", 2, 5, 8)
     assert status == 0
     game = found["game"]
-    # Alam 2018, Tables 4.2 and 4.3.
-    assert game["value"] == pytest.approx(8)
+    # Alam 2018, Table 4.2; vertices that are equally far are in the order of their numbers.
+    assert game["value"] == pytest.approx(7.689278)
     names = [one["strategy"] for one in game["strategies"]]
     assert names == [*(f"toward {v}" for v in range(1, 9)), "all vertices", "emphasis 2, 5, 8"]
     orders = {one["strategy"]: "".join(one["order"]) for one in game["strategies"]}
@@ -147,7 +155,7 @@ def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
     assert main(["patrol", "graph", str(EIGHT), "--game", "--json"]) == 0
     ctypes.CDLL(None).fflush(None)
     captured = capfd.readouterr()
-    assert json.loads(captured.out)["game"]["value"] == pytest.approx(8)
+    assert json.loads(captured.out)["game"]["value"] == pytest.approx(7.689278)
     assert "the solver writes\n" in captured.err
     assert "the solver prints\n" in captured.err
 
@@ -157,7 +165,7 @@ def test_tables_for_people(capsys):
     out = capsys.readouterr().out
     assert "18.6262 steps" in out
     assert re.search(r"│ +7 │ .* │ 19\.47 % +│ 4\.95\d* steps +│", out)
-    assert re.search(r"what the patroller is paid +│ 8 +│", out)
+    assert re.search(r"what the patroller is paid +│ 7.68928 +│", out)
     assert main(["patrol", "graph", str(GRAPHS / "random.json")]) == 0
     assert "and 20 more" in capsys.readouterr().out
 
@@ -234,7 +242,7 @@ def test_bad_files_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, file=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol graph: .*{name}: {message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.study.patrol_graph._MAX_VERTICES", 7)
+    monkeypatch.setattr("jaxcell.study.patrol_graph.MOST_VERTICES", 7)
     status, _, error = run(capsys)
     assert status == 2
     assert "it has 8 vertices; the times between all pairs" in error

@@ -56,7 +56,7 @@ def test_a_patrol_without_a_base(capsys):
     assert status == 0
     cells = CellSpace.of(Workspace.load(LAB), 1.0, 8)
     graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
-    policies = distributed_policies(graph, visible, 2)
+    policies = distributed_policies(graph, visible, 2, found["chosen_share"])
     capture = capture_probabilities(graph, visible, policies, [4, 9])
     assert found["positions"] == 19
     assert found["mean_cells_seen"] == pytest.approx(visible.sum() / 19)
@@ -83,14 +83,10 @@ def test_a_patrol_without_a_base(capsys):
         assert fitted == ("fit" in found["attack"]) == ("failure" not in found["attack"])
         if fitted:
             assert one["fit_gap"] == pytest.approx(one["fitted"] - one["exact"])
-    game = found["game"]
-    assert [one["share"] for one in game["strategies"]] == [0, 0.2, 0.5, 0.8, 0.95]
-    assert sum(one["probability"] for one in game["strategies"]) == pytest.approx(1)
-    asked = game["strategies"][3]["capture_alone"]
-    assert asked == pytest.approx(capture[0].min())
-    best = max(one["capture_alone"] for one in game["strategies"])
-    assert game["improvement"] == pytest.approx(game["value"] - best)
-    assert game["improvement"] >= -1e-6
+    assert [one["share"] for one in found["shares"]] == [0, 0.2, 0.5, 0.8]
+    tried = [one["share_capture"] for one in found["shares"]]
+    assert max(tried) == pytest.approx(capture[0].min())
+    assert found["shares"][tried.index(max(tried))]["share"] == found["chosen_share"]
     assert not {"regions", "reassignment", "when_a_robot_is_lost"} & found.keys()
 
 
@@ -120,8 +116,24 @@ def test_a_base_and_a_robot_that_is_lost(capsys, hall):
 def test_a_target_and_a_share_of_choice(capsys):
     _, found, _ = run(capsys, *NEAR, "--target", "5.5,3.5", "--share", 0.6, "--robots", 1)
     assert (found["attack"]["target"]["x"], found["attack"]["target"]["y"]) == (5.5, 3.5)
-    assert [one["share"] for one in found["game"]["strategies"]] == [0, 0.2, 0.5, 0.6, 0.8, 0.95]
+    assert [one["share"] for one in found["shares"]] == [0, 0.6]
+    assert found["chosen_share"] == 0.6
     assert len(found["policies"]) == 1
+
+
+@pytest.mark.slow
+def test_a_patrol_that_captures_most(capsys, tmp_path):
+    options = ("--strategy", "capture", "--randomness", 0.1, "--frontier", 0, 0.5, "--starts", 2)
+    status, found, error = run(capsys, *NEAR, *options, "--out", tmp_path)
+    assert status == 0
+    assert "the patrol is a local optimum, the best of 2 starts; another may capture more" in error
+    commuting = run(capsys, *NEAR)[1]["attacks"][0]["weakest_capture"]
+    assert found["attacks"][0]["weakest_capture"] > 1.2 * commuting
+    assert found["search"]["value"] == pytest.approx(found["attacks"][0]["weakest_capture"])
+    assert [one["floor"] for one in found["frontier"]["floors"]] == [0, 0.5]
+    assert "chosen_share" not in found or found["chosen_share"] is None
+    chains = json.loads((tmp_path / "patrol.json").read_text())
+    assert len(chains["robots"]) == 2
 
 
 @pytest.mark.slow
@@ -142,7 +154,7 @@ def test_tables_for_people(capsys, hall):
     assert re.search(r"│ steps of silence that mean a loss +│ [\d,]+ steps +│", out)
     assert re.search(r"│ all robots +│ [\d.]+ % +│ [\d.]+ % +│", out)
     assert re.search(r"│ 4 steps +│ \([\d.]+, [\d.]+\) +│ [\d.]+ % +│", out)
-    assert "more than by the best share alone" in out
+    assert "share of steps on the tours" in out
 
 
 def test_where_all_is_in_view_there_is_nothing_to_fit(capsys, tmp_path):
@@ -152,7 +164,7 @@ def test_where_all_is_in_view_there_is_nothing_to_fit(capsys, tmp_path):
     assert "fit" not in found["attack"]
     assert "different values" in found["attack"]["failure"]
     (one,) = probabilities(found)
-    assert one["exact"] == found["game"]["value"] == 1
+    assert one["exact"] == 1
     assert one["fitted"] is None
     assert found["policies"][0]["tour_steps"] == 0
     assert main(["patrol", "map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
@@ -204,6 +216,11 @@ def test_writes_its_results(capsys, tmp_path):
         (("--robots", 20), "--robots: 20 robots are more than the 19 cells of .*lab_b.json"),
         (("--share", 1), "--share: expected 0 or more and less than 1, got 1"),
         (("--attack-times", 5, 0), "--attack-times: expected at least 1 step, got 0"),
+        (("--randomness", 0.2), "--randomness has no meaning for 'commute'"),
+        (("--frontier", 0.2), "--frontier has no meaning for 'commute'"),
+        (("--strategy", "capture", "--share", 0.5), '--share has no meaning for "capture"'),
+        (("--strategy", "capture", "--base", "auto"), '--base has no meaning for "capture"'),
+        (("--strategy", "capture", "--frontier", 1), "--frontier: expected 0 or more and less"),
         (("--runs", 1), "--runs: expected 2 or more, up to 10,000,000, got 1"),
         (("--target", "3.5,2.5"), r"--target '3.5,2.5': the point \(3.5, 2.5\) lies in an obst"),
         (("--target", "99,1"), "--target '99,1': .* is off the map"),
@@ -240,7 +257,7 @@ def test_bad_maps_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, map=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol map: .*{name}: .*{message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.study.patrol_map._MAX_CELLS", 18)
+    monkeypatch.setattr("jaxcell.study.patrol_map.MOST_VERTICES", 18)
     status, _, error = run(capsys)
     assert status == 2
     assert "cells of 1 m are 19; policies are computed for at most 18" in error

@@ -1,8 +1,12 @@
 import itertools
+import os
+import sys
+import time
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -267,3 +271,50 @@ def test_jax_arrays_are_taken():
 def test_bad_orders_are_refused(order, message):
     with pytest.raises(ValueError, match=message):
         payoffs(np.array(order))
+
+
+def larger(types, strategies, targets, seed=0):
+    random = np.random.default_rng(seed)
+    return random.random((2, types, strategies, targets))
+
+
+def test_a_program_that_is_not_good_enough_is_solved_by_another(monkeypatch):
+    # HiGHS keeps to 1e-6, and a bound may be off by as much.
+    module = sys.modules["jaxcell.optimize.game"]
+    dobss = module._dobss
+
+    def off(*args):
+        weights, answer, bound, iterations = dobss(*args)
+        return weights, answer, bound + 2e-6, iterations
+
+    leader, follower = larger(2, 3, 4)
+    exact = stackelberg(leader, follower, method="multiple-lp")
+    monkeypatch.setattr(module, "_dobss", off)
+    found = stackelberg(leader, follower)
+    assert found.value == pytest.approx(exact.value, abs=1e-9)
+    with pytest.raises(RuntimeError, match="residual stayed above"):
+        stackelberg(leader, follower, method="dobss")
+
+
+def test_a_time_limit_is_kept_and_said():
+    # Without one this game takes minutes.
+    leader, follower = larger(4, 20, 50)
+    begun = time.perf_counter()
+    with pytest.raises(RuntimeError, match=r"stackelberg: (HiGHS found no|the residual stayed)"):
+        stackelberg(leader, follower, time_limit=0.5)
+    assert time.perf_counter() - begun < 30
+    with pytest.raises(ValueError, match="time_limit: expected more than 0 s, got 0"):
+        stackelberg(leader, follower, time_limit=0.0)
+
+
+def test_the_solver_writes_nothing(capfd, monkeypatch):
+    milp = scipy.optimize.milp
+
+    def speaks(*args, **options):
+        os.write(1, b"the solver writes\n")
+        return milp(*args, **options)
+
+    monkeypatch.setattr("scipy.optimize.milp", speaks)
+    stackelberg(*larger(2, 3, 4), method="dobss")
+    print("after")
+    assert capfd.readouterr().out == "after\n"

@@ -101,7 +101,7 @@ def test_the_dataset_holds_the_game(with_game, game, tmp_path):
         assert float(paid.sel(vertex=str(found.game_attacked.values))) == pytest.approx(
             float(paid.max())
         )
-        assert float(found.game_value) == pytest.approx(8)
+        assert float(found.game_value) == pytest.approx(7.689278)
         np.testing.assert_array_equal(found.game_weight, game.weight)
 
 
@@ -124,7 +124,7 @@ def test_the_summary_has_rows_for_vertices_edges_and_strategies(eight, patrol, g
     last = found["game"]["strategies"][-1]
     assert last["strategy"] == "emphasis 2, 5, 8"
     assert last["order"] == [names[vertex] for vertex in game.closest[-1]]
-    assert found["game"]["value"] == pytest.approx(8)
+    assert found["game"]["value"] == pytest.approx(7.689278)
 
 
 @pytest.mark.parametrize(
@@ -221,8 +221,8 @@ def test_the_recording_shows_the_game(with_game, game, tmp_path, read):
     save_recording(with_game, file)
     found = read(file)
     text = found.static("/game/text", "TextDocument:text")[0]
-    assert "| vertex that it attacks | 7 |" in text
-    assert "| what the patroller is paid | 8 |" in text
+    assert "| vertex that it attacks | 2 |" in text
+    assert "| what the patroller is paid | 7.689" in text
     assert "| all vertices |" in text
     assert "| 7, 2, 5, 3, 8, 1, 4, 6 |" in text
     for who, payoff in (
@@ -296,9 +296,8 @@ def test_what_does_not_belong_together_is_refused(eight, weights, patrol, game, 
     path = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]])
     with pytest.raises(ValueError, match="game: expected walks on 2 edges, got 13"):
         patrol_of(path, game=game)
-    with pytest.raises(ValueError, match="its vertices have no positions"):
-        save_recording(patrol_of(Graph(graph.edges)), tmp_path / "bad.rrd")
-    assert not (tmp_path / "bad.rrd").exists()
+    save_recording(patrol_of(Graph(graph.edges)), tmp_path / "unplaced.rrd")
+    assert (tmp_path / "unplaced.rrd").exists()
 
 
 def test_a_matrix_of_one_number(tmp_path, read):

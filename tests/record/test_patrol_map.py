@@ -13,6 +13,8 @@ from jaxcell.patrol import (
     PatrolledMap,
     angular_regions,
     base_station,
+    capture_frontier,
+    capture_policies,
     capture_probabilities,
     cell_graph,
     centralized_policies,
@@ -20,7 +22,6 @@ from jaxcell.patrol import (
     reassign,
     vulnerability,
 )
-from jaxcell.patrol.map.game import share_game
 from jaxcell.patrol.map.intruder import AttackState, simulate_attacks
 from jaxcell.record import dataset, save_dataset, save_recording
 from jaxcell.record.canvas.palette import CATEGORIES, KNOWN, PLAIN
@@ -55,7 +56,6 @@ def make(robots, *, base=False, lost=None):
     target = int(np.where(watched, 2, capture[0]).argmin())
     key = jax.random.key(1)
     attack = vulnerability(key, graph, visible, found, target, TIMES, runs=400)
-    open_ = np.flatnonzero(~watched).astype(np.int32)
     return PatrolledMap(
         cells=cells,
         reach=2.5,
@@ -66,7 +66,9 @@ def make(robots, *, base=False, lost=None):
         capture=capture,
         regions=regions,
         reassignment=after,
-        game=share_game(graph, visible, policies, [0.2, 0.9], TIMES[0], open_),
+        shares=np.array([0.0, 0.8]),
+        share_capture=np.array([0.3, 0.2]),
+        chosen_share=0.8,
         seed=4,
     )
 
@@ -133,11 +135,8 @@ def test_the_dataset_holds_the_patrol(alone, tmp_path):
         assert [float(found[f"attack_fit_l{i}"]) for i in (1, 2, 3, 4)] == pytest.approx(
             [float(one) for one in jax.tree.leaves(attack.fit.law)]
         )
-        np.testing.assert_allclose(
-            found.game_probability @ found.game_capture, alone.game.mixed, atol=1e-15
-        )
-        assert found.share.values.tolist() == [0.2, 0.9]
-        assert float(found.game_value) == alone.game.commitment.value
+        assert found.share.values.tolist() == [0.0, 0.8]
+        assert found.share_capture.values.tolist() == [0.3, 0.2]
         assert json.loads(found.attrs["spec"]) == {"robots": 2}
         assert found.attack_target == attack.target
         assert "regions_region" not in found
@@ -332,22 +331,45 @@ def test_the_recording_shows_the_law(alone, recorded, read):
 
 
 def test_the_recording_shows_the_vulnerability(alone, recorded, read):
-    found = read(recorded)
-    for name, caught in (("capture", alone.capture[0]), ("mixed", alone.game.mixed)):
-        kind = still(alone, found, f"/map/grid/{name}").astype(int)
-        assert kind.min() >= 3
-        assert kind.max() <= 34
-        assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
-        frame = found.static(f"/map/worst_{name}/frame", "Boxes2D:centers")
-        np.testing.assert_allclose(frame, alone.xy[[caught.argmin()]])
-        (label,) = found.static(f"/map/worst_{name}/label", "Points2D:labels")
-        assert label == f"most vulnerable: {caught.min():.3f}"
+    found, caught = read(recorded), alone.capture[0]
+    kind = still(alone, found, "/map/grid/capture").astype(int)
+    assert kind.min() >= 3
+    assert kind.max() <= 34
+    assert (np.diff(kind[np.argsort(caught)]) >= 0).all()
+    frame = found.static("/map/worst_capture/frame", "Boxes2D:centers")
+    np.testing.assert_allclose(frame, alone.xy[[caught.argmin()]])
+    (label,) = found.static("/map/worst_capture/label", "Points2D:labels")
+    assert label == f"most vulnerable: {caught.min():.3f}"
     classes = found.classes("/map/grid/capture")
     low = classes[still(alone, found, "/map/grid/capture")[alone.capture[0].argmin()]]
     assert low.startswith(f"caught with probability {alone.capture[0].min():.3f}"[:-1])
     text = found.static("/vulnerability/text", "TextDocument:text")[0]
-    assert f"caught with probability\n**{alone.game.commitment.value:.4f}**" in text
-    assert "| 0.9 | " in text
+    assert f"{100 * caught.min():.4g} %" in text
+
+
+def test_an_emphasis_that_lowers_capture_is_remarked(alone):
+    (remark,) = alone.remarks
+    assert remark == (
+        "an emphasis of 0.8 lowers the least probability of capture from 0.300 to 0.200"
+    )
+    assert dataclasses.replace(alone, chosen_share=0.0).remarks == ()
+
+
+@pytest.mark.slow
+def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read):
+    problem = alone.graph, alone.visible, 2, TIMES[0]
+    search = capture_policies(*problem, starts=1)
+    frontier = capture_frontier(*problem, [0.0, 0.6])
+    patrol = dataclasses.replace(
+        alone, policies=search.policies, search=search, frontier=frontier, share_capture=None
+    )
+    assert "the patrol is a local optimum, the best of 1 starts" in patrol.remarks[0]
+    save_recording(patrol, tmp_path / "search.rrd")
+    found = read(tmp_path / "search.rrd")
+    assert len(found.static("/frontier/curve/floors", "Points2D:positions")) == 2
+    text = found.static("/frontier/text", "TextDocument:text")[0]
+    assert f"| 60% | {frontier.entropy[1]:.3f} nats | {frontier.least_capture[1]:.4f} |" in text
+    assert "local optimum" in found.static("/policies/text", "TextDocument:text")[0]
 
 
 def test_the_recording_shows_the_regions(based, tmp_path, read):
@@ -386,13 +408,10 @@ def test_a_target_that_is_always_seen_has_no_fit(alone, tmp_path, read):
         jax.random.key(0), alone.graph, everything, alone.policies, 3, TIMES, runs=10
     )
     capture = capture_probabilities(alone.graph, everything, alone.policies, TIMES)
-    patrol = dataclasses.replace(
-        alone, visible=everything, attack=attack, capture=capture, game=None
-    )
+    patrol = dataclasses.replace(alone, visible=everything, attack=attack, capture=capture)
     save_recording(patrol, tmp_path / "all.rrd")
     found = read(tmp_path / "all.rrd")
     assert "/target/times/fitted" not in found.entities
-    assert "/map/grid/mixed" not in found.entities
     assert "No generalized lambda" in found.static("/target/text", "TextDocument:text")[0]
     assert "attack_fit_l1" not in dataset(patrol)
     curve = found.over("step", "/attacks/caught", "Scalars:scalars")

@@ -5,14 +5,16 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...base.certificate import Outcome
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from ...space import CellSpace
-from .attack import Vulnerability, capture_probabilities
-from .game import ShareGame, contested
+from .attack import capture_probabilities, contested
+from .capture import CaptureSearch, Frontier, entropy_rate
 from .policies import Policy
 from .reassignment import Reassignment
 from .regions import Regions
+from .vulnerability import Vulnerability
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,6 +41,7 @@ class PatrolledMap(Result):
     tables: ClassVar[Mapping[str, str]] = {
         "robot": "policies",
         "attack_time": "attacks",
+        "share": "shares",
         "phase": "when_a_robot_is_lost",
     }
 
@@ -64,10 +67,23 @@ class PatrolledMap(Result):
     "Who patrols where, if there is a base station."
     reassignment: Reassignment | None = None
     "What the robots do when one has stopped reporting."
-    game: ShareGame | None = None
-    "The mixture of policies that is best against an adversary."
+    start: str = "uniform"
+    "Where robots are as an attack begins."
+    search: CaptureSearch | None = None
+    "The search that led to the policies, if they are those that capture most."
+    frontier: Frontier | None = None
+    "What is left of capture where robots must be hard to predict."
+    shares: Float[np.ndarray, "shares"] | None = None
+    "The emphases on covers that were tried."
+    share_capture: Annotated[
+        Float[np.ndarray, "shares"] | None,
+        quantity("share", "capture at the weakest cell, first attack time", "1", kind="share"),
+    ] = None
     smallest_covers: Float[np.ndarray, "robots"] | None = None
     "The number of cells of the smallest cover of each robot's cells; NaN where it is not known."
+    chosen_share: Annotated[
+        float | None, quantity("", "share of steps on the tours", "1", kind="share")
+    ] = None
     seed: int = 0
     "Of the patrol that a recording shows."
 
@@ -83,8 +99,6 @@ class PatrolledMap(Result):
         }
         if self.regions is not None:
             sizes["regions"] = self.regions.region.size
-        if self.game is not None:
-            sizes["game"] = self.game.capture.shape[1]
         for name, size in sizes.items():
             if size != positions:
                 raise ValueError(f"{name}: expected that of {positions} cells, got {size}")
@@ -104,6 +118,30 @@ class PatrolledMap(Result):
         return contested(self.visible, self.policies, self.regions)
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        found = []
+        if self.search is not None:
+            found.append(
+                f"the patrol is a local optimum, the best of {self.search.tried.size} starts; "
+                "another may capture more"
+            )
+            if self.search.certificate.outcome is not Outcome.CONVERGED:
+                found.append(
+                    f"the last quarter of the steps still added {self.search.late_gain:.1%} to its "
+                    "least probability of capture"
+                )
+        if self.share_capture is not None:
+            least, chosen = self.share_capture, self.chosen_share
+            plain = float(least[self.share == 0].max(initial=0))
+            taken = float(least[self.share == chosen].max(initial=0))
+            if chosen is not None and taken < plain:
+                found.append(
+                    f"an emphasis of {chosen:g} lowers the least probability of capture from "
+                    f"{plain:.3f} to {taken:.3f}"
+                )
+        return tuple(found)
+
+    @property
     def xy(self) -> Float[np.ndarray, "cells 2"]:
         """The centre of each cell, in metres."""
         x, y, _ = self.cells.centre(np.arange(self.cells.positions))
@@ -112,6 +150,10 @@ class PatrolledMap(Result):
     @derived("", "robots", kind="count")
     def robots(self) -> int:
         return len(self.policies)
+
+    @derived("share", "share of steps on the tours", "1", kind="coordinate")
+    def share(self) -> Float[np.ndarray, "shares"] | None:
+        return self.shares
 
     @derived("", "edges between cells", kind="count")
     def edges(self) -> int:
@@ -174,9 +216,14 @@ class PatrolledMap(Result):
     def commute_time(self) -> Float[np.ndarray, "robots"]:
         return np.array([policy.commute_time for policy in self.policies])
 
+    @derived("robot", "entropy of its step in the long run", "nats")
+    def entropy_rate(self) -> Float[np.ndarray, "robots"]:
+        return np.array([entropy_rate(self.graph, policy) for policy in self.policies])
+
     @derived("robot", "duality gap of its weights, relative", kind="residual")
-    def duality_gap(self) -> Float[np.ndarray, "robots"]:
-        return np.array([policy.certificate.residual for policy in self.policies])
+    def duality_gap(self) -> Float[np.ndarray, "robots"] | None:
+        gaps = [one.certificate.residual for one in self.policies if one.certificate is not None]
+        return np.array(gaps) if len(gaps) == self.robots else None
 
     @derived("robot", "cell where it reports", kind="place")
     def contact(self) -> Int[np.ndarray, "robots"] | None:
@@ -225,7 +272,7 @@ class PatrolledMap(Result):
         left = [self.policies[robot] for robot in sorted(after.robot.tolist())]
         steps = [int(self.attack.attack_times[0])]
         caught = [
-            capture_probabilities(self.graph, self.visible, policies, steps)[0]
+            capture_probabilities(self.graph, self.visible, policies, steps, self.start)[0]
             for policies in (left, after.policies)
         ]
         return np.stack([self.capture[0], *caught])

@@ -18,9 +18,9 @@ class Policy:
     cells: Int[np.ndarray, "visited"]
     "The cells that it walks on, in order."
     weights: Float[np.ndarray, "edges"]
-    "The weight of each edge of the graph; they sum to 1 and are 0 where the robot does not walk."
+    "The share of its steps along each edge of the graph, in the long run."
     chain: Chain
-    "The walk that takes an edge in proportion to its weight; it stays in cells without edges."
+    "The walk; it stays in cells without edges."
     cover: Int[np.ndarray, "stops"]
     "The cells from which all those that it walks on are seen, in the order of their choice."
     uncovered: Int[np.ndarray, "unseen"]
@@ -31,8 +31,14 @@ class Policy:
     "The closed walk through the cover and the contact; none through a single cell."
     commute_time: float
     "The mean over pairs of these cells of the expected number of steps there and back."
-    certificate: Certificate
-    "That of the weights, of [`jaxcell.optimize.minimum_commute`][]."
+    certificate: Certificate | None
+    "That of the weights, if they are those of [`jaxcell.optimize.minimum_commute`][]."
+
+    def share_of_time(self, graph: Graph) -> Float[np.ndarray, "cells"]:
+        """How often the robot is in each cell in the long run; the shares sum to 1."""
+        if not self.weights.any():
+            return np.isin(np.arange(graph.vertices), self.cells) / self.cells.size
+        return np.bincount(graph.edges.ravel(), np.repeat(self.weights, 2) / 2, graph.vertices)
 
 
 def distributed_policies(

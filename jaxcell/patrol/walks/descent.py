@@ -12,6 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
+from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from .polytope import ChainPolytope
 
@@ -82,6 +83,7 @@ def minimize(
     return OptimizedWalk(matrix, value, best, certificate)
 
 
+@one_blas_thread()
 def descend(
     measure: Measure,
     polytope: ChainPolytope,

@@ -2,13 +2,15 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
+from ...markov import dense
 from ...optimize import Commitment, Graph, minimum_commute, payoffs, stackelberg
 from .paths import toward
-from .walk import walk_hitting_times
+from .walk import edge_shares, walk_hitting_times
 
 
 # Of the longest time: vertices that are as close by symmetry differ by rounding.
@@ -28,7 +30,7 @@ class StrategyGame(Result):
     "For each strategy the vertices it is for: one, all, or those with an emphasis."
     weight: Annotated[
         Float[np.ndarray, "strategies edges"],
-        quantity("strategy edge", "weight of the edge in the walk", "1", kind="distribution"),
+        quantity("strategy edge", "share of steps along the edge", "1", kind="distribution"),
     ]
     closest: Int[np.ndarray, "strategies vertices"]
     "The vertices from the closest to the furthest, in mean hitting time."
@@ -90,8 +92,9 @@ def strategy_game(
     emphasis: Sequence[int] | None = None,
     share: float = 0.8,
     *,
-    paths: int = 3,
+    paths: int = 1,
     names: Sequence[str] | None = None,
+    values: Float[np.ndarray, "vertices"] | None = None,
 ) -> StrategyGame:
     """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
 
@@ -108,6 +111,8 @@ def strategy_game(
     - `share`: the least sum of the weights on the shortest closed tour through them.
     - `paths`: how many shortest paths lead from each vertex to the one that a walk is toward.
     - `names`: of the vertices; by default their numbers.
+    - `values`: what the goods at each vertex are worth to both; by default as in
+        [`jaxcell.optimize.payoffs`][].
 
     **Returns:** [`StrategyGame`][].
 
@@ -126,17 +131,21 @@ def strategy_game(
     """
     every = range(graph.vertices)
     preferred = [*((v,) for v in every), tuple(every)]
-    weights = [toward(graph, v, paths) for v in every]
+    weights, times = [], []
+    for v in every:
+        chain = toward(graph, v, paths)
+        weights.append(edge_shares(graph, chain))
+        times.append(np.asarray(dense.hitting(jnp.asarray(chain.to_scipy().toarray()))))
     weights.append(minimum_commute(graph).weights)
     if emphasis is not None:
         preferred.append(tuple(emphasis))
         weights.append(minimum_commute(graph, emphasis, share).weights)
+    times += [walk_hitting_times(graph, one) for one in weights[graph.vertices :]]
     order = []
-    for prefers, weight in zip(preferred, weights, strict=True):
-        times = walk_hitting_times(graph, weight)
-        mean = times.mean(axis=0) if len(prefers) == graph.vertices else times[:, prefers].mean(1)
+    for prefers, time in zip(preferred, times, strict=True):
+        mean = time.mean(axis=0) if len(prefers) == graph.vertices else time[:, prefers].mean(1)
         order.append(np.argsort(np.round(mean / (_SAME * mean.max())), kind="stable"))
-    patroller, adversary = payoffs(np.stack(order))
+    patroller, adversary = payoffs(np.stack(order), values)
     return StrategyGame(
         names=[str(v) for v in every] if names is None else list(names),
         preferred=tuple(preferred),

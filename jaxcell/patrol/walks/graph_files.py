@@ -1,12 +1,13 @@
 """Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
 
-Every vertex has a name and a position, every edge joins two different vertices, once, and can be
-walked both ways. Other attributes in a file are ignored.
+Every vertex has a name, and either all have a position or none has. Every edge joins two different
+vertices, once, and can be walked both ways. Other attributes in a file are ignored.
 
 **Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
 and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
-`target`. In **GraphML** (`.graphml`) the vertices have attributes `x` and `y`. An **edge list**
-(`.edges`, `.txt`) is text; `#` begins a comment:
+`target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
+An **adjacency list** (`.adjlist`) has a line for each vertex, its name and those of neighbours. An
+**edge list** (`.edges`, `.txt`) is text; `#` begins a comment:
 
 ```
 # A line of three is a vertex and its position in metres.
@@ -19,6 +20,7 @@ hall yard
 
 import json
 import os
+import re
 import reprlib
 import warnings
 from collections.abc import Mapping, Sequence
@@ -42,7 +44,8 @@ from ...optimize import Graph
 
 
 _LIST_SUFFIXES = (".edges", ".txt")
-_SUFFIXES = ".json (node-link), .graphml, .edges or .txt (edge list)"
+_SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .edges or .txt (edge list)"
+_WEIGHT = re.compile(r"""["\s]weight["\s]""")
 _MAX_BYTES = 64 * 1024**2
 _DIRECTED = (
     "it is directed; expected an undirected graph, whose edges a patroller can walk both ways: "
@@ -72,15 +75,16 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
     **Arguments:**
 
     - `path`: the file, of at most 64 MiB. Its suffix says the format: `.json` is node-link JSON,
-        `.graphml` is GraphML, and `.edges` or `.txt` is a list in which `name x y` is a vertex and
-        `name name` an edge.
+        `.graphml` is GraphML, `.gml` GML, `.adjlist` an adjacency list, and `.edges` or `.txt` a
+        list in which `name x y` is a vertex and `name name` an edge.
 
     **Returns:** the graph, and the names of its vertices, which it numbers in the order of the
     file.
 
     **Raises:** `ValueError` that names the file, the field, and what is wrong: text that is cut
     short or in another format, a directed graph, a loop, parallel edges, a vertex that is named
-    twice or by an edge alone, or one without two finite coordinates; `FileNotFoundError`.
+    twice or by an edge alone, or one without two finite coordinates where others have them;
+    `FileNotFoundError`.
 
     The graph of section 4.5.2 of Alam 2018:
 
@@ -97,6 +101,8 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
             found = _parse_json(_text(path))
         elif suffix == ".graphml":
             found = _parse_graphml(_text(path))
+        elif suffix in (".gml", ".adjlist"):
+            found = _parse_networkx(_text(path), suffix)
         elif suffix in _LIST_SUFFIXES:
             found = _parse_list(_text(path))
         else:
@@ -218,6 +224,43 @@ def _parse_graphml(text: str) -> tuple[list[_Vertex], list[_Edge]]:
     )
 
 
+def _parse_networkx(text: str, suffix: str) -> tuple[list[_Vertex], list[_Edge]]:
+    """GML and adjacency lists, as networkx reads them."""
+    import networkx as nx
+
+    lines = text.splitlines()
+    try:
+        graph = nx.parse_gml(lines) if suffix == ".gml" else nx.parse_adjlist(lines)
+    except (nx.NetworkXError, LookupError, TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
+    if graph.is_directed():
+        raise ValueError(f"directed: {_DIRECTED}")
+    return (
+        [_Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
+        [_Edge(f"edge {tail!r} to {head!r}", tail, head) for tail, head in graph.edges()],
+    )
+
+
+def has_weights(path: str | os.PathLike[str]) -> bool:
+    """Whether the edges of a graph file have weights, which [`load_graph`][] does not read.
+
+    **Arguments:**
+
+    - `path`: the file.
+
+    **Returns:** whether it names a weight; lists have none.
+
+    The graph of section 4.5.2 of Alam 2018 has none:
+
+        >>> from jaxcell import bundled, patrol
+        >>> patrol.has_weights(bundled("graphs/eight.json"))
+        False
+    """
+    return Path(path).suffix.lower() not in (*_LIST_SUFFIXES, ".adjlist") and bool(
+        _WEIGHT.search(_text(Path(path)))
+    )
+
+
 def _refuse_doctype(*_: object) -> NoReturn:
     raise ValueError(
         "it has a document type (<!DOCTYPE ...>), which GraphML does without and whose entities "
@@ -250,7 +293,11 @@ def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[st
         if str(name) in numbers:
             raise ValueError(f"{field}: the vertex {reprlib.repr(name)} comes twice")
         numbers[str(name)] = len(numbers)
-        xy.append(_position(field, attributes))
+        placed = bool({"x", "y", "pos"} & attributes.keys())
+        xy.append(_position(field, attributes) if placed else None)
+    if None in xy and any(one is not None for one in xy):
+        field = vertices[xy.index(None)].field
+        raise ValueError(f"{field}: it has no position, x and y, as others have")
     if len(numbers) < 2:
         raise ValueError(f"expected at least 2 vertices, got {len(numbers)}")
     if not edges:
@@ -271,7 +318,7 @@ def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[st
             )
         before[tail, head] = field
     pairs = [[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges]
-    return Graph(pairs, xy=xy), tuple(numbers)
+    return Graph(pairs, len(numbers), None if None in xy else xy), tuple(numbers)
 
 
 def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:

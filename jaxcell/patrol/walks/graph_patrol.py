@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ...base.certificate import Certificate
+from ...base.certificate import Certificate, Outcome
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...optimize import Graph
@@ -17,6 +17,8 @@ from .measures import Measures, measure
 _NOTHING = 1e-9
 # Of all steps: less is what a solver leaves of an edge that is not used.
 _USED = 1e-6
+# Nats a step: with less, the next step is known.
+_FORESEEN = 0.01
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,7 +35,11 @@ class GraphPatrol(Measures):
     value: Annotated[float | None, quantity("", "how large that is")] = None
     certificate: Certificate | None = None
     "How good the walk is at what it is for, as far as that is known."
+    local: bool = False
+    "Whether it is only a local optimum, because the problem is not convex."
     game: StrategyGame | None = None
+    weights_unused: bool = False
+    "Whether the file of the graph has weights on edges, which a walk has of its own."
     robots: int = 1
     "How many walk."
     seed: int = 0
@@ -86,6 +92,31 @@ class GraphPatrol(Measures):
         if self.robots < 1:
             raise ValueError(f"robots: expected at least 1, got {self.robots}")
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        found = []
+        if self.weights_unused:
+            found.append("the weights of edges in the file are not used; the walk has its own")
+        if self.local:
+            found.append(
+                "the walk is a local optimum, the best that several starts lead to; another may be "
+                "better"
+            )
+        if self.certificate is not None and self.certificate.outcome is not Outcome.CONVERGED:
+            found.append(
+                f"{self.certificate.outcome.value} (residual {self.certificate.residual:.3g}, "
+                f"tolerance {self.certificate.tolerance:.3g})"
+            )
+        left_out = int((self.stationary <= 0).sum())
+        if left_out:
+            found.append(f"in the long run the walk leaves out {left_out:,} of the vertices")
+        if self.entropy_rate_nats < _FORESEEN:
+            found.append(
+                f"the walk is deterministic but for {self.entropy_rate_nats:.1g} nats a step: who "
+                "watches it knows where the patroller goes"
+            )
+        return tuple(found)
+
     @derived("vertex", "vertex", kind="coordinate")
     def vertex(self) -> list[str]:
         return list(self.names)
@@ -127,7 +158,7 @@ class GraphPatrol(Measures):
     def edges_used(self) -> int:
         return int((self.weight > _USED).sum())
 
-    @derived("", "how far it may be from the best walk, relative", kind="residual")
+    @derived("", "by what share a walk is better, to first order, at most", kind="residual")
     def gap(self) -> float | None:
         return None if self.certificate is None else float(self.certificate.residual)
 

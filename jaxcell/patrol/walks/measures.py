@@ -1,12 +1,13 @@
 import dataclasses
 from typing import Annotated, ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...mapping import Chain, persistent_groups
-from ...markov import limiting_distribution
+from ...markov import dense, limiting_distribution
 from ...markov.quantities import (
     entropy_rate,
     hitting_matrix,
@@ -70,11 +71,16 @@ class Measures(Result):
 
     def checks(self) -> Checks:
         P, share, times = self.transition, self.stationary, self.hitting_time
-        gap = 1 + P @ times - times
-        np.fill_diagonal(gap, 0)
+        # The rest is never visited in the long run, and some starts never come there.
+        there = np.isfinite(times).all(axis=0)
+        gap = 1 + P @ times[:, there] - times[:, there]
+        gap[np.flatnonzero(there), np.arange(there.sum())] = 0
         return {
             "stationarity_residual": (float(np.abs(share @ P - share).sum()), PROBABILITY),
-            "hitting_time_residual": (float(np.abs(gap).max() / max(1.0, times.max())), _TIME),
+            "hitting_time_residual": (
+                float(np.abs(gap).max() / max(1.0, times[:, there].max())),
+                _TIME,
+            ),
         }
 
 
@@ -83,9 +89,10 @@ def measure(chain: Chain) -> Measures:
 
     **Arguments:**
 
-    - `chain`: an irreducible chain.
+    - `chain`: a chain that comes to the same vertices in the long run, wherever it starts.
 
-    **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats a step.
+    **Returns:** [`Measures`][]; times are in steps, the entropy rate in nats a step. The times to
+    vertices that it leaves out in the long run are infinite.
 
     **Raises:** as [`jaxcell.markov.hitting_matrix`][] and [`jaxcell.markov.mixing_time`][].
 
@@ -97,15 +104,24 @@ def measure(chain: Chain) -> Measures:
         >>> round(found.mean_commute_time, 6), round(found.kemeny_constant, 6), round(found.slem, 6)
         (4.0, 1.333333, 0.5)
     """
-    times = np.asarray(hitting_matrix(chain).value)
-    vertices = chain.cells
+    groups = persistent_groups(chain)
+    P, vertices = chain.to_scipy().toarray(), chain.cells
+    core, times = chain, None
+    if int(groups.count) == 1 and (np.asarray(groups.group) < 0).any():
+        visited = np.asarray(groups.group) == 0
+        core = Chain.from_scipy(P[np.ix_(visited, visited)])
+        times = np.asarray(dense.hitting(jnp.asarray(P))).copy()
+        times[:, ~visited] = np.inf
+        np.fill_diagonal(times, 0)
+    if times is None:
+        times = np.asarray(hitting_matrix(chain).value)
     return Measures(
-        transition=chain.to_scipy().toarray(),
-        stationary=np.asarray(limiting_distribution(chain, persistent_groups(chain)).value),
+        transition=P,
+        stationary=np.asarray(limiting_distribution(chain, groups).value),
         hitting_time=times,
         mean_hitting_time=float(times.sum() / (vertices * (vertices - 1))),
-        kemeny_constant=kemeny_constant(chain),
-        entropy_rate_nats=entropy_rate(chain),
-        slem=slem(chain),
-        mixing_time=mixing_time(chain),
+        kemeny_constant=kemeny_constant(core),
+        entropy_rate_nats=entropy_rate(core),
+        slem=slem(core),
+        mixing_time=mixing_time(core),
     )

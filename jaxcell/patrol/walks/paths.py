@@ -1,23 +1,30 @@
 import itertools
 import operator
 
+import networkx
 import numpy as np
-from jaxtyping import Float
+import scipy.sparse
+from jaxtyping import Int
 
+from ...mapping import Chain
 from ...optimize import Graph
 
 
-# The longest edge is so many units long; what differs by less is equally long.
+# The longest edge is at most so many units long; what differs by less is equally long.
 _UNITS = 2**30
+# Vertices times edges times paths: more of Yen's searches take minutes.
+_MAX_SEARCHES = 500_000
 
 
-def toward(graph: Graph, vertex: int, paths: int = 3) -> Float[np.ndarray, "edges"]:
-    """Weights of a walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
+def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) -> Chain:
+    """A walk that heads for a vertex along short paths (Alam 2018, Alg. 4.1).
 
-    An edge counts once for each of the shortest simple paths to the vertex, from every other, that
-    it is on (Yen 1971), and once more if it ends at the vertex. Because each vertex is on a path of
-    its own, no walk is stuck, and each comes to the vertex; edges that are on no path have weight
-    0.
+    A step counts once for each of the shortest simple paths to the vertex, from every other, that
+    goes along it (Yen 1971), and each step away from the vertex counts once; a step is taken in
+    proportion to its count. As printed, only the direction of the path counts. Then one path from
+    each vertex makes the time to come there the number of edges, as in all rows of Table 4.2; and
+    in the long run the walk may leave out vertices that no path from a neighbour of the vertex
+    comes through. Where both directions count, the walk is reversible, and far slower.
 
     Paths are in order of their Euclidean lengths. Of equally long ones, to 30 bits of the longest
     edge, one with fewer edges comes first, and then the one without the last edge, in the order of
@@ -28,42 +35,73 @@ def toward(graph: Graph, vertex: int, paths: int = 3) -> Float[np.ndarray, "edge
     - `graph`: a connected graph.
     - `vertex`: where the walk heads for.
     - `paths`: how many paths from each other vertex; all its simple paths, if there are fewer.
+    - `directed`: whether only the direction of a path counts, or both.
 
-    **Returns:** the weights, which sum to 1, for [`jaxcell.patrol.random_walk`][].
+    **Returns:** [`jaxcell.mapping.Chain`][] whose cells are the vertices.
 
-    **Raises:** `ValueError` for a vertex that does not exist, no paths, or a vertex from which no
-    path leads there.
+    **Raises:** `ValueError` for a vertex that does not exist, no paths, a vertex from which no path
+    leads there, and several paths on a graph on which they take minutes to find.
 
-    A square with a diagonal from 1 to 3, and one path to 0 from each other vertex: that from 2 is
-    by 1, and the two edges at 0 count once more.
+    A square with a diagonal from 1 to 3. The path from 2 is by 1, and from 0 both ways are open:
 
         >>> from jaxcell import patrol
         >>> edges = [[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]]
         >>> graph = patrol.Graph(edges, xy=[[0, 0], [1, 0], [1, 1], [0, 1]])
-        >>> (6 * patrol.toward(graph, 0, paths=1)).round(6).tolist()
-        [3.0, 1.0, 0.0, 2.0, 0.0]
+        >>> patrol.toward(graph, 0).to_scipy().toarray().tolist()
+        [[0.0, 0.5, 0.0, 0.5], [1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
     """
-    import networkx
+    there, back = path_counts(graph, vertex, paths)
+    if not directed:
+        there = back = there + back
+    tail, head = graph.edges.T
+    counts = scipy.sparse.csr_array(
+        (np.concatenate([there, back]), (np.append(tail, head), np.append(head, tail))),
+        (graph.vertices, graph.vertices),
+    ).astype(np.float64)
+    return Chain.from_scipy(scipy.sparse.diags_array(1 / counts.sum(axis=1)) @ counts)
 
+
+def path_counts(graph: Graph, vertex: int, paths: int) -> Int[np.ndarray, "2 edges"]:
+    """How often each edge counts in Alg. 4.1, in its own direction and in the other.
+
+    **Arguments and raises:** as [`toward`][].
+    """
     vertex, paths = operator.index(vertex), operator.index(paths)
     if not 0 <= vertex < graph.vertices:
         raise ValueError(f"vertex {vertex} does not exist; vertices are 0 to {graph.vertices - 1}")
     if paths < 1:
         raise ValueError(f"paths: expected at least 1, got {paths}")
+    searches = graph.vertices * len(graph.edges) * paths
+    if paths > 1 and searches > _MAX_SEARCHES:
+        raise ValueError(
+            f"paths: {paths} from each of {graph.vertices:,} vertices take minutes to find; "
+            "expected 1, or a smaller graph"
+        )
     network = networkx.Graph()
     network.add_nodes_from(range(graph.vertices))
     edges = graph.edges.tolist()
     for edge, ((tail, head), length) in enumerate(zip(edges, _lengths(graph), strict=True)):
         network.add_edge(tail, head, number=edge, length=length)
-    counts = np.zeros(len(edges), np.int64)
-    counts[[number for *_, number in network.edges(vertex, data="number")]] = 1
+    shortest = networkx.single_source_dijkstra_path(network, vertex, weight="length")
+    counts = np.zeros((2, len(edges)), np.int64)
+
+    def count(here: int, there: int) -> None:
+        edge = network.edges[here, there]["number"]
+        counts[int(edges[edge][0] != here), edge] += 1
+
+    for neighbour in network[vertex]:
+        count(vertex, neighbour)
     for start in network.nodes - {vertex}:
-        if not networkx.has_path(network, start, vertex):
+        if start not in shortest:
             raise ValueError(f"vertex {vertex} cannot be reached from vertex {start}")
-        found = networkx.shortest_simple_paths(network, start, vertex, weight="length")
-        for path in itertools.islice(found, paths):
-            counts[[network.edges[step]["number"] for step in itertools.pairwise(path)]] += 1
-    return counts / counts.sum()
+        found = [shortest[start][::-1]]
+        if paths > 1:
+            simple = networkx.shortest_simple_paths(network, start, vertex, weight="length")
+            found = list(itertools.islice(simple, paths))
+        for path in found:
+            for step in itertools.pairwise(path):
+                count(*step)
+    return counts
 
 
 def _lengths(graph: Graph) -> list[int]:
@@ -73,7 +111,8 @@ def _lengths(graph: Graph) -> list[int]:
     edges; then, the length in units.
     """
     lengths = graph.lengths
-    longest = lengths.max() or 1.0
+    # A power of two, so that an edge and two halves of it stay equally long.
+    longest = 2.0 ** np.ceil(np.log2(lengths.max() or 1.0))
     units = np.rint(lengths / longest * _UNITS).astype(np.int64).tolist()
     edges, digits = len(units), graph.vertices.bit_length()
     return [(((unit << digits) + 1) << edges) + (1 << edge) for edge, unit in enumerate(units)]

@@ -16,6 +16,9 @@ _SHORTEST = 1e-9
 # Of what was predicted: less is no step, and from there on the next may be longer.
 _ENOUGH, _GOOD = 0.1, 0.75
 
+# Of the value: what is further above the least is left out of the programs that make a step.
+_NEAR = 0.5
+
 # The probabilities of capture of each robot, and their derivatives by its moves.
 Law = Callable[
     [Float[np.ndarray, "robots moves"]],
@@ -85,14 +88,16 @@ def _program(
     value = float(captured.min())
     lines, sides = [], []
     for robot in range(robots):
-        flat = slope[robot].reshape(-1, count) / value
+        above = (probability[robot] - worst[robot]).reshape(-1) / value
+        # Without a distance all count, for the gain to be a close bound.
+        near = above <= (_NEAR if distance < 1 else np.inf)
+        flat = slope[robot].reshape(-1, count)[near] / value
         line = np.zeros((flat.shape[0], robots * (count + targets) + 1))
         line[:, robot * count : (robot + 1) * count] = -flat
         first = robots * count + robot * targets
-        line[:, first : first + targets] = np.tile(np.eye(targets), (targets, 1))
+        line[:, first : first + targets] = np.tile(np.eye(targets), (targets, 1))[near]
         lines.append(line)
-        above = (probability[robot] - worst[robot]).reshape(-1) / value
-        sides.append(above - flat @ moves[robot])
+        sides.append(above[near] - flat @ moves[robot])
     line = np.zeros((targets, robots * (count + targets) + 1))
     for robot in range(robots):
         others = np.delete(miss, robot, axis=0).prod(axis=0)

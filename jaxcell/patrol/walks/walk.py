@@ -1,10 +1,12 @@
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ...base.connected import check_connected
 from ...mapping import Chain
+from ...markov import dense
 from ...optimize import Graph
 
 
@@ -77,6 +79,29 @@ def walk_hitting_times(graph: Graph, weights: Any) -> Float[np.ndarray, "starts 
     times = mean[:, None] - mean[None, :] + total.sum() * (own[None, :] - inverse)
     np.fill_diagonal(times, 0)
     return times
+
+
+def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
+    """The share of its steps that a chain makes along each edge in the long run, either way.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `chain`: one that moves along its edges.
+
+    **Returns:** array `[edges]`; it sums to 1 for a chain that never stays.
+
+    A walk to and fro at one end of a line of three:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> patrol.edge_shares(graph, patrol.toward(graph, 0)).round(6).tolist()
+        [1.0, 0.0]
+    """
+    matrix = chain.to_scipy().toarray()
+    flow = np.asarray(dense.stationary(jnp.asarray(matrix)))[:, None] * matrix
+    tail, head = graph.edges.T
+    return np.maximum(0.0, flow[tail, head] + flow[head, tail])
 
 
 def _checked(graph: Graph, weights: Any) -> Float[np.ndarray, "edges"]:

@@ -2,6 +2,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -34,18 +35,21 @@ _NOTHING = 1e-9
 def log_patrol_graph(
     stream: rr.RecordingStream, patrol: GraphPatrol, spec: Mapping[str, Any]
 ) -> None:
-    """Log a patroller's random walk on a graph whose vertices have positions.
+    """Log a patroller's random walk on a graph.
 
     Over the timeline `step`: patrollers that walk, from places drawn from the stationary
     distribution, and how long ago each vertex was visited. Without time: how often each edge is
     walked, where a patroller goes next from each vertex, a heat map of the hitting times, and the
     payoffs and the mixture of a game.
 
-    **Raises:** `ValueError` if the vertices have no positions.
+    Vertices without positions are drawn where springs along edges put them.
     """
-    if patrol.graph.xy is None:
-        raise ValueError("graph: its vertices have no positions; expected xy")
-    drawing = _Drawing(stream, patrol, patrol.graph.xy)
+    xy = patrol.graph.xy
+    if xy is None:
+        graph = nx.Graph(patrol.graph.edges.tolist())
+        places = nx.spring_layout(graph, seed=0, scale=math.sqrt(patrol.graph.vertices))
+        xy = np.array([places[vertex] for vertex in range(patrol.graph.vertices)])
+    drawing = _Drawing(stream, patrol, xy)
     tabs = [_log_walk(drawing, spec), _log_next(drawing), _log_times(stream, patrol)]
     if patrol.game is not None:
         tabs.append(log_game(stream, patrol.game))

@@ -10,6 +10,7 @@ from ..canvas.map import CellMap
 from ..canvas.stream import send_blueprint
 from .attacks import log_attacks
 from .cover import log_covers
+from .frontier import log_frontier
 from .policies import log_policies
 from .regions import log_base, log_regions
 from .target import log_target
@@ -25,7 +26,8 @@ def log_patrol_map(
     again and again. Over the timeline `cover`, and more slowly over `step`: the cells from which
     each robot sees all that it walks on, one by one. Without time: how often each robot takes an
     edge; the base station and the regions around it; how long it takes until a robot sees the cell
-    that is attacked, in three ways; and the probability of capture at each cell.
+    that is attacked, in three ways; the probability of capture at each cell; and, if it was asked
+    for, what is left of it where robots must be hard to predict.
     """
     map = CellMap(stream, patrol.cells)
     tabs = [
@@ -35,6 +37,8 @@ def log_patrol_map(
         log_target(map, patrol),
         log_vulnerability(map, patrol),
     ]
+    if patrol.frontier is not None:
+        tabs.append(log_frontier(stream, patrol.frontier))
     if patrol.regions is not None:
         log_base(map, patrol.regions)
         tabs.insert(1, log_regions(map, patrol, patrol.regions))

@@ -3,7 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...patrol import PatrolledMap
+from ...patrol import CaptureSearch, PatrolledMap
 from ..canvas.map import CellMap
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
@@ -44,6 +44,8 @@ def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
 
 
 def _text(patrol: PatrolledMap) -> str:
+    if patrol.search is not None:
+        return _searched(patrol, patrol.search)
     return f"""# How a robot walks
 
 From a cell it takes each edge with a probability in proportion to its weight. Wide yellow lines
@@ -54,4 +56,18 @@ all such weights these are the ones with which it takes the fewest steps from on
 and back, on average over all pairs of its cells.
 
 {robot_table(patrol, "commute_time", "tour_steps")}
+"""
+
+
+def _searched(patrol: PatrolledMap, search: CaptureSearch) -> str:
+    return f"""# How a robot walks
+
+Wide yellow lines are edges that a robot often takes, in either direction.{only_some(patrol)}
+
+Among {search.tried.size} starts, gradients led to walks by which an attack of
+{search.attack_time:,} steps is caught with probability {search.value:.4f} or more, whatever the
+cell. That is a local optimum: another patrol may capture more. At least
+{search.randomness:.0%} of the steps go to any neighbour alike.
+
+{robot_table(patrol, "entropy_rate")}
 """

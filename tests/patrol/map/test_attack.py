@@ -9,12 +9,13 @@ from jaxcell.optimize import Graph
 from jaxcell.patrol.map.attack import (
     boundary,
     capture_probabilities,
+    contested,
     outside,
-    vulnerability,
 )
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
 from jaxcell.patrol.map.regions import angular_regions, base_station
+from jaxcell.patrol.map.vulnerability import vulnerability
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
@@ -160,3 +161,56 @@ def test_many_targets_are_gone_through_in_chunks(depot, monkeypatch):
     np.testing.assert_allclose(
         capture_probabilities(graph, visible, policies, [20]), whole, atol=1e-14
     )
+
+
+def each_start(policy, view, steps):
+    """The probability that a robot has not come in view, from each cell, by powers of a matrix."""
+    stop = policy.chain.to_scipy().toarray() * ~view[:, None] * ~view[None, :]
+    return np.linalg.matrix_power(stop, steps).sum(axis=1) * ~view
+
+
+@pytest.mark.parametrize("start", ["stationary", "worst"])
+def test_robots_may_begin_as_in_the_long_run_or_where_the_adversary_likes(start):
+    graph, visible, policies = small()
+    found = capture_probabilities(graph, visible, policies, [3], start)[0]
+    for target, caught in enumerate(found):
+        missed = 1.0
+        for policy in policies:
+            late = each_start(policy, visible[target], 3)
+            if start == "worst":
+                missed *= late.max()
+            else:
+                matrix = policy.chain.to_scipy().toarray()
+                values, vectors = np.linalg.eig(matrix.T)
+                share = np.abs(vectors[:, np.argmax(values.real)].real) * ~visible[target]
+                missed *= share @ late / share.sum()
+        assert caught == pytest.approx(1 - missed, abs=1e-9)
+    weakest = int(found.argmin())
+    attack = vulnerability(
+        jax.random.key(0), graph, visible, policies, weakest, [3], start=start, runs=4000
+    )
+    assert attack.exact[0] == pytest.approx(found[weakest], abs=1e-9)
+    assert abs(attack.simulated[0] - found[weakest]) < 0.04
+
+
+def test_an_unknown_start_is_refused():
+    with pytest.raises(ValueError, match=r"start: expected one of uniform, .*, got 'best'"):
+        capture_probabilities(*small(), [3], "best")
+
+
+def corridor():
+    """Nine places on a line, each of which sees its neighbours."""
+    graph = Graph([(i, i + 1) for i in range(8)], xy=[(i, 0) for i in range(9)])
+    visible = np.abs(np.subtract.outer(np.arange(9), np.arange(9))) <= 1
+    return graph, visible
+
+
+def test_where_luck_decides():
+    graph, visible = corridor()
+    policies = distributed_policies(graph, visible, 1)
+    assert contested(visible, policies).tolist() == list(range(9))
+    regions = angular_regions(graph, 4, visible[4], 2)
+    in_regions = centralized_policies(graph, visible, regions)
+    assert contested(visible, in_regions, regions).tolist() == [0, 1, 2, 6, 7, 8]
+    visible[0] = False
+    assert contested(visible, policies).tolist() == list(range(1, 9))

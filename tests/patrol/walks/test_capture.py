@@ -193,3 +193,23 @@ def test_matrices_that_are_refused():
         walk_capture_probabilities(KITE, np.ones((4, 4)), 3)
     with pytest.raises(ValueError, match=r"matrix\[0, 3\] is positive, but no edge"):
         walk_capture_probabilities(KITE, np.tile([0, 0, 0, 1.0], (4, 1)), 3)
+
+
+@pytest.mark.slow
+def test_many_starts_find_more_on_a_grid_of_25():
+    # Descent from eight starts, with linear programs, led to 0.0404.
+    grid = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(5, 5)).edges))
+    found = maximin_capture(grid, 8, throw=False)
+    assert found.value > 0.047
+    exact = walk_capture_probabilities(grid, found.matrices[0], 8)
+    assert found.value == pytest.approx(exact.min(), abs=1e-9)
+
+
+def test_too_large_for_linear_programs(monkeypatch):
+    monkeypatch.setattr(capture, "_POLISHED", 0)
+    found = maximin_capture(GRID, 4, starts=1, throw=False)
+    assert found.value == pytest.approx(
+        walk_capture_probabilities(GRID, found.matrices[0], 4).min()
+    )
+    assert found.value > 0.15
+    assert found.certificate.tolerance == 0.02

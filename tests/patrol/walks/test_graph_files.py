@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks.graph_files import load_graph, save_graph
+from jaxcell.patrol.walks.graph_files import has_weights, load_graph, save_graph
+from jaxcell.patrol.walks.values import load_values
 
 
 GRAPHS = Path(__file__).parents[3] / "data" / "graphs"
@@ -155,7 +156,7 @@ def test_bad_fields_of_json_are_named(change, message, tmp_path):
             '<edge source="1" target="hall"/></graph>',
             "edge .* it joins .* as edge 'hall' to '1' does",
         ),
-        (".graphml", 'target="1"', 'target="attic"', "node 'attic'.x: it is missing"),
+        (".graphml", 'target="1"', 'target="attic"', "node 'attic': it has no position"),
         (".graphml", "</node>", "", "not valid XML, or cut short"),
         (".graphml", "<graphml", "<!DOCTYPE graphml><graphml", "it has a document type"),
         (".graphml", "graphml.graphdrawing.org", "example.org", "not GraphML"),
@@ -225,8 +226,8 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
         load_graph(tmp_path / "none.json")
     with pytest.raises(ValueError, match="expected a graph file, got a directory"):
         load_graph(tmp_path)
-    with pytest.raises(ValueError, match=r"graph\.gml: unknown format '\.gml'; expected \.json"):
-        load_text(tmp_path, "graph []", ".gml")
+    with pytest.raises(ValueError, match=r"graph\.dot: unknown format '\.dot'; expected \.json"):
+        load_text(tmp_path, "graph {}", ".dot")
     (tmp_path / "latin.txt").write_bytes(b"\xe9 0 0\n")
     with pytest.raises(ValueError, match="expected UTF-8 text; byte 0 is not"):
         load_graph(tmp_path / "latin.txt")
@@ -251,6 +252,45 @@ def test_what_could_not_be_read_is_not_written(tmp_path):
     with pytest.raises(ValueError, match="unknown format"):
         save_graph(square(), tmp_path / "bad.gml")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_karate_club_has_no_positions_and_weights_that_are_not_used(tmp_path):
+    club = nx.karate_club_graph()
+    nx.write_gml(club, tmp_path / "club.gml")
+    nx.write_adjlist(club, tmp_path / "club.adjlist")
+    nx.write_graphml(club, tmp_path / "club.graphml")
+    (tmp_path / "club.json").write_text(json.dumps(nx.node_link_data(club, edges="edges")))
+    for suffix in ("gml", "adjlist", "graphml", "json"):
+        graph, names = load_graph(tmp_path / f"club.{suffix}")
+        assert graph.xy is None
+        found = {frozenset((names[i], names[j])) for i, j in graph.edges.tolist()}
+        assert found == {frozenset(map(str, edge)) for edge in club.edges}
+        assert has_weights(tmp_path / f"club.{suffix}") == (suffix != "adjlist")
+    with pytest.raises(
+        ValueError, match=r"nodes\[1\]: it has no position, x and y, as others have"
+    ):
+        load_text(
+            tmp_path,
+            '{"nodes": [{"id": "a", "x": 0, "y": 0}, {"id": "b"}],'
+            ' "edges": [{"source": "a", "target": "b"}]}',
+            ".json",
+        )
+
+
+def test_a_number_for_each_vertex(tmp_path):
+    path = tmp_path / "values.txt"
+    path.write_text("# places\nb 2.5\nold hall 3 # metres\n\na 1\n")
+    assert load_values(path, ["a", "b", "old hall"]).tolist() == [1, 2.5, 3]
+    for text, message in (
+        ("a 1\n", "there is no number for vertex 'b'"),
+        ("a 1\nc 2\n", "line 2: there is no vertex 'c'"),
+        ("a 1\na 2\n", "line 2: the vertex 'a' comes twice"),
+        ("a 1\nb 0\n", "line 2: expected a number more than 0, got 0"),
+        ("a 1\nb two\n", "line 2: expected a number more than 0"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=message):
+            load_values(path, ["a", "b"])
 
 
 def test_the_bundled_graphs_are_made_by_their_script(tmp_path):

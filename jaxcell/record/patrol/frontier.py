@@ -1,0 +1,53 @@
+"""What is left of capture where robots must be hard to predict."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...patrol import Frontier
+from ..canvas.marks import log_dots
+from ..canvas.page import log_tab
+from ..canvas.palette import BELIEF, KNOWN
+from ..canvas.plot import Plot, ticks
+from ..canvas.prose import table
+
+
+def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
+    """Log the tab of the frontier: a curve from floor to floor of randomness."""
+    most = 1.1 * max(float(frontier.entropy.max()), 1e-3)
+    plot = Plot(stream, "frontier/curve", most, 1.0)
+    plot.axes(
+        ticks(most),
+        ticks(1.0),
+        "entropy of a step, in nats (mean over robots)",
+        "least probability of capture",
+    )
+    order = np.argsort(frontier.entropy)
+    plot.line("frontier", frontier.entropy[order], frontier.least_capture[order], BELIEF, 3.0)
+    log_dots(
+        stream,
+        "frontier/curve/floors",
+        plot.at(frontier.entropy, frontier.least_capture),
+        1.2,
+        KNOWN,
+    )
+    views = plot.view("Capture against entropy")
+    legend = [("a floor of randomness", KNOWN), ("the best that was found", BELIEF)]
+    return log_tab(stream, "frontier", "Frontier", views, _text(frontier), legend, rows=(5, 4))
+
+
+def _text(frontier: Frontier) -> str:
+    rows = [
+        (f"{floor:.0%}", f"{entropy:.3f} nats", f"{caught:.4f}")
+        for floor, entropy, caught in zip(
+            frontier.floor, frontier.entropy, frontier.least_capture, strict=True
+        )
+    ]
+    return f"""# Capture against entropy
+
+A patrol that captures most is nearly a tour, which an adversary can learn by heart. Robots that go
+to any neighbour alike in some share of their steps, at least, are harder to predict, and capture
+less. Each row is a local optimum.
+
+{table(("chance, at least", "entropy of a step", "least capture"), rows)}
+"""
