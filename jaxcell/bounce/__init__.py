@@ -24,6 +24,11 @@ fewer cells possible, until its filter is in a knowledge cycle. `localization_fi
 their results `LocalizationFilter`, `Localized`; `heading_filter_sizes` counts the states where the
 heading is known.
 
+**A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that it
+takes itself to look in, and by how much it is wrong. Errors drawn inside each cell make the map a
+hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
+`slip_matrices`, `bounded_matrices`; `particle_run` is the run of a cloud of such robots.
+
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
 cheapest path on pairs of a cell and an angle in use. Only walls and the cells entered at bumps
@@ -80,6 +85,13 @@ from .plans.all_pairs import (
 )
 from .plans.navigate import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
+from .slip import (
+    FineCells as FineCells,
+    particle_run as particle_run,
+    slip_map as slip_map,
+    slip_matrices as slip_matrices,
+)
+from .slip_bounds import bounded_matrices as bounded_matrices
 from .team import (
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,

@@ -65,6 +65,7 @@ from .marker import (
     pictures as pictures,
 )
 from .outcome import RunOutcome as RunOutcome
+from .particles import Cloud as Cloud, Particles as Particles
 from .patrol import (
     Patrol as Patrol,
     PatrolOutcome as PatrolOutcome,
