@@ -22,10 +22,11 @@ how many bumps it first has at most `--small` of them; and the time of an observ
 """
 
 import argparse
+import csv
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from report import Rows, emit, say
 from scipy.stats import binomtest
 from slip_runs import Run, run
 
-from jaxcell.automata import Belief, Bounded, HiddenMap
+from jaxcell.automata import Belief, Bounded, Estimate, HiddenMap
 from jaxcell.bounce import (
     FineCells,
     bounce_map,
@@ -52,6 +53,7 @@ MAPS = Path(__file__).parent.parent / "data" / "maps"
 NAMES = ("lab_a", "lab_b", "complex", "depot")
 ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
 SURE = 0.99
+_LEAST, _BOUNDED = 0.002, 0.02
 
 
 @dataclasses.dataclass
@@ -81,9 +83,7 @@ class Found:
         }
 
 
-def follow(
-    estimator: Any, cells: CellSpace, runs: list[Run], small: int, sure: Callable[[Any], bool]
-) -> Found:
+def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Found:
     """What an estimator with `start`, `observe` and `estimate` says in some runs."""
     found = Found()
     for one in runs:
@@ -97,7 +97,7 @@ def follow(
                 first = bumps
         estimate = estimator.estimate(state)
         truth = int(nearest_cell(cells, *one[-1][1]))
-        refuted = sure(estimate)
+        refuted = estimate.nowhere > SURE
         found.held.append(truth in estimate.cells and not refuted)
         found.size.append(estimate.cells.size)
         found.refuted.append(refuted)
@@ -117,9 +117,9 @@ class Combinatorial:
     def observe(self, state: int, observation: int) -> int:
         return -1 if state < 0 else int(self.filter.transition[state, observation])
 
-    def estimate(self, state: int) -> Any:
+    def estimate(self, state: int) -> Estimate:
         cells = np.empty(0, np.int32) if state < 0 else self.filter.cells(state)
-        return dataclasses.make_dataclass("Answer", ["cells", "nowhere"])(cells, float(state < 0))
+        return Estimate(cells, np.full(cells.size, 1.0), float(state < 0))
 
 
 def main() -> None:
@@ -132,51 +132,63 @@ def main() -> None:
     parser.add_argument("--few", type=int, default=50)
     parser.add_argument("--observations", type=int, default=40)
     parser.add_argument("--particles", type=int, nargs="*", default=[1_000, 10_000])
-    parser.add_argument("--models", type=float, nargs="+", default=[0.5, 1.0, 2.0])
+    parser.add_argument("--models", type=float, nargs="+", default=[1.0, 0.5, 2.0])
     parser.add_argument("--small", type=int, default=4)
     parser.add_argument("--driver", action="store_true")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
-    bounce = math.radians(options.bounce)
     rows: Rows = []
     for name in options.maps:
         cells = CellSpace.load(MAPS / f"{name}.json")
-        give = bumper_give(cells.cell)
-        filter = localization_filter(bounce_map(cells, bounce))
         for error in options.errors:
-            runs = [
-                run(cells, bounce, error, seed, limit=options.observations, driver=options.driver)
-                for seed in range(options.runs)
-            ]
-            runs = [one for one in runs if len(one) == options.observations]
-            few = runs[: options.few]
-
-            def add(what: str, estimator: Any, runs: list[Run]) -> None:
-                found = follow(estimator, cells, runs, options.small, lambda e: e.nowhere > SURE)
-                case = {"map": name, "error, %": 100 * error, "estimator": what}
-                rows.append({**case, **found.row()})
-                emit("Estimators", rows, options.out / "slip.csv", spec=".1f")
-
-            add("combinatorial", Combinatorial(filter), runs)
-            for factor in options.models if error else [1.0]:
-                # A model of a robot that does not slip at all has still the rounding of a driver.
-                slip = Slip.of(max(0.002, min(1.0, factor * error)), give=give)
-                fine = FineCells.within(cells, slip)
-                moves, bumps = slip_matrices(fine, bounce, slip)
-                hidden = HiddenMap.of(moves, bumps, fine.coarse, fine.centres)
-                what = "belief" if factor == 1 else f"belief, model x {factor:g}"
-                add(f"{what}, {fine.size:,} cells", Belief(hidden), runs)
-            if error <= 0.02:
-                slip = Slip.of(max(0.002, 3 * error), give=give)
-                fine = FineCells.within(cells, slip)
-                moves, bumps = bounded_matrices(fine, bounce, slip)
-                hidden = HiddenMap.of(moves, bumps, fine.coarse, fine.centres)
-                add(f"bounded, {fine.size:,} cells", Bounded(hidden), few)
-            slip = Slip.of(max(0.002, error), give=give)
-            for count in options.particles:
-                add(f"particles, {count:,}", Particles(cells, bounce, slip, count=count), few)
+            case = {"map": name, "error, %": 100 * error}
+            for what, found in estimated(cells, error, options):
+                rows.append({**case, "estimator": what, **found.row()})
+                # What there is is kept, whatever becomes of the rest.
+                with (options.out / "slip.csv").open("w", newline="", encoding="utf-8") as file:
+                    writer = csv.DictWriter(file, list(rows[0]))
+                    writer.writeheader()
+                    writer.writerows(rows)
+    emit("Estimators", rows, options.out / "slip.csv", spec=".1f")
     say("A run that is refuted, or nowhere, holds the truth in no case.")
+
+
+def estimated(
+    cells: CellSpace, error: float, options: argparse.Namespace
+) -> Iterator[tuple[str, Found]]:
+    """Each estimator of a case with what it said."""
+    bounce, give = math.radians(options.bounce), bumper_give(cells.cell)
+    runs = [
+        run(cells, bounce, error, seed, limit=options.observations, driver=options.driver)
+        for seed in range(options.runs)
+    ]
+    # The driver stops a robot that backs into a wall.
+    runs = [one for one in runs if len(one) == options.observations]
+    few = runs[: options.few]
+
+    def slipping(factor: float) -> Slip:
+        # A robot that is told to do without errors has still those of rounding.
+        return Slip.of(max(_LEAST, min(1.0, factor * error)), give=give)
+
+    filter = localization_filter(bounce_map(cells, bounce))
+    yield "combinatorial", follow(Combinatorial(filter), cells, runs, options.small)
+    for factor in options.models if error else [1.0]:
+        slip = slipping(factor)
+        fine = FineCells.within(cells, slip)
+        hidden = HiddenMap.of(*slip_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+        model = "" if factor == 1 else f", errors x {factor:g}"
+        what = f"belief, {fine.size:,} cells{model}"
+        yield what, follow(Belief(hidden), cells, runs, options.small)
+    if error <= _BOUNDED and options.few:
+        slip = slipping(3.0)
+        fine = FineCells.within(cells, slip)
+        hidden = HiddenMap.of(*bounded_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+        what = f"bounded, {fine.size:,} cells"
+        yield what, follow(Bounded(hidden), cells, few, options.small)
+    for count in options.particles if options.few else []:
+        cloud = Particles(cells, bounce, slipping(1.0), count=count)
+        yield f"particles, {count:,}", follow(cloud, cells, few, options.small)
 
 
 if __name__ == "__main__":

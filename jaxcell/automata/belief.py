@@ -11,6 +11,10 @@ from .hidden import Estimate, HiddenMap, credible
 _LOST = 1e-4
 # What a robot senses that is nowhere on the map is a coin that is tossed.
 _COIN = 0.5
+NOWHERE = 0.99
+"From this probability of being nowhere on a robot stops."
+SMALL = 4
+"With a credible set of no more configurations a robot is localized."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -27,7 +27,8 @@ heading is known.
 **A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that it
 takes itself to look in, and by how much it is wrong. Errors drawn inside each cell make the map a
 hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
-`slip_matrices`, `bounded_matrices`; `particle_run` is the run of a cloud of such robots.
+`slip_matrices`, `bounded_matrices`; `particle_run` is the run of a cloud of such
+robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`.
 
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
@@ -92,6 +93,7 @@ from .slip import (
     slip_matrices as slip_matrices,
 )
 from .slip_bounds import bounded_matrices as bounded_matrices
+from .slipped import Slipped as Slipped, slipping_run as slipping_run
 from .team import (
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,

@@ -25,8 +25,8 @@ MOST_CELLS = 100_000
 # By how many standard deviations a heading may drift in so many steps, a third of them bumps that
 # turn the robot by 2 radians.
 _DRIFT, _STEPS = 2.5, 36
-# Bytes of a cell: its samples, sorted into the entries of two matrices.
-_BYTES = 40 * _SAMPLES
+# Bytes of a cell: the entries of its row in two matrices, while they are made.
+_BYTES = 2000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -217,7 +217,7 @@ def slip_matrices(
     coarse, fine = cells.cells, cells.fine
     assert coarse.workspace is not None
     size = cells.size
-    memory.check(_BYTES * size, f"a map of {size} cells for a robot that slips", "use fewer cells")
+    memory.check(needed(size), f"a map of {size} cells for a robot that slips", "use fewer cells")
     points = qmc.Sobol(3 + ERRORS, seed=0).random(_SAMPLES)
     offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
     errors = _normal(points[:, 3:])
@@ -251,6 +251,11 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
     found = ndtri(np.clip(shares, 1e-9, 1 - 1e-9))
     found = found - found.mean(axis=0)
     return np.asarray(found / found.std(axis=0))
+
+
+def needed(cells: int = MOST_CELLS) -> int:
+    """Bytes of the map of a robot that slips, among so many fine cells."""
+    return _BYTES * cells
 
 
 @functools.partial(jax.jit, static_argnames="slip")

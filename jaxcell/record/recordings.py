@@ -17,6 +17,7 @@ _FAMILIES = {
     "Localized": "bounce.localization:log_localization",
     "PatrolledMap": "patrol.map:log_patrolled_map",
     "Plan": "bounce.navigation:log_plan",
+    "Slipped": "bounce.slipping:log_slipped",
     "SeaDrift": "drift.sea:log_drift",
     "TeamTrajectory": "bounce.team:log_team",
 }

@@ -18,6 +18,7 @@ from .coverage import compare_coverage as compare_coverage
 from .drift import compare_drift as compare_drift
 from .navigation import compare_plan as compare_plan
 from .patrolled_map import compare_patrolled_map as compare_patrolled_map
+from .slipped import compare_slip as compare_slip
 from .team import compare_team as compare_team
 from .walk import (
     compare_commute as compare_commute,

@@ -1,4 +1,6 @@
-"""Cells where a robot may be, as arrows, or as shaded squares while there are too many."""
+"""Cells where a robot may be, as arrows, or as shaded squares while there are too many.
+
+A belief is a heat map of how probable each position is."""
 
 import numpy as np
 import rerun as rr
@@ -7,11 +9,13 @@ from jaxtyping import Float, Integer, UInt8
 from ...space import CellSpace
 from .map import log_classes
 from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
+from .scale import Scale
 
 
 MAX_ARROWS = 400
 """More cells than this are shown as shaded squares."""
 _SHADES = 8
+_FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 
 
 def arrows(
@@ -50,3 +54,19 @@ def shades(
         return np.zeros(cells.positions, np.uint8)
     count = np.bincount(where % cells.positions, minlength=cells.positions)
     return np.ceil(count * (_SHADES / cells.directions)).astype(np.uint8)
+
+
+def heat_scale() -> Scale:
+    """The colours of how probable positions are; squares that are not are clear."""
+    return Scale.over(
+        np.array([_FAINT, 1.0]),
+        "probability {}".format,
+        spaced=np.geomspace,
+        special={_UNLIKELY: CLEAR},
+        digits=1,
+    )
+
+
+def heat(share: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
+    """The classes of positions on the scale of [`heat_scale`][], by how probable they are."""
+    return heat_scale().levels(np.maximum(share, _FAINT), {_UNLIKELY: share < _FAINT})
