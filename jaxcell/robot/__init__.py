@@ -26,6 +26,7 @@ bump, is what a filter expects.
 | what runs (`load_task` reads it) | run | from a log | source |
 | --- | --- | --- | --- |
 | a localization filter | `run_filter` | `replay_filter` | section 2.4 |
+| a belief, where it slips | `run_belief` | `replay_belief` | |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -39,6 +40,9 @@ cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
 `CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
 
+**Where it slips** and nobody sees it, `Particles` are an estimator beside the belief and the sets
+of `jaxcell.automata`: each has `start`, `observe` and `estimate`.
+
 **Without a host**, an Arduino on the robot's serial line runs a filter by the program that
 `filter_sketch` writes, or bounces for ever by that of `bounce_sketch` (section 3.5.4).
 
@@ -46,6 +50,7 @@ sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources
 `jaxcell.robot.emulation.simulated` the driver and that robot on one clock, a hundred times as fast.
 """
 
+from .believer import replay_belief as replay_belief, run_belief as run_belief
 from .create.clock import ByClock as ByClock
 from .create.driver import Port as Port, RobotStopped as RobotStopped
 from .create.motion import Create as Create, Moved as Moved

@@ -80,7 +80,8 @@ def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
 
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ...automata import Filter
+    from ...automata import Belief, Filter, HiddenMap
+    from ...robot.believer import replay_belief
     from ...robot.patrol import replay_patrol
     from ...robot.runner import plan_outcome, replay_filter
     from ...robot.tasks.files import load_task
@@ -98,7 +99,9 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
         raise ValueError(f"it is of another {kind} than {path} is now")
     if kind == "filter":
         return replay_filter(run, Filter.load(path))
+    if kind == "belief":
+        return replay_belief(run, Belief(HiddenMap.load(path)))
     task = load_task(path, run.header["robot"])
     if not isinstance(task, PatrolTask):
-        raise ValueError(f"kind: expected filter, plan, team or patrol, got {kind!r}")
+        raise ValueError(f"kind: expected filter, belief, plan, team or patrol, got {kind!r}")
     return replay_patrol(run, task)

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ...automata import Filter
+from ...automata import Belief, Filter, HiddenMap
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ..team import KIND as TEAM, MemberTask, read_member
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
@@ -25,6 +25,19 @@ class FilterTask(Task):
 
 
 @dataclasses.dataclass(frozen=True)
+class BeliefTask(Task):
+    """A belief that localizes a robot that slips."""
+
+    belief: Belief
+    bounce: float
+    "The bouncing angle that it is for, in radians."
+
+    @property
+    def header(self) -> dict[str, Any]:
+        return {"kind": "belief", **super().header, "bounce_deg": math.degrees(self.bounce)}
+
+
+@dataclasses.dataclass(frozen=True)
 class PlanTask(Task):
     """A navigation plan."""
 
@@ -38,7 +51,7 @@ class PlanTask(Task):
         return {"kind": "plan", **super().header, "start": self.start, "actions": self.actions}
 
 
-AnyTask = FilterTask | PlanTask | MemberTask | PatrolTask
+AnyTask = FilterTask | BeliefTask | PlanTask | MemberTask | PatrolTask
 """What a robot can run."""
 
 
@@ -47,9 +60,9 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 
     **Arguments:**
 
-    - `path`: the `filter.jxf` of `jaxcell localize --out`, the `summary.json` of `jaxcell navigate
-        --out`, the `team.json` of `jaxcell team --out`, or the `patrol.json` of `jaxcell patrol map
-        --out`.
+    - `path`: the `filter.jxf` or `belief.jxb` of `jaxcell localize --out`, the `summary.json` of
+        `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the `patrol.json` of
+        `jaxcell patrol map --out`.
     - `robot`: which of a team, or of those that patrol; the first if not given.
 
     **Returns:** the filter, plan, or part of a robot, with what it has to know of its map.
@@ -88,6 +101,11 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         )
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
+    if path.suffix == ".jxb":
+        hidden = HiddenMap.load(path)
+        fields = Fields(hidden.metadata, f"{path}: ")
+        bounce = math.radians(fields.number("bounce_deg"))
+        return BeliefTask(**common_fields(path, fields), belief=Belief(hidden), bounce=bounce)
     filter = Filter.load(path)
     fields = Fields(filter.metadata, f"{path}: ")
     common = common_fields(path, fields)
