@@ -1,6 +1,7 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from scipy.stats import qmc
 from ..base import memory
 from ..mapping import ObservedChain
 from ..space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
-from ..space.slip import ERRORS, MISSED, to_wall
+from ..space.slip import ERRORS, MISSED, TURNING, to_wall
 from .dynamics import bounce_shift
 
 
@@ -214,6 +215,30 @@ def slip_matrices(
         >>> (moves + bumps).sum(axis=1).round(6).tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
+    return slip_choices(cells, [bounce], slip, step=step)[0]
+
+
+def slip_choices(
+    cells: FineCells, bounces: Sequence[float], slip: Slip, *, step: float | None = None
+) -> list[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]]:
+    """The probabilities of [`slip_matrices`][] for each of several bouncing angles.
+
+    **Arguments:**
+
+    - `cells`, `slip`, `step`: as for [`slip_map`][].
+    - `bounces`: bouncing angles in radians, counter-clockwise.
+
+    **Returns:** for each angle two sparse matrices; the first, of the moves, is the same for all.
+
+    **Raises:** as [`slip_map`][].
+
+        >>> from jaxcell import bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
+        >>> len(bounce.slip_choices(cells, [1.5707963267948966, 0.0], space.Slip()))
+        2
+    """
     coarse, fine = cells.cells, cells.fine
     assert coarse.workspace is not None
     size = cells.size
@@ -223,25 +248,37 @@ def slip_matrices(
     errors = _normal(points[:, 3:])
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
     walls = felt_walls(coarse.workspace, slip.give)
-    shift = int(bounce_shift(bounce, coarse.directions))
-    parts = []
+    shifts = bounce_shift(np.asarray(bounces, float), coarse.directions).tolist()
+    parts: list[list[scipy.sparse.csr_array]] = [[] for _ in range(1 + len(shifts))]
     for begin in range(0, size, _CHUNK):
-        # All chunks have one shape; what the last has too many is dropped.
         rows = np.minimum(np.arange(begin, begin + _CHUNK), size - 1)
         told = cells.believed[rows]
         after, bumped = map(
             np.asarray,
-            _drive(cells.poses[rows], legs[told], bounce, offsets, errors, walls, slip),
+            _drive(cells.poses[rows], legs[told], 0.0, offsets, errors, walls, slip),
         )
-        believed = (told[:, None] + shift * bumped) % coarse.directions
-        column = cells.index(after, believed).astype(np.int64) + size * bumped
+        # Chunks have one shape; what the last has too many is dropped.
         count = min(_CHUNK, size - begin)
-        share = np.full(count * _SAMPLES, 1 / _SAMPLES)
-        row = np.repeat(np.arange(count), _SAMPLES)
-        part = (share, (row, column[:count].ravel()))
-        parts.append(scipy.sparse.coo_array(part, shape=(count, 2 * size)).tocsr())
-    both = scipy.sparse.vstack(parts, format="csr")
-    return both[:, :size], both[:, size:]
+        row, sample = np.nonzero(~bumped[:count])
+        image = cells.index(after[row, sample], told[row])
+        parts[0].append(_shares(row, image, count, size))
+        row, sample = np.nonzero(bumped[:count])
+        for shift, found in zip(shifts, parts[1:], strict=True):
+            pose = after[row, sample]
+            turn = math.remainder(shift * 2 * math.pi / coarse.directions, 2 * math.pi)
+            pose[:, 2] += turn * (1 + slip.turn * errors[sample, TURNING])
+            image = cells.index(pose, (told[row] + shift) % coarse.directions)
+            found.append(_shares(row, image, count, size))
+    moves, *bumps = (scipy.sparse.vstack(part, format="csr") for part in parts)
+    return [(moves, one) for one in bumps]
+
+
+def _shares(
+    row: Int[np.ndarray, "entries"], image: Int[np.ndarray, "entries"], rows: int, size: int
+) -> scipy.sparse.csr_array:
+    """The samples of some rows as a part of a matrix."""
+    share = np.full(row.size, 1 / _SAMPLES)
+    return scipy.sparse.coo_array((share, (row, image)), shape=(rows, size)).tocsr()
 
 
 def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "samples errors"]:

@@ -12,6 +12,8 @@ from .workspace import Workspace, edges
 
 ERRORS = 9
 "How many errors a step has, each a standard normal number."
+TURNING = 7
+"Which of them is that of the turn after a bump."
 MISSED = 1e-3
 "How probable it is that a particle's observation is not the robot's, whatever the cause."
 # A wall is longer by this share at either end, so that nothing gets out through a corner.
@@ -207,7 +209,7 @@ def slipping_step(
     aside = xp.where(xp.isfinite(ahead), 0.0, math.sqrt(2) * turn * slip.turn * e[6])
     veered = heading + slip.heading * xp.sqrt(2 * way) * e[1] + aside
     angle = bounce - 2 * math.pi * xp.round(bounce / (2 * math.pi) + xp.zeros_like(heading))
-    faces = veered + angle * (1 + slip.turn * e[7])
+    faces = veered + angle * (1 + slip.turn * e[TURNING])
 
     there = xp.where(bumped[..., None], back, xp.where(straight[..., None], middle, end))
     facing = xp.where(bumped, faces, goes)
