@@ -245,6 +245,10 @@ def slip_choices(
     memory.check(needed(size), f"a map of {size} cells for a robot that slips", "use fewer cells")
     points = qmc.Sobol(3 + ERRORS, seed=0).random(_SAMPLES)
     offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
+    # Where in its direction a heading is decides in which it is next, not where the step leads:
+    # drawn anew at each step, it would scatter a robot whose heading stays what it is.
+    turned = np.zeros_like(offsets)
+    turned[:, 2], offsets[:, 2] = offsets[:, 2], 0
     errors = _normal(points[:, 3:])
     legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
     walls = felt_walls(coarse.workspace, slip.give)
@@ -259,6 +263,7 @@ def slip_choices(
         )
         # Chunks have one shape; what the last has too many is dropped.
         count = min(_CHUNK, size - begin)
+        after = after + turned
         row, sample = np.nonzero(~bumped[:count])
         image = cells.index(after[row, sample], told[row])
         parts[0].append(_shares(row, image, count, size))

@@ -55,7 +55,10 @@ def slipped_plan(
     start, goal = fine.at(plan.start), fine.coarse == plan.goal
     shifts = bounce_shift(np.asarray(bounces), cells.directions).tolist()
     turns = bounce_shift(plan.actions, cells.directions).tolist()
-    told = [-1 if not action else shifts.index(turn) for action, turn in zip(plan.actions, turns)]
+    told = [
+        -1 if not action else shifts.index(turn)
+        for action, turn in zip(plan.actions, turns, strict=True)
+    ]
     weight = plan_probability(choices, start, told)
     say("improving the policy")
     policy = slip_policy(choices, goal, start)
