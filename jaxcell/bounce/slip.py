@@ -81,14 +81,15 @@ class FineCells:
         return cls(cells, fine, min(reach, number // 2))
 
     @classmethod
-    def within(cls, cells: CellSpace, slip: Slip, most: int = MOST_CELLS) -> "FineCells":
+    def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
         """The finest of about the same error in place and heading with at most so many cells.
 
         **Arguments:**
 
         - `cells`: the cell space of a map.
         - `slip`: how large the errors are, which decides how far off the heading may be.
-        - `most`: how many cells at most, if one for each cell of the map is not more.
+        - `most`: how many cells at most, by default `MOST_CELLS`; if one for each cell of the map
+            is more, these are taken.
 
         **Returns:** the fine cells.
         """
@@ -104,7 +105,7 @@ class FineCells:
                 max(directions // 2, math.ceil(drift * number / (2 * math.pi))), number // 2
             )
             size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
-            if size <= most:
+            if size <= (MOST_CELLS if most is None else most):
                 best = squares, directions, reach
         return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
 

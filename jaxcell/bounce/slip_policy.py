@@ -115,7 +115,7 @@ def arrival_by(
     goal: Bool[np.ndarray, "fine"],
     start: Float[np.ndarray, "fine"],
     times: int,
-) -> Float[np.ndarray, "times+1"]:
+) -> Float[np.ndarray, "_"]:
     """How probable it is that a policy has arrived after each observation.
 
     **Arguments:**
@@ -124,7 +124,7 @@ def arrival_by(
     - `choice`: the number of the angle in each cell.
     - `times`: how many observations.
 
-    **Returns:** the probabilities.
+    **Returns:** the probabilities, the first that at the start.
 
     A robot that moves on one time of two, or bumps and stays:
 
