@@ -90,12 +90,12 @@ from .plans.navigate import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
 from .slip import (
     FineCells as FineCells,
-    particle_run as particle_run,
     slip_choices as slip_choices,
     slip_map as slip_map,
     slip_matrices as slip_matrices,
 )
 from .slip_bounds import bounded_matrices as bounded_matrices
+from .slip_particles import particle_run as particle_run
 from .slip_policy import (
     SlipPolicy as SlipPolicy,
     arrival_by as arrival_by,

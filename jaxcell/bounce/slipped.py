@@ -167,7 +167,7 @@ def slipping_run(
         >>> run = bounce.slipping_run(
         ...     hidden, cells, math.pi, slip, 1, fine_side=1 / 3, fine_directions=18
         ... )
-        >>> run.credible[-1] <= 4, run.truth_is_a_candidate
+        >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
         (True, True)
     """
     assert cells.workspace is not None
