@@ -33,9 +33,10 @@ def plan_probability(
     A robot that is to make two steps, each of which meets a wall one time of ten:
 
         >>> import numpy as np
+        >>> import scipy.sparse
         >>> from jaxcell import bounce
-        >>> free = np.array([[0, 0.9, 0], [0, 0, 0.9], [0, 0, 0.9]])
-        >>> choices = [(free, np.eye(3) / 10)]
+        >>> free = scipy.sparse.csr_array(np.array([[0, 0.9, 0], [0, 0, 0.9], [0, 0, 0.9]]))
+        >>> choices = [(free, scipy.sparse.csr_array(np.eye(3) / 10))]
         >>> bounce.plan_probability(choices, np.array([1.0, 0, 0]), [-1, -1]).round(2).tolist()
         [0.0, 0.0, 0.81]
     """
