@@ -293,7 +293,7 @@ class RobotRecording:
         if self._heat is not None:
             self._heat.log_style(self._stream)
 
-    def _log_scalar(self, robot: Track, path: str, value: float) -> None:
+    def _log_scalar(self, robot: Track, path: str, value: int | float) -> None:
         robot.scalars[path] = value
         self._stream.log(path, rr.Scalars(float(value)))
 
