@@ -1,4 +1,4 @@
-"""Labelled graphs and the filters made of them. NumPy only: a robot runs them.
+"""Labelled graphs and the filters made of them. NumPy and SciPy only: a robot runs them.
 
 The *I-state graph* of a simple map has a vertex for each cell and an edge from each to its image,
 labelled with what the robot senses on the way: observation 0 or 1. A robot that may be in any cell
@@ -35,6 +35,9 @@ not refuted (section 2.4.4).
 What gives which:
 
 - `subset_construction`: the deterministic automaton, an `Automaton`.
+- `HiddenMap`: a map with several images of a cell, each with a probability and an observation.
+    `Belief` follows how probable each cell is, `Bounded` the set of those that are possible; an
+    `Estimate` is what either knows, and `credible` the likeliest configurations.
 - `Filter`: its colours, knowledge cycles (`KnowledgeCycle`), uncertainties and configurations;
     `Filter.run` gives a `FilterRun`, `Filter.start` a `FilterState` to observe with.
 - `Environments`, `EnvironmentsState`: the filters of several maps.
@@ -50,6 +53,8 @@ What gives which:
 """
 
 from .adaptive import Decisions as Decisions, adaptive_choice as adaptive_choice
+from .belief import Belief as Belief, BeliefState as BeliefState
+from .bounded import Bounded as Bounded
 from .c_header import to_c_header as to_c_header
 from .c_policy import policy_to_c_header as policy_to_c_header
 from .cycles import KnowledgeCycle as KnowledgeCycle
@@ -61,6 +66,7 @@ from .equivalence import Equivalence as Equivalence, equivalence as equivalence
 from .export import to_dot as to_dot, to_json as to_json
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
+from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible
 from .homing import Homing as Homing, homing_sequence as homing_sequence
 from .jflap import nondeterministic_to_jflap as nondeterministic_to_jflap, to_jflap as to_jflap
 from .minimize import minimize as minimize

@@ -26,6 +26,14 @@ heading is known. A robot that chooses among several angles at each bump is loca
 most maps, in the fewest bumps by the policy of `localization_policy`; `LocalizationPolicy`,
 `AdaptivelyLocalized`.
 
+**A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that it
+takes itself to look in, and by how much it is wrong. Errors drawn inside each cell make the map a
+hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
+`slip_matrices`, `slip_choices`, `bounded_matrices`; `particle_run` is the run of a cloud of such
+robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`. A
+plan of such a robot arrives with `plan_probability`; `slip_policy` chooses an angle by the fine
+cell instead, and has arrived with `arrival_by`; their result is `SlippedPlan`.
+
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
 cheapest path on pairs of a cell and an angle in use. Only walls and the cells entered at bumps
@@ -86,6 +94,22 @@ from .plans.all_pairs import (
 )
 from .plans.navigate import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
+from .slip import (
+    FineCells as FineCells,
+    slip_choices as slip_choices,
+    slip_map as slip_map,
+    slip_matrices as slip_matrices,
+)
+from .slip_bounds import bounded_matrices as bounded_matrices
+from .slip_particles import particle_run as particle_run
+from .slip_policy import (
+    SlipPolicy as SlipPolicy,
+    arrival_by as arrival_by,
+    plan_probability as plan_probability,
+    slip_policy as slip_policy,
+)
+from .slipped import Slipped as Slipped, slipping_run as slipping_run
+from .slipped_plan import SlippedPlan as SlippedPlan
 from .team import (
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,

@@ -66,6 +66,17 @@ def _directory(path: Path) -> dict[str, Any]:
     return {"what": "a directory", "files": files}
 
 
+def _belief(path: Path) -> dict[str, Any]:
+    from ..automata import HiddenMap
+
+    hidden = HiddenMap.load(path)
+    return {
+        "what": "a map for the belief of a robot",
+        "fine_cells": hidden.cells,
+        **hidden.metadata,
+    }
+
+
 def _filter(path: Path) -> dict[str, Any]:
     from ..automata import Filter, Policy
     from ..automata.storage import read_kind
@@ -280,6 +291,7 @@ def _log(path: Path) -> dict[str, Any]:
 
 
 _KINDS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    ".jxb": _belief,
     ".jxf": _filter,
     ".nc": _netcdf,
     ".rrd": _recording,

@@ -42,6 +42,7 @@ What gives which:
     each group, and `GroupTotals` six numbers of them all.
 - `section_groups`: the same from a `Section`, a `SectionGroups`.
 - `Chain`: `P`, with products from both sides, `p P` and `P v`.
+- `ObservedChain`: `P` with what a bump sensor says on the way, a hidden Markov model.
 - `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
 - `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` among them is
     the sink.
@@ -65,6 +66,7 @@ from .groups import (
     PeriodicGroups as PeriodicGroups,
     periodic_groups as periodic_groups,
 )
+from .observed import ObservedChain as ObservedChain
 from .section import (
     Section as Section,
     SectionGroups as SectionGroups,

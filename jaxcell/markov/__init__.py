@@ -41,6 +41,10 @@ which no start is farther than a given distance from `pi` in total variation.
 `hitting_matrix`, `commute_times`, `kemeny_constant`, `entropy_rate`, `slem`, `mixing_time`; `dense`
 has `pi`, `H`, Kemeny's constant and the entropy rate as differentiable functions of the matrix.
 
+**Observed.** Where a robot senses `o` on the way, `P = P_0 + P_1`, and the distribution after the
+observations `o_1, ..., o_n` is `p P_{o_1} ... P_{o_n}` to a factor, which is their probability.
+`filtered`, `smoothed` for earlier times given all of them, and `possible` for sets of cells.
+
 **Choosing.** In a *decision process* one chooses an action `u` in every cell, each a chain `P_u`
 with a reward `r_u`. With a discount `g` its *value* solves (Alg. 5.5)
 
@@ -73,6 +77,7 @@ from .decision import (
     policy_chain as policy_chain,
     value_iteration as value_iteration,
 )
+from .hidden import filtered as filtered, possible as possible, smoothed as smoothed
 from .hitting import (
     Absorption as Absorption,
     absorption_probabilities as absorption_probabilities,

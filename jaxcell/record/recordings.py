@@ -20,6 +20,7 @@ _FAMILIES = {
     "Localized": "bounce.localization:log_localization",
     "PatrolledMap": "patrol.map:log_patrol_map",
     "Plan": "bounce.navigation:log_navigation",
+    "Slipped": "bounce.slipping:log_slip",
     "SeaDrift": "drift.sea:log_drift",
     "TeamTrajectory": "bounce.team:log_team",
 }

@@ -27,6 +27,7 @@ bump, is what a filter expects.
 | --- | --- | --- | --- |
 | a localization filter | `run_filter` | `replay_filter` | section 2.4 |
 | a localization policy | `run_policy` | `replay_policy` | end of chapter 2 |
+| a belief, where it slips | `run_belief` | `replay_belief` | |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -40,6 +41,9 @@ cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
 `CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
 
+**Where it slips** and nobody sees it, `Particles` are an estimator beside the belief and the sets
+of `jaxcell.automata`: each has `start`, `observe` and `estimate`.
+
 **Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the
 program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by that of
 `bounce_sketch` (section 3.5.4).
@@ -48,6 +52,7 @@ program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by t
 `jaxcell.robot.emulation.simulated` the driver and that robot on one clock, a hundred times as fast.
 """
 
+from .believer import replay_belief as replay_belief, run_belief as run_belief
 from .create.clock import ByClock as ByClock
 from .create.driver import Port as Port, RobotStopped as RobotStopped
 from .create.motion import Create as Create, Moved as Moved
@@ -66,6 +71,7 @@ from .marker import (
     find_cross as find_cross,
 )
 from .outcome import RunOutcome as RunOutcome
+from .particles import Cloud as Cloud, Particles as Particles
 from .patrol import (
     Patrol as Patrol,
     PatrolOutcome as PatrolOutcome,

@@ -5,11 +5,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from ..space.strides import BEHIND, cell_strides as cell_strides
 from .create.motion import Moved
-
-
-# A target so far behind is reached in reverse: the robot has just come from there.
-_BEHIND = math.radians(170.0)
 
 
 @runtime_checkable
@@ -21,33 +18,6 @@ class Drivable(Protocol):
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
         """Turn in place, by radians counter-clockwise."""
-
-
-def cell_strides(directions: int, cell: float, step: float) -> Float[np.ndarray, "directions 2"]:
-    """Where the cell that holds the end of a step has its centre.
-
-    **Arguments:**
-
-    - `directions`: number of directions.
-    - `cell`: side of a cell, in metres.
-    - `step`: length of a step, in metres.
-
-    **Returns:** for each direction, how far ahead of the centre where the step began that of the
-    end is, and how far to the left, in metres. In the directions along an axis, and a step of a
-    cell, it is the step itself.
-
-    To the East, and to the North East, where the step ends short of the centre of its cell:
-
-        >>> from jaxcell import robot
-        >>> robot.cell_strides(8, 1.0, 1.0)[:2].round(3).tolist()
-        [[1.0, 0.0], [1.414, 0.0]]
-    """
-    angle = 2 * np.pi * np.arange(directions) / directions
-    heading = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    # As the cell space counts: ties go to the upper and right cell, on every platform.
-    hop = np.floor(np.round(np.round(step / cell * heading, 9) + 0.5, 9)) * cell
-    left = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
-    return np.stack([(hop * heading).sum(axis=1), (hop * left).sum(axis=1)], axis=1)
 
 
 class Walker:
@@ -191,7 +161,7 @@ class Walker:
         if abs(way) < self._tolerance:
             return False
         bearing = cmath.phase(way)
-        if back or abs(_wrapped(bearing - self._facing)) > _BEHIND:
+        if back or abs(_wrapped(bearing - self._facing)) > BEHIND:
             self._face(bearing + math.pi)
             return self._count(self._robot.forward(-abs(way), tolerance=self._tolerance))
         self._face(bearing)

@@ -45,6 +45,9 @@ What gives which:
 - `CellSpace`: the cells, `z` from a configuration and back.
 - `free_steps`: where a step leads, among walls of any shape.
 - `stencil`, `Stencil`, `line_orders`: what a step does on a grid, and the order along its lines.
+- `Slip`, `slipping_step`: a robot that slips, between `felt_walls`; `free_ahead` is how far it is
+    to one. `cell_strides` and `stride_legs` are how a walker makes a step end at a centre, and
+    `nearest_cell` is where a robot is that may have slipped off the map.
 - `visibility_polygon`: `V(p)`.
 - `visible_cells`: which cells are wholly visible from which, also by a camera that points one way.
 - `visible_centres`: which centres see each other.
@@ -54,8 +57,16 @@ No part of this package imports JAX.
 
 from .box import Box as Box
 from .cells import CellSpace as CellSpace
+from .nearest import nearest_cell as nearest_cell
 from .segments import free_steps as free_steps
 from .sight import visible_cells as visible_cells, visible_centres as visible_centres
+from .slip import (
+    Slip as Slip,
+    felt_walls as felt_walls,
+    free_ahead as free_ahead,
+    slipping_step as slipping_step,
+)
 from .stencil import Stencil as Stencil, line_orders as line_orders, stencil as stencil
+from .strides import cell_strides as cell_strides, stride_legs as stride_legs
 from .view import visibility_polygon as visibility_polygon
 from .workspace import Workspace as Workspace

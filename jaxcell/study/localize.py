@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from .map_study import MapStudy, cell_at
-from .study import Degrees, Say, silent
+from .study import Degrees, Say, require, silent
 
 
 if TYPE_CHECKING:
     from ..base.quantities import Result
-    from ..bounce import AdaptivelyLocalized, Localized
+    from ..bounce import AdaptivelyLocalized, Localized, Slipped
     from ..space import CellSpace
     from ..space.extent import Extent
     from ..verify import Comparison
@@ -38,9 +38,19 @@ class Localize(MapStudy):
     """Seed of the random start."""
     open_world: bool = False
     """Give the filter a trap for observations that cannot occur on the map."""
+    slip: float | None = None
+    """How much the robot slips: the relative error of its steps and turns, and its veer in radians
+    a metre. Then a belief localizes it, in place of a filter."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require("slip", self.slip, "a number from 0 to 1", lambda x: 0 <= x <= 1)
+        if self.slip is not None and self.open_world:
+            raise ValueError("open_world: a belief has no trap; expected no slip with it")
+        if self.slip is not None and self.collision != "swept":
+            raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
+        if self.slip is not None and self.bounces:
+            raise ValueError("slip: a belief is for one --bounce, not for a choice of angles")
         if (self.bounce is None) == (not self.bounces):
             raise ValueError("bounce: expected one angle, or several in bounces")
         for name in ("goal", "aim"):
@@ -52,15 +62,20 @@ class Localize(MapStudy):
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
+        if self.slip is not None:
+            from ..bounce.slip import needed
+
+            return needed()
         if self.bounces:
             return estimates.plans(extent, **self.motion)
         return estimates.localization(extent, **self.motion)
 
     def spec(self, result: "Result") -> dict[str, Any]:
-        absent = ("bounce_deg", "open_world") if self.bounces else ("bounces_deg", "goal", "aim")
+        of_one, of_several = ("bounce_deg", "open_world", "slip"), ("bounces_deg", "goal", "aim")
+        absent = of_one if self.bounces else of_several
         return {name: one for name, one in super().spec(result).items() if name not in absent}
 
-    def run(self, say: Say = silent) -> "Localized | AdaptivelyLocalized":
+    def run(self, say: Say = silent) -> "Localized | AdaptivelyLocalized | Slipped":
         import numpy as np
 
         cells = self.cells()
@@ -68,13 +83,17 @@ class Localize(MapStudy):
             start = int(np.random.default_rng(self.seed).integers(cells.size))
         else:
             start = cell_at(cells, self.start, "start")
-        return self._choose(cells, start, say) if self.bounces else self._filter(cells, start, say)
-
-    def _filter(self, cells: "CellSpace", start: int, say: Say) -> "Localized":
-        from ..bounce import Localized, bounce_map, localization_filter, localize
-
+        if self.bounces:
+            return self._choose(cells, start, say)
         assert self.bounce is not None
         bounce = math.radians(self.bounce)
+        if self.slip is not None:
+            return self._slipped(cells, bounce, start, say)
+        return self._filter(cells, bounce, start, say)
+
+    def _filter(self, cells: "CellSpace", bounce: float, start: int, say: Say) -> "Localized":
+        from ..bounce import Localized, bounce_map, localization_filter, localize
+
         say(f"mapping {cells.size:,} cells")
         mapped = bounce_map(cells, bounce, **self.motion)
         say(f"building the filter of {cells.size:,} cells")
@@ -92,6 +111,31 @@ class Localize(MapStudy):
         )
         return AdaptivelyLocalized.of(policy, start)
 
+    def _slipped(self, cells: "CellSpace", bounce: float, start: int, say: Say) -> "Slipped":
+        from ..automata import HiddenMap
+        from ..bounce import FineCells, slip_matrices, slipping_run
+        from ..robot.emulation.body import bumper_give
+        from ..space import Slip
+
+        assert self.slip is not None
+        slip = Slip.of(self.slip, give=bumper_give(cells.cell))
+        fine = FineCells.within(cells, slip)
+        say(f"mapping {fine.size:,} fine cells")
+        matrices = slip_matrices(fine, bounce, slip, step=self.step)
+        hidden = HiddenMap.of(*matrices, fine.coarse, fine.centres)
+        say("driving the robot")
+        return slipping_run(
+            hidden,
+            cells,
+            bounce,
+            slip,
+            start,
+            seed=self.seed,
+            step=self.step,
+            fine_side=fine.fine.cell,
+            fine_directions=fine.fine.directions,
+        )
+
     def write(self, result: Any, out: Path) -> None:
         from .. import record
 
@@ -99,12 +143,18 @@ class Localize(MapStudy):
         if self.bounces:
             dataclasses.replace(result.policy, metadata=spec).save(out / "policy.jxf")
             return
+        if self.slip is not None:
+            dataclasses.replace(result.hidden, metadata=spec).save(out / "belief.jxb")
+            return
         dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
         record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..bounce import bounce_map
-        from ..verify import compare_filter, compare_groups, compare_policy
+        from ..verify import compare_filter, compare_groups, compare_policy, compare_slip
+
+        if self.slip is not None:
+            return compare_slip(result)
 
         if self.bounces:
             return compare_policy(result)

@@ -71,6 +71,22 @@ class Navigate(Plans):
     """Where the robot is: "x,y,heading" in m and degrees, or a cell."""
     goal: str
     """Where it is to be, as for the start."""
+    slip: float | None = None
+    """How much the robot slips, as for `jaxcell localize`: then also how probable it is that the
+    plan arrives, and the policy that surely does."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("slip", self.slip, "a number from 0 to 1", lambda x: 0 <= x <= 1)
+        if self.slip is not None and self.collision != "swept":
+            raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
+
+    def needed(self, extent: "Extent") -> float | int:
+        if self.slip is None:
+            return super().needed(extent)
+        from ..bounce.slip import needed
+
+        return super().needed(extent) + len(self.bounces) * needed()
 
     def run(self, say: Say = silent) -> "Result":
         from ..bounce import plan
@@ -78,7 +94,12 @@ class Navigate(Plans):
         cells = self.cells()
         start, goal = (cell_at(cells, getattr(self, end), end) for end in ("start", "goal"))
         say(f"planning among {cells.size:,} cells")
-        return plan(cells, start=start, goal=goal, **self.choices, **self.motion)
+        found = plan(cells, start=start, goal=goal, **self.choices, **self.motion)
+        if self.slip is None:
+            return found
+        from .slipped_plan import slipped_plan
+
+        return slipped_plan(found, self.slip, self.bounces, self.step, say)
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..verify import compare_plan

@@ -19,6 +19,7 @@ from .drift import compare_drift as compare_drift
 from .navigation import compare_plan as compare_plan
 from .patrolled_map import compare_patrolled_map as compare_patrolled_map
 from .policy import compare_policy as compare_policy
+from .slipped import compare_slip as compare_slip
 from .team import compare_team as compare_team
 from .walk import (
     compare_commute as compare_commute,

@@ -112,7 +112,7 @@ def test_people_read_a_table(capsys, ends):
         ({"--goal": "99,2,0"}, "--goal '99,2,0': the point (99, 2) is off the map"),
         ({"--goal": "152"}, "--goal '152': cell 152 does not exist"),
         ({"--goal": "here"}, "--goal 'here': expected \"x,y,heading\""),
-        ({"--bounces": "50"}, "bounce: 50 deg is not a whole number"),
+        ({"--bounces": "50"}, "bounces: 50 deg is not a whole number"),
         ({"--bounces": "360"}, "--bounces: 360 deg leaves the robot at its wall"),
         ({"--keep": "0"}, "--keep: expected a finite cost above 0"),
         ({"--change": "nan"}, "--change: expected a finite cost above 0"),

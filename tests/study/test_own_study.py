@@ -154,7 +154,7 @@ def test_its_recording_shows_curves_and_numbers(drop, tmp_path, read):
     assert curve[0] == [20.0]
     assert curve[4] == [0.0]
     (text,) = found.static("/text", "TextDocument:text")
-    assert "| Energy that is lost | 0.25 |" in text
+    assert "| energy that is lost | 25 % |" in text
     assert "| height_m | 20 |" in text
 
 

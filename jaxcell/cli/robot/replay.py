@@ -81,7 +81,8 @@ def replayed(run: "LoggedRun", file: Path | None = None) -> "RunOutcome":
 
 
 def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
-    from ...automata import Filter, Policy
+    from ...automata import Belief, Filter, HiddenMap, Policy
+    from ...robot.believer import replay_belief
     from ...robot.patrol import replay_patrol
     from ...robot.policy import replay_policy
     from ...robot.runner import plan_outcome, replay_filter
@@ -102,7 +103,11 @@ def _replayed(run: "LoggedRun", file: Path | None) -> "RunOutcome":
         return replay_filter(run, Filter.load(path))
     if kind == "policy":
         return replay_policy(run, Policy.load(path))
+    if kind == "belief":
+        return replay_belief(run, Belief(HiddenMap.load(path)))
     task = load_task(path, run.header["robot"])
     if not isinstance(task, PatrolTask):
-        raise ValueError(f"kind: expected filter, policy, plan, team or patrol, got {kind!r}")
+        raise ValueError(
+            f"kind: expected filter, policy, belief, plan, team or patrol, got {kind!r}"
+        )
     return replay_patrol(run, task)

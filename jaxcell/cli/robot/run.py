@@ -42,9 +42,9 @@ class RobotRun:
     The robot stops, and the run ends, at Ctrl-C."""
 
     file: tyro.conf.Positional[Path]
-    """What to run: the filter.jxf or policy.jxf of `jaxcell localize --out`, the summary.json of
-    `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the patrol.json of `jaxcell
-    patrol map --out`."""
+    """What to run: the filter.jxf, policy.jxf or belief.jxb of `jaxcell localize --out`, the
+    summary.json of `jaxcell navigate --out`, the team.json of `jaxcell team --out`, or the
+    patrol.json of `jaxcell patrol map --out`."""
     robot: int | None = None
     """Which robot of a team or of those that patrol this is, by default 0. Each runs by itself, in
     a process of its own."""
@@ -183,17 +183,20 @@ class RobotRun:
 
     def _recording(self, task: "AnyTask", emulation: "Emulation | None") -> "RobotRecording":
         from ...record import RecordedRobot, RobotRecording
-        from ...robot.tasks.files import FilterTask, PolicyTask
+        from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
 
         assert self.out is not None
         self.out.mkdir(parents=True, exist_ok=True)
         filter: Filter | Policy | None = None
+        belief = task.belief if isinstance(task, BeliefTask) else None
         match task:
             case FilterTask():
                 filter = task.filter
             case PolicyTask():
                 filter = task.policy
         about = {} if filter is None else filter.metadata
+        if belief is not None:
+            about = belief.hidden.metadata
         cells = _cells_of(task, about) if emulation is None else emulation.cells
         robot = RecordedRobot()
         if emulation is not None:
@@ -203,6 +206,7 @@ class RobotRun:
             [robot],
             cells=cells,
             filter=filter,
+            belief=belief,
             filter_of_cells=cells is not None and _is_map(cells, about),
             viewer=self.live,
             spec={"file": name_in_results(self.file), **about},
@@ -232,10 +236,11 @@ class RobotRun:
         self, task: "AnyTask", emulation: "Emulation | None", direction: int | None
     ) -> "_Runner":
         """What runs the task, and the header of its log."""
+        from ...robot.believer import run_belief
         from ...robot.patrol import Patrol, run_patrol
         from ...robot.policy import run_policy
         from ...robot.runner import run_filter, run_plan
-        from ...robot.tasks.files import FilterTask, PlanTask, PolicyTask
+        from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
         from ...robot.team import MemberTask, run_member
 
         header, limit = task.header, self.limit
@@ -251,6 +256,10 @@ class RobotRun:
             case PolicyTask():
                 return header, lambda walker, log: run_policy(
                     walker, task.policy, task.bounces, log=log, limit=limit
+                )
+            case BeliefTask():
+                return header, lambda walker, log: run_belief(
+                    walker, task.belief, task.bounce, log=log, limit=limit
                 )
             case PlanTask():
                 return header, lambda walker, log: run_plan(walker, task.actions, log=log)

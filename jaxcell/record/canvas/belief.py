@@ -1,4 +1,6 @@
-"""Cells where a robot may be, as arrows, or as shaded squares while there are too many."""
+"""Cells where a robot may be, as arrows, or as shaded squares while there are too many.
+
+A belief is a heat map of how probable each position is."""
 
 from collections.abc import Sequence
 
@@ -9,11 +11,13 @@ from jaxtyping import Float, Integer, UInt8
 from ...space import CellSpace
 from .map import log_classes, on_squares, send_pictures
 from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
+from .scale import Scale
 
 
 MAX_ARROWS = 400
 """More cells than this are shown as shaded squares."""
 _SHADES = 8
+_FAINT, _UNLIKELY = 1e-3, "less than 0.001"
 
 
 def arrows(
@@ -79,3 +83,19 @@ def log_beliefs(
         send_pictures(
             stream, "map/grid/belief", on_squares(cells, np.stack(kinds)), timeline, times
         )
+
+
+def heat_scale() -> Scale:
+    """The colours of how probable positions are; squares that are not are clear."""
+    return Scale.over(
+        np.array([_FAINT, 1.0]),
+        "probability {}".format,
+        spaced=np.geomspace,
+        special={_UNLIKELY: CLEAR},
+        digits=1,
+    )
+
+
+def heat(share: Float[np.ndarray, "*times positions"]) -> UInt8[np.ndarray, "*times positions"]:
+    """The classes of positions on the scale of [`heat_scale`][], by how probable they are."""
+    return heat_scale().levels(np.maximum(share, _FAINT), {_UNLIKELY: share < _FAINT})

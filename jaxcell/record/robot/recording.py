@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...automata import Filter, Policy
+from ...automata import Belief, Filter, Policy
 from ...space import CellSpace
 from ..canvas.belief import (
     MAX_ARROWS,
@@ -29,6 +29,7 @@ from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, 
 from ..canvas.prose import counted, describe, made_with
 from ..canvas.stream import fixed, new_stream, recording_name
 from ..viewer import viewer_sink
+from .belief_heat import BeliefHeat
 from .track import NOWHERE, RecordedRobot, Track, longer_trail
 
 
@@ -70,6 +71,7 @@ class RobotRecording:
         *,
         cells: CellSpace | None = None,
         filter: Filter | Policy | None = None,
+        belief: Belief | None = None,
         filter_of_cells: bool = True,
         viewer: str | None = None,
         spec: Mapping[str, Any] | None = None,
@@ -80,6 +82,7 @@ class RobotRecording:
         - `robots`: who drives.
         - `cells`: the map that they drive in, if it is known.
         - `filter`: the localization filter or policy that the robot runs, if it does.
+        - `belief`: the belief that it runs instead, if it does.
         - `filter_of_cells`: whether it is of that map, so that its cells can be shown on it.
         - `viewer`: where to show the run as it goes; see `jaxcell.record.viewer.viewer_sink`.
         - `spec`: what was asked for, shown in the text.
@@ -101,6 +104,9 @@ class RobotRecording:
                 raise ValueError(
                     f"filter: it is of {filter.uncertainty[0]} cells, and the map has {cells.size}"
                 )
+        self._heat: BeliefHeat | None = None
+        if belief is not None and cells is not None and filter_of_cells:
+            self._heat = BeliefHeat(belief, cells)
         self._path, self._cells, self._filter = path, cells, filter
         self._map: CellMap | None = None
         self._spec = dict(spec or {})
@@ -131,6 +137,8 @@ class RobotRecording:
         self._set_time(0.0, 0)
         if self._filter is not None:
             self._log_filter(self._robots[0], 0, self._filter.uncertainty[0], self._filter.color[0])
+        if self._heat is not None:
+            self._heat.log(self._stream)
         for robot in self._robots:
             self._log_estimate(robot, (0.0, 0.0, 0.0))
         self._watcher.start()
@@ -216,6 +224,13 @@ class RobotRecording:
             size = fields["uncertainty"]
             text += f"; it may be in {counted(size, 'cell')}"
             self._log_filter(robot, fields["state"], size, fields["color"])
+        if "credible" in fields:
+            size, nowhere = fields["credible"], fields["nowhere"]
+            text += f"; it is in one of {counted(size, 'cell')} with probability 0.95"
+            self._log_scalar(robot, "belief/credible", size)
+            self._log_scalar(robot, "belief/nowhere", nowhere)
+            if self._heat is not None:
+                self._heat.observe(self._stream, bumped)
         self._log_line(robot, text, "INFO")
 
     def _log_filter(
@@ -273,8 +288,12 @@ class RobotRecording:
             self._stream.log(path, style, static=True)
         log_curve_style(self._stream, "filter/uncertainty", BELIEF)
         log_curve_style(self._stream, "filter/color", KNOWN)
+        log_curve_style(self._stream, "belief/credible", BELIEF)
+        log_curve_style(self._stream, "belief/nowhere", _ESTIMATE)
+        if self._heat is not None:
+            self._heat.log_style(self._stream)
 
-    def _log_scalar(self, robot: Track, path: str, value: int) -> None:
+    def _log_scalar(self, robot: Track, path: str, value: int | float) -> None:
         robot.scalars[path] = value
         self._stream.log(path, rr.Scalars(float(value)))
 
@@ -301,12 +320,26 @@ class RobotRecording:
     def _layout(self) -> rrb.Container:
         views: list[rrb.View] = []
         if self._map is not None:
-            shown = ["grid/belief", "belief", "trails/**", "robots/**", "estimates/**"]
+            shown = [
+                "grid/heat",
+                "credible",
+                "grid/belief",
+                "belief",
+                "trails/**",
+                "robots/**",
+                "estimates/**",
+            ]
             views.append(self._map.view("Where it is", [*shown, "candidates"]))
         if any(self._frame(robot) == "odometry" for robot in self._robots):
             title = "Where its wheels say it is"
             views.append(rrb.Spatial2DView(origin="odometry", name=title, background=OBSTACLE))
         curves = [curve_view("robot", "Bumps (1) and steps (0)", None)]
+        if self._heat is not None:
+            curves = [
+                curve_view("belief/credible", "Cells of the credible set, 95 %", None),
+                curve_view("belief/nowhere", "Probability that it is nowhere", None, 1.0),
+                *curves,
+            ]
         if self._filter is not None:
             curves = [
                 curve_view("filter/uncertainty", "Cells where it may be", None),
@@ -335,6 +368,12 @@ class RobotRecording:
                 f"- **Blue**: the cells where it may be, by its {by}; squares while they are more "
                 f"than {MAX_ARROWS}.",
                 "- **Green**: those that are left when it is localized.",
+            ]
+        if self._heat is not None:
+            marks += [
+                "- **Colours**: how probable each position is, by its belief, from dark (0.001) to "
+                "bright.",
+                "- **Green**: the cells that hold it with probability 0.95, once they are few.",
             ]
         parts = ["# A run of a robot", "" if self._cells is None else describe(self._cells)]
         parts += ["\n".join(marks), "The timeline `observation` counts what it observed."]

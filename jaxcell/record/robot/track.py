@@ -49,7 +49,7 @@ class Track:
     "The time of the last pose that was logged."
     place: Float[np.ndarray, "2"] | None = None
     "Where it made its last observation, as long as it is there."
-    scalars: dict[str, int] = dataclasses.field(default_factory=dict)
+    scalars: dict[str, int | float] = dataclasses.field(default_factory=dict)
     "The numbers that were logged last."
     trail: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)
     believed: Float[np.ndarray, "corners 2"] = dataclasses.field(default_factory=lambda: _NO_TRAIL)

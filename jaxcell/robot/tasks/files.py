@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ...automata import Filter, Policy
+from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ..team import KIND as TEAM, MemberTask, read_member
@@ -40,6 +40,19 @@ class PolicyTask(Task):
 
 
 @dataclasses.dataclass(frozen=True)
+class BeliefTask(Task):
+    """A belief that localizes a robot that slips."""
+
+    belief: Belief
+    bounce: float
+    "The bouncing angle that it is for, in radians."
+
+    @property
+    def header(self) -> dict[str, Any]:
+        return {"kind": "belief", **super().header, "bounce_deg": math.degrees(self.bounce)}
+
+
+@dataclasses.dataclass(frozen=True)
 class PlanTask(Task):
     """A navigation plan."""
 
@@ -53,7 +66,7 @@ class PlanTask(Task):
         return {"kind": "plan", **super().header, "start": self.start, "actions": self.actions}
 
 
-AnyTask = FilterTask | PolicyTask | PlanTask | MemberTask | PatrolTask
+AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolTask
 """What a robot can run."""
 
 
@@ -62,9 +75,9 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 
     **Arguments:**
 
-    - `path`: the `filter.jxf` or `policy.jxf` of `jaxcell localize --out`, the `summary.json` of
-        `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the `patrol.json` of
-        `jaxcell patrol map --out`.
+    - `path`: the `filter.jxf`, `policy.jxf` or `belief.jxb` of `jaxcell localize --out`, the
+        `summary.json` of `jaxcell navigate --out`, the `team.json` of `jaxcell team --out`, or the
+        `patrol.json` of `jaxcell patrol map --out`.
     - `robot`: which of a team, or of those that patrol; the first if not given.
 
     **Returns:** the filter, policy, plan, or part of a robot, with what it has to know of its map.
@@ -103,6 +116,11 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
         )
     if path.suffix == ".json":
         return _plan(path, Fields(values, f"{path}: "))
+    if path.suffix == ".jxb":
+        hidden = HiddenMap.load(path)
+        fields = Fields(hidden.metadata, f"{path}: ")
+        bounce = math.radians(fields.number("bounce_deg"))
+        return BeliefTask(**common_fields(path, fields), belief=Belief(hidden), bounce=bounce)
     if read_kind(path) == "policy":
         return _policy(path)
     filter = Filter.load(path)

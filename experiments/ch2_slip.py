@@ -1,0 +1,195 @@
+"""Estimators of where a robot is that slips, against the physics of the emulator.
+
+    python experiments/ch2_slip.py --runs 500
+
+A point robot with one bouncing angle makes `--observations` observations from a random cell. Every
+stretch and turn is off by a relative error, and the heading veers by as much in radians a metre.
+Its body is that of the emulator, in continuous time and space, driven stretch by stretch; with
+`--driver` by way of the driver, its commands and frames, some hundred times as slow. No estimator
+is told the start or the errors. Four follow the same runs:
+
+- `combinatorial`: the filter of section 2.4, which believes that nothing slips;
+- `belief`: the credible set, 95 %, of a belief among fine cells; with `--models` also where the
+  errors that it counts on are not those of the robot;
+- `bounded`: the set that errors of at most three standard deviations leave possible, on the fewest
+  runs, for errors of at most 2 %;
+- `particles`: Monte Carlo localization with `--particles`, on `--few` runs.
+
+Written for each: how often the answer holds the truth (a run that is refuted, or nowhere, does
+not), with the 95 % Wilson interval; how many configurations it has; how often it is refuted; after
+how many bumps it first has at most `--small` of them; and the time of an observation. Writes
+`slip.csv` after each case.
+"""
+
+import argparse
+import csv
+import dataclasses
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from report import Rows, emit, say
+from scipy.stats import binomtest
+from slip_runs import Run, run
+
+from jaxcell.automata import Belief, Bounded, Estimate, HiddenMap
+from jaxcell.bounce import (
+    FineCells,
+    bounce_map,
+    bounded_matrices,
+    localization_filter,
+    slip_matrices,
+)
+from jaxcell.robot import Particles
+from jaxcell.robot.emulation.body import bumper_give
+from jaxcell.space import CellSpace, Slip, nearest_cell
+
+
+MAPS = Path(__file__).parent.parent / "data" / "maps"
+NAMES = ("lab_a", "lab_b", "complex", "depot")
+ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
+SURE = 0.99
+_LEAST, _BOUNDED = 0.002, 0.02
+
+
+@dataclasses.dataclass
+class Found:
+    """What an estimator said in the runs of a case."""
+
+    held: list[bool] = dataclasses.field(default_factory=list)
+    size: list[int] = dataclasses.field(default_factory=list)
+    refuted: list[bool] = dataclasses.field(default_factory=list)
+    bumps: list[float] = dataclasses.field(default_factory=list)
+    seconds: list[float] = dataclasses.field(default_factory=list)
+
+    def row(self) -> dict[str, Any]:
+        bounds = binomtest(sum(self.held), len(self.held)).proportion_ci(method="wilson")
+        reached = [b for b in self.bumps if math.isfinite(b)]
+        kept = [s for s, r in zip(self.size, self.refuted, strict=True) if not r]
+        return {
+            "runs": len(self.held),
+            "holds the truth, %": 100 * float(np.mean(self.held)),
+            "95 %, interval": f"{100 * bounds.low:.1f} to {100 * bounds.high:.1f}",
+            "size, median": float(np.median(kept)) if kept else math.nan,
+            "size, mean": float(np.mean(kept)) if kept else math.nan,
+            "refuted, %": 100 * float(np.mean(self.refuted)),
+            "small, % of runs": 100 * len(reached) / len(self.bumps),
+            "bumps, until small": float(np.mean(reached)) if reached else math.nan,
+            "ms, observation": 1e3 * float(np.mean(self.seconds)),
+        }
+
+
+def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Found:
+    """What an estimator with `start`, `observe` and `estimate` says in some runs."""
+    found = Found()
+    for one in runs:
+        state, bumps, first = estimator.start(), 0, math.inf
+        for observation, _ in one:
+            began = time.perf_counter()
+            state = estimator.observe(state, observation)
+            found.seconds.append(time.perf_counter() - began)
+            bumps += observation
+            if first == math.inf and 0 < estimator.estimate(state).cells.size <= small:
+                first = bumps
+        estimate = estimator.estimate(state)
+        truth = int(nearest_cell(cells, *one[-1][1]))
+        refuted = estimate.nowhere > SURE
+        found.held.append(truth in estimate.cells and not refuted)
+        found.size.append(estimate.cells.size)
+        found.refuted.append(refuted)
+        found.bumps.append(first)
+    return found
+
+
+class Combinatorial:
+    """A filter in the form of the other estimators."""
+
+    def __init__(self, filter: Any) -> None:
+        self.filter = filter
+
+    def start(self) -> int:
+        return 0
+
+    def observe(self, state: int, observation: int) -> int:
+        return -1 if state < 0 else int(self.filter.transition[state, observation])
+
+    def estimate(self, state: int) -> Estimate:
+        cells = np.empty(0, np.int32) if state < 0 else self.filter.cells(state)
+        return Estimate(cells, np.full(cells.size, 1.0), float(state < 0))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("runs/ch2_slip"))
+    parser.add_argument("--maps", nargs="+", default=NAMES)
+    parser.add_argument("--errors", nargs="+", type=float, default=ERRORS)
+    parser.add_argument("--bounce", type=float, default=135.0)
+    parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--few", type=int, default=50)
+    parser.add_argument("--observations", type=int, default=40)
+    parser.add_argument("--particles", type=int, nargs="*", default=[1_000, 10_000])
+    parser.add_argument("--models", type=float, nargs="+", default=[1.0, 0.5, 2.0])
+    parser.add_argument("--small", type=int, default=4)
+    parser.add_argument("--driver", action="store_true")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    jax.config.update("jax_enable_x64", True)
+    rows: Rows = []
+    for name in options.maps:
+        cells = CellSpace.load(MAPS / f"{name}.json")
+        for error in options.errors:
+            case = {"map": name, "error, %": 100 * error}
+            for what, found in estimated(cells, error, options):
+                rows.append({**case, "estimator": what, **found.row()})
+                # What there is is kept, whatever becomes of the rest.
+                with (options.out / "slip.csv").open("w", newline="", encoding="utf-8") as file:
+                    writer = csv.DictWriter(file, list(rows[0]))
+                    writer.writeheader()
+                    writer.writerows(rows)
+    emit("Estimators", rows, options.out / "slip.csv", spec=".1f")
+    say("A run that is refuted, or nowhere, holds the truth in no case.")
+
+
+def estimated(
+    cells: CellSpace, error: float, options: argparse.Namespace
+) -> Iterator[tuple[str, Found]]:
+    """Each estimator of a case with what it said."""
+    bounce, give = math.radians(options.bounce), bumper_give(cells.cell)
+    runs = [
+        run(cells, bounce, error, seed, limit=options.observations, driver=options.driver)
+        for seed in range(options.runs)
+    ]
+    # The driver stops a robot that backs into a wall.
+    runs = [one for one in runs if len(one) == options.observations]
+    few = runs[: options.few]
+
+    def slipping(factor: float) -> Slip:
+        # A robot that is told to do without errors has still those of rounding.
+        return Slip.of(max(_LEAST, min(1.0, factor * error)), give=give)
+
+    filter = localization_filter(bounce_map(cells, bounce))
+    yield "combinatorial", follow(Combinatorial(filter), cells, runs, options.small)
+    for factor in options.models if error else [1.0]:
+        slip = slipping(factor)
+        fine = FineCells.within(cells, slip)
+        hidden = HiddenMap.of(*slip_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+        model = "" if factor == 1 else f", errors x {factor:g}"
+        what = f"belief, {fine.size:,} cells{model}"
+        yield what, follow(Belief(hidden), cells, runs, options.small)
+    if error <= _BOUNDED and options.few:
+        slip = slipping(3.0)
+        fine = FineCells.within(cells, slip)
+        hidden = HiddenMap.of(*bounded_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+        what = f"bounded, {fine.size:,} cells"
+        yield what, follow(Bounded(hidden), cells, few, options.small)
+    for count in options.particles if options.few else []:
+        cloud = Particles(cells, bounce, slipping(1.0), count=count)
+        yield f"particles, {count:,}", follow(cloud, cells, few, options.small)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""Runs of emulated robots that slip, for the experiments with estimators."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jaxcell.robot import Walker, cell_strides
+from jaxcell.robot.create.driver import RobotStopped
+from jaxcell.robot.emulation.body import Body, Noise, bumper_give
+from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.space import CellSpace
+
+
+Run = list[tuple[int, tuple[float, float, float]]]
+"Each observation of a run, with the pose after it."
+
+
+def run(
+    cells: CellSpace, bounce: float, noise: float, seed: int, *, limit: int, driver: bool
+) -> Run:
+    """A run from a random cell, shorter if the driver stops the robot."""
+    assert cells.workspace is not None
+    rng = np.random.default_rng([17, seed])
+    start = int(rng.integers(cells.size))
+    x, y, theta = cells.centre(start)
+    body = Body(
+        cells.workspace,
+        (float(x), float(y), float(theta)),
+        give=bumper_give(cells.cell),
+        noise=Noise(distance=noise, rotation=noise, veer=noise),
+        rng=rng,
+    )
+    strides = cell_strides(cells.directions, cells.cell, cells.cell)
+    robot = SimulatedCreate(body) if driver else DirectBody(body)
+    walker = Walker(robot, cells.cell, strides=strides, direction=start // cells.positions)
+    return list(_steps(walker, body, bounce, limit))
+
+
+def _steps(
+    walker: Walker, body: Body, bounce: float, limit: int
+) -> Iterator[tuple[int, tuple[float, float, float]]]:
+    for _ in range(limit):
+        try:
+            bumped = walker.step()
+            if bumped:
+                walker.rotate(bounce)
+        except RobotStopped:
+            return
+        yield int(bumped), body.pose

@@ -1,0 +1,125 @@
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .hidden import Estimate, HiddenMap, credible
+
+
+# How probable it is at each observation that the robot is carried off, or its map is wrong.
+_LOST = 1e-4
+# What a robot senses that is nowhere on the map is a coin that is tossed.
+_COIN = 0.5
+NOWHERE = 0.99
+"From this probability of being nowhere on a robot stops."
+SMALL = 4
+"With a credible set of no more configurations a robot is localized."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BeliefState:
+    """What a belief is after some observations."""
+
+    weight: Float[np.ndarray, "cells"]
+    "How probable each cell is."
+    nowhere: float
+    "How probable it is that the robot is in none of them; with it they sum to 1."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Belief:
+    """The forward filter of a hidden map: how probable each cell is after what was observed.
+
+    At each observation the robot may, with a small probability, have got lost: then it is nowhere
+    on the map, and what it senses is a coin that is tossed. A run that the map explains worse than
+    a coin does makes that probable.
+
+    A robot in one of three cells in a row, which goes on for sure and bumps at the end:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> moves, bumps = np.eye(3, k=1), np.diag([0.0, 0.0, 1.0])
+        >>> hidden = automata.HiddenMap.of(moves, bumps, np.arange(3), np.ones(3) / 3)
+        >>> belief = automata.Belief(hidden)
+        >>> state = belief.observe(belief.start(), 0)
+        >>> belief.estimate(state).cells.tolist()
+        [1, 2]
+    """
+
+    hidden: HiddenMap
+    share: float = 0.95
+    "The least probability of the configurations of an estimate together, given the map."
+
+    def __post_init__(self) -> None:
+        if not 0 < self.share <= 1:
+            raise ValueError(f"share: expected more than 0 and at most 1, got {self.share:g}")
+
+    def start(self) -> BeliefState:
+        """The belief before the first observation."""
+        return BeliefState(self.hidden.start, 0.0)
+
+    def observe(self, state: BeliefState, observation: int) -> BeliefState:
+        """The belief after an observation, 0 or 1."""
+        weight = (self.hidden.arriving[observation] @ state.weight) * (1 - _LOST)
+        nowhere = _COIN * (state.nowhere + _LOST * (1 - state.nowhere))
+        total = weight.sum() + nowhere
+        return BeliefState(weight / total, float(nowhere / total))
+
+    def estimate(self, state: BeliefState) -> Estimate:
+        """The credible set: the fewest configurations that are so probable together."""
+        return credible(self.masses(state.weight), self.share, state.nowhere)
+
+    def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
+        """What the cells of each configuration weigh together."""
+        return np.bincount(self.hidden.configuration, weight, self.hidden.configurations)
+
+    def smoothed(self, observations: Sequence[int]) -> Float[np.ndarray, "times cells"]:
+        """How probable each cell was at each time of a run, given all of the run.
+
+        **Raises:** `ValueError` if the run cannot be on the map.
+        """
+        forward = [self.hidden.start]
+        for observation in observations:
+            forward.append(_normal(self.hidden.arriving[observation] @ forward[-1]))
+        back = np.ones(self.hidden.cells)
+        found = [forward[-1]]
+        for observation, before in zip(observations[::-1], forward[-2::-1], strict=True):
+            back = _normal(self.hidden.leaving(observation) @ back)
+            found.append(_normal(before * back))
+        return np.stack(found[::-1])
+
+    def likeliest_path(self, observations: Sequence[int]) -> Int[np.ndarray, "times"]:
+        """The most probable cells of a run, from the start to the end (Viterbi).
+
+        **Raises:** `ValueError` if the run cannot be on the map.
+        """
+        with np.errstate(divide="ignore"):
+            score = np.log(self.hidden.start)
+        before = []
+        for observation in observations:
+            matrix = self.hidden.arriving[observation]
+            way = score[matrix.indices] + np.log(matrix.data)
+            rows = np.flatnonzero(np.diff(matrix.indptr))
+            score = np.full(self.hidden.cells, -np.inf)
+            from_ = np.zeros(self.hidden.cells, np.int32)
+            if rows.size:
+                begin = matrix.indptr[rows]
+                score[rows] = np.maximum.reduceat(way, begin)
+                best = np.flatnonzero(way == np.repeat(score[rows], np.diff(matrix.indptr)[rows]))
+                first = best[np.searchsorted(best, begin)]
+                from_[rows] = matrix.indices[first]
+            if not np.isfinite(score).any():
+                raise ValueError("observations: no path of the map has them")
+            before.append(from_)
+        path = [int(np.argmax(score))]
+        for from_ in before[::-1]:
+            path.append(int(from_[path[-1]]))
+        return np.array(path[::-1], np.int32)
+
+
+def _normal(weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
+    total = weight.sum()
+    if total == 0:
+        raise ValueError("observations: no path of the map has them")
+    return np.asarray(weight / total)

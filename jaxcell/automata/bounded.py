@@ -1,0 +1,91 @@
+import dataclasses
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Int
+
+from .hidden import Estimate, HiddenMap
+from .subset import Automaton
+
+
+# The largest total size of the sets of an automaton, unless told otherwise.
+_LIMIT = 10_000_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Bounded:
+    """The sets of cells that observations leave possible, on a map with several images of a cell.
+
+    Probabilities do not matter but that they are not 0. The sets never lose a robot that does what
+    the map holds for possible, and they may grow.
+
+    A robot in one of three cells in a row, which goes on or stays, and bumps at the end:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> moves = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0, 0, 0]])
+        >>> bumps = np.diag([0.0, 0.0, 1.0])
+        >>> hidden = automata.HiddenMap.of(moves, bumps, np.arange(3), np.ones(3) / 3)
+        >>> sets = automata.Bounded(hidden)
+        >>> sets.observe(sets.observe(sets.start(), 1), 1).tolist()
+        [2]
+        >>> sets.automaton().transition.tolist()
+        [[0, 1], [-1, 1]]
+    """
+
+    hidden: HiddenMap
+
+    def start(self) -> Int[np.ndarray, "cells"]:
+        """The cells where the robot may be before the first observation, ascending."""
+        return np.flatnonzero(self.hidden.start).astype(np.int32)
+
+    def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
+        """Those after an observation, 0 or 1; none if it cannot be on the map."""
+        return _reached(self.hidden.leaving(observation), state)
+
+    def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
+        """The configurations of the set; it is nowhere for sure if there are none."""
+        cells = np.unique(self.hidden.configuration[state])
+        return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
+
+    def automaton(self, *, limit: int = _LIMIT) -> Automaton:
+        """The sets that any observations lead to, as far as there are few.
+
+        **Arguments:**
+
+        - `limit`: the largest total size of the sets, in cells.
+
+        **Raises:** `ValueError` if they outgrow it: then only [`Bounded.observe`][] is left.
+        """
+        sets, number = [self.start()], {self.start().tobytes(): 0}
+        transition, members, state = [], sets[0].size, 0
+        while state < len(sets):
+            after = [-1, -1]
+            for bit in (0, 1):
+                found = self.observe(sets[state], bit)
+                if not found.size:
+                    continue
+                after[bit] = number.setdefault(found.tobytes(), len(sets))
+                if after[bit] == len(sets):
+                    sets.append(found)
+                    members += found.size
+                if members > limit:
+                    raise ValueError(
+                        f"the sets of the first {len(sets)} states have {members} members, more "
+                        f"than the limit of {limit}; follow sets one observation at a time instead"
+                    )
+            transition.append(after)
+            state += 1
+        ends = np.cumsum([0, *map(len, sets)], dtype=np.int64)
+        return Automaton(np.array(transition, np.int32), ends, np.concatenate(sets))
+
+
+def _reached(
+    matrix: scipy.sparse.csr_array, cells: Int[np.ndarray, "cells"]
+) -> Int[np.ndarray, "_"]:
+    """The columns in which one of some rows has an entry, ascending."""
+    begin, count = matrix.indptr[cells], np.diff(matrix.indptr)[cells]
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    mark = np.zeros(matrix.shape[1], bool)
+    mark[matrix.indices[np.repeat(begin, count) + within]] = True
+    return np.flatnonzero(mark).astype(np.int32)

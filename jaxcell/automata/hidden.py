@@ -1,0 +1,185 @@
+import dataclasses
+import functools
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float, Int
+
+from ..base.documents import Fields
+from .storage import read_arrays, write_arrays
+
+
+_FORMAT, _VERSION = "jaxcell-hidden-map", 1
+# Probabilities are kept in a file as whole numbers of these.
+_UNIT = 2.0**-30
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HiddenMap:
+    """A map with several images of each cell, and what the robot senses on the way to each.
+
+    Cells may be finer than those of which one asks, the *configurations*.
+
+    Of three cells, the first two one configuration, a robot goes to the next or stays, and bumps at
+    the end:
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> moves = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0, 0, 0]])
+        >>> bumps = np.diag([0.0, 0.0, 1.0])
+        >>> hidden = automata.HiddenMap.of(moves, bumps, np.array([0, 0, 1]), np.ones(3) / 3)
+        >>> hidden.cells, hidden.configurations
+        (3, 2)
+    """
+
+    moves: scipy.sparse.csr_array
+    "The probability of going from a cell, the row, to another with observation 0."
+    bumps: scipy.sparse.csr_array
+    "The same with observation 1."
+    configuration: Int[np.ndarray, "cells"]
+    "The configuration that each cell is in."
+    start: Float[np.ndarray, "cells"]
+    "The distribution over the cells in the beginning."
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    "What else is known of it, a JSON object."
+
+    @classmethod
+    def of(
+        cls,
+        moves: Any,
+        bumps: Any,
+        configuration: Int[np.ndarray, "cells"],
+        start: Float[np.ndarray, "cells"],
+        metadata: Mapping[str, Any] | None = None,
+    ) -> "HiddenMap":
+        """**Arguments:** those of the fields; the matrices may be dense.
+
+        **Raises:** `ValueError` for arrays that do not fit each other, and probabilities that are
+        negative, or that sum to more than 1.
+        """
+        first, second = (scipy.sparse.csr_array(m, dtype=np.float64) for m in (moves, bumps))
+        cells = start.size
+        if first.shape != (cells, cells) or second.shape != (cells, cells):
+            raise ValueError(
+                f"moves, bumps: expected {cells} rows and columns, as many as start has numbers, "
+                f"got {first.shape} and {second.shape}"
+            )
+        if configuration.shape != (cells,) or configuration.min() < 0:
+            raise ValueError(f"configuration: expected {cells} numbers from 0")
+        both = first + second
+        negative = min(matrix.data.min(initial=0) for matrix in (first, second))
+        if not (negative >= 0 and both.sum(axis=1).max() <= 1 + 1e-6):
+            raise ValueError("moves, bumps: expected rows of probabilities that sum to at most 1")
+        if not (start.min() >= 0 and abs(start.sum() - 1) < 1e-6):
+            raise ValueError("start: expected a distribution")
+        return cls(first, second, configuration.astype(np.int32), start, dict(metadata or {}))
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return self.start.size
+
+    @functools.cached_property
+    def configurations(self) -> int:
+        """Number of configurations."""
+        return int(self.configuration.max()) + 1
+
+    def leaving(self, observation: int) -> scipy.sparse.csr_array:
+        """The probabilities of the steps with an observation, row by row of where they begin."""
+        return self.bumps if observation else self.moves
+
+    @functools.cached_property
+    def arriving(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+        """The same for both observations, row by row of where the steps end."""
+        return self.moves.T.tocsr(), self.bumps.T.tocsr()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the map to a file, which is replaced."""
+        arrays = {"configuration": self.configuration, "start": _whole(self.start)}
+        for name in ("moves", "bumps"):
+            matrix = getattr(self, name)
+            arrays |= {
+                f"{name}_indptr": matrix.indptr.astype(np.int32),
+                f"{name}_indices": matrix.indices.astype(np.int32),
+                f"{name}_data": _whole(matrix.data),
+            }
+        header = {"format": _FORMAT, "version": _VERSION, "metadata": dict(self.metadata)}
+        write_arrays(path, header, arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
+        """Reads the file of a map.
+
+        **Raises:** `ValueError` that names the file, if it is not one; `FileNotFoundError`.
+        """
+        header, arrays = read_arrays(path)
+        if (header.get("format"), header.get("version")) != (_FORMAT, _VERSION):
+            raise ValueError(
+                f"{path}: expected a map for a belief, format {_FORMAT!r} version {_VERSION}, got "
+                f"{header.get('format')!r} version {header.get('version')!r}"
+            )
+        metadata = Fields(header, f"{path}: ").get("metadata")
+        try:
+            start = arrays["start"] * _UNIT
+            matrices = []
+            for name in ("moves", "bumps"):
+                data, indices, ends = (
+                    arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")
+                )
+                matrix = scipy.sparse.csr_array(
+                    (data * _UNIT, indices, ends), shape=(start.size, start.size)
+                )
+                matrix.check_format()
+                matrices.append(matrix)
+            if not isinstance(metadata, dict):
+                raise ValueError("metadata: expected an object")
+            moves, bumps = matrices
+            return cls.of(moves, bumps, arrays["configuration"], start, metadata)
+        except (KeyError, ValueError, TypeError) as error:
+            raise ValueError(f"{path}: not a map for a belief, or altered: {error}") from None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimate:
+    """What an estimator knows: the configurations in which a robot may be."""
+
+    cells: Int[np.ndarray, "configurations"]
+    "The configurations, the likeliest first where that is known."
+    probability: Float[np.ndarray, "configurations"]
+    "How probable each is, if the robot is anywhere; all the same where that is not known."
+    nowhere: float
+    "How probable it is that the robot is nowhere on the map, 0 to 1."
+
+
+def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: float) -> Estimate:
+    """The fewest configurations that are so probable together.
+
+    **Arguments:**
+
+    - `mass`: how probable each configuration is, to a factor.
+    - `share`: the least probability of those of the answer together, of what all weigh.
+    - `nowhere`: how probable it is that the robot is in none.
+
+    **Returns:** [`Estimate`][], with no configurations if none weighs anything.
+
+        >>> import numpy as np
+        >>> from jaxcell import automata
+        >>> automata.credible(np.array([0.1, 0.6, 0.3]), 0.8, 0.0).cells.tolist()
+        [1, 2]
+    """
+    here = mass.sum()
+    if here == 0:
+        return Estimate(np.empty(0, np.int32), np.empty(0), nowhere)
+    order = np.argsort(-mass, kind="stable")
+    mass = mass[order] / here
+    # Rounding must not make a share of 1 hold all configurations there are.
+    count = int(np.searchsorted(np.cumsum(mass), share * (1 - 1e-12))) + 1
+    count = min(count, int(np.count_nonzero(mass)))
+    return Estimate(order[:count].astype(np.int32), mass[:count], nowhere)
+
+
+def _whole(share: Float[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:
+    return np.asarray(np.rint(share / _UNIT), np.int32)

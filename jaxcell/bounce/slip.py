@@ -1,0 +1,339 @@
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+from jaxtyping import Array, Float, Int
+from scipy.stats import qmc
+
+from ..base import memory
+from ..mapping import ObservedChain
+from ..space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
+from ..space.slip import ERRORS, TURNING, to_wall
+from .dynamics import bounce_shift
+
+
+# Configurations and errors that are tried in each cell, a power of two.
+_SAMPLES = 128
+# Cells that are sampled at once.
+_CHUNK = 2048
+MOST_CELLS = 100_000
+"How many fine cells a map is cut into at most, unless told otherwise."
+# By how many standard deviations a heading may drift in so many steps, a third of them bumps that
+# turn the robot by 2 radians.
+_DRIFT, _STEPS = 2.5, 36
+# Bytes of a cell: the entries of its row in two matrices, while they are made.
+_BYTES = 2000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FineCells:
+    """The cells of a map cut into finer ones, among which a robot that slips is followed.
+
+    A robot that slips looks another way than it takes itself to, and how it makes a step depends on
+    the latter. So a fine cell is a square, a direction of the map, which the robot believes, and by
+    how many fine directions its heading is off: `z = row * squares + square`, where
+    `row = direction * (2 reach + 1) + reach + off`. An odd number of fine squares lie along the
+    side of a cell, so that its centre is that of one.
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> cells = bounce.FineCells.of(corridor, squares=3, directions=2, reach=1)
+        >>> cells.size, int(np.count_nonzero(cells.centres))
+        (324, 12)
+    """
+
+    cells: CellSpace
+    "The cells of the map, which the robot believes itself to step through."
+    fine: CellSpace
+    "The fine squares, and the fine directions."
+    reach: int
+    "By how many fine directions a heading may be off to either side; what is off more counts so."
+
+    @classmethod
+    def of(cls, cells: CellSpace, *, squares: int, directions: int, reach: int) -> "FineCells":
+        """**Arguments:**
+
+        - `cells`: the cell space of a map.
+        - `squares`: how many fine squares lie along the side of a cell; an odd number.
+        - `directions`: how many fine directions each direction is cut into.
+        - `reach`: as the field.
+
+        **Raises:** `ValueError` for a number that is even or not positive, or for a cell space that
+        has no map.
+        """
+        if squares < 1 or squares % 2 == 0:
+            raise ValueError(f"squares: expected an odd number from 1, got {squares}")
+        if directions < 1:
+            raise ValueError(f"directions: expected at least 1, got {directions}")
+        if reach < 0:
+            raise ValueError(f"reach: expected a number from 0, got {reach}")
+        if cells.workspace is None:
+            raise ValueError("cells: expected those of a map, got those of a grid without one")
+        number = cells.directions * directions
+        fine = CellSpace.of(cells.workspace, cells.cell / squares, number)
+        return cls(cells, fine, min(reach, number // 2))
+
+    @classmethod
+    def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
+        """The finest of about the same error in place and heading with at most so many cells.
+
+        **Arguments:**
+
+        - `cells`: the cell space of a map.
+        - `slip`: how large the errors are, which decides how far off the heading may be.
+        - `most`: how many cells at most, by default `MOST_CELLS`; if one for each cell of the map
+            is more, these are taken.
+
+        **Returns:** the fine cells.
+        """
+        drift = _DRIFT * math.hypot(
+            math.sqrt(_STEPS) * slip.heading, 2 * math.sqrt(_STEPS / 3) * slip.turn
+        )
+        best = 1, 1, 0
+        for squares in range(1, 32, 2):
+            # A step along a heading that is off by a fine direction ends about a square aside.
+            directions = max(1, round(2 * math.pi * squares / cells.directions))
+            number = cells.directions * directions
+            reach = min(
+                max(directions // 2, math.ceil(drift * number / (2 * math.pi))), number // 2
+            )
+            size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
+            if size <= (MOST_CELLS if most is None else most):
+                best = squares, directions, reach
+        return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
+
+    @property
+    def size(self) -> int:
+        """Number of fine cells."""
+        return self.cells.directions * (2 * self.reach + 1) * self.fine.positions
+
+    @functools.cached_property
+    def poses(self) -> Float[np.ndarray, "fine 3"]:
+        """The configuration of the centre of each cell, in metres and radians."""
+        row, square = np.divmod(np.arange(self.size), self.fine.positions)
+        direction, off = np.divmod(row, 2 * self.reach + 1)
+        x, y, _ = self.fine.centre(square)
+        turn = 2 * np.pi / self.fine.directions
+        theta = direction * (2 * np.pi / self.cells.directions) + (off - self.reach) * turn
+        return np.stack([x, y, theta], axis=1)
+
+    @functools.cached_property
+    def believed(self) -> Int[np.ndarray, "fine"]:
+        """The direction that the robot believes to look in, in each cell."""
+        return np.arange(self.size) // self.fine.positions // (2 * self.reach + 1)
+
+    @functools.cached_property
+    def coarse(self) -> Int[np.ndarray, "fine"]:
+        """The cell of the map that each fine cell is in, or nearest to."""
+        return nearest_cell(self.cells, *self.poses.T)
+
+    @functools.cached_property
+    def centres(self) -> Float[np.ndarray, "fine"]:
+        """The distribution of a robot at the centre of a cell of the map, any of them."""
+        return self.at(np.arange(self.cells.size))
+
+    def at(self, cell: Int[np.ndarray, "..."] | int) -> Float[np.ndarray, "fine"]:
+        """The distribution of a robot at the centre of any of some cells of the map."""
+        cell = np.atleast_1d(cell)
+        pose = np.stack(self.cells.centre(cell), axis=-1)
+        where = self.index(pose, cell // self.cells.positions)
+        return np.bincount(where, minlength=self.size) / where.size
+
+    def index(
+        self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."]
+    ) -> Int[np.ndarray, "*batch"]:
+        """The fine cell of configurations with believed directions, or the nearest one."""
+        square = nearest_cell(self.fine, pose[..., 0], pose[..., 1], 0.0)
+        turn, number = 2 * np.pi / self.fine.directions, self.fine.directions
+        theta = pose[..., 2] - believed * (2 * np.pi / self.cells.directions)
+        off = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64)
+        off = (off + number // 2) % number - number // 2
+        off = np.clip(off, -self.reach, self.reach)
+        row = believed * (2 * self.reach + 1) + self.reach + off
+        return np.asarray(row * self.fine.positions + square, np.int32)
+
+
+def slip_map(
+    cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
+) -> ObservedChain:
+    """The generalized map of a robot that slips, with what its bump sensor says on the way.
+
+    Configurations are drawn evenly in each cell, each with errors of its own, and each driven a
+    step as [`jaxcell.space.slipping_step`][] says (Hsu's generalized cell mapping by sampling).
+    The points are those of a Sobol sequence, the same in each cell, so that a map is the same each
+    time.
+
+    **Arguments:**
+
+    - `cells`: the fine cells.
+    - `bounce`: bouncing angle in radians, counter-clockwise.
+    - `slip`: how large the errors are.
+    - `step`: length of a step in metres, by default one cell of the map.
+
+    **Returns:** [`jaxcell.mapping.ObservedChain`][] over the fine cells, which nothing leaves.
+
+    **Raises:** `MemoryError` where the map would not fit the free memory.
+
+    In a corridor of three cells, a robot in the middle that looks East moves on:
+
+        >>> from jaxcell import bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
+        >>> model = bounce.slip_map(cells, 0.0, space.Slip())
+        >>> moves, bumps = model.to_scipy()
+        >>> moves.shape
+        (12, 12)
+    """
+    return ObservedChain.from_scipy(*slip_matrices(cells, bounce, slip, step=step))
+
+
+def slip_matrices(
+    cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
+) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+    """The probabilities of [`slip_map`][] with observation 0, and with observation 1.
+
+    **Arguments:**
+
+    - `cells`, `bounce`, `slip`, `step`: as for [`slip_map`][].
+
+    **Returns:** two sparse matrices over the fine cells, whose sum has rows that sum to 1.
+
+    **Raises:** as [`slip_map`][].
+
+        >>> from jaxcell import bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
+        >>> moves, bumps = bounce.slip_matrices(cells, 0.0, space.Slip.of(0.02))
+        >>> (moves + bumps).sum(axis=1).round(6).tolist()
+        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    """
+    return slip_choices(cells, [bounce], slip, step=step)[0]
+
+
+def slip_choices(
+    cells: FineCells, bounces: Sequence[float], slip: Slip, *, step: float | None = None
+) -> list[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]]:
+    """The probabilities of [`slip_matrices`][] for each of several bouncing angles.
+
+    **Arguments:**
+
+    - `cells`, `slip`, `step`: as for [`slip_map`][].
+    - `bounces`: bouncing angles in radians, counter-clockwise.
+
+    **Returns:** for each angle two sparse matrices; the first, of the moves, is the same for all.
+
+    **Raises:** as [`slip_map`][].
+
+        >>> from jaxcell import bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
+        >>> len(bounce.slip_choices(cells, [1.5707963267948966, 0.0], space.Slip()))
+        2
+    """
+    coarse, fine = cells.cells, cells.fine
+    assert coarse.workspace is not None
+    size = cells.size
+    memory.check(needed(size), f"a map of {size} cells for a robot that slips", "use fewer cells")
+    points = qmc.Sobol(3 + ERRORS, seed=0).random(_SAMPLES)
+    offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
+    # Where in its direction a heading is decides in which it is next, not where the step leads:
+    # drawn anew at each step, it would scatter a robot whose heading stays what it is.
+    turned = np.zeros_like(offsets)
+    turned[:, 2], offsets[:, 2] = offsets[:, 2], 0
+    errors = _normal(points[:, 3:])
+    legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
+    walls = felt_walls(coarse.workspace, slip.give)
+    shifts = bounce_shift(np.asarray(bounces, float), coarse.directions).tolist()
+    parts: list[list[scipy.sparse.csr_array]] = [[] for _ in range(1 + len(shifts))]
+    for begin in range(0, size, _CHUNK):
+        rows = np.minimum(np.arange(begin, begin + _CHUNK), size - 1)
+        told = cells.believed[rows]
+        after, bumped = map(
+            np.asarray,
+            _drive(cells.poses[rows], legs[told], 0.0, offsets, errors, walls, slip),
+        )
+        # Chunks have one shape; what the last has too many is dropped.
+        count = min(_CHUNK, size - begin)
+        after = after + turned
+        row, sample = np.nonzero(~bumped[:count])
+        image = cells.index(after[row, sample], told[row])
+        parts[0].append(_shares(row, image, count, size))
+        row, sample = np.nonzero(bumped[:count])
+        for shift, found in zip(shifts, parts[1:], strict=True):
+            pose = after[row, sample]
+            turn = math.remainder(shift * 2 * math.pi / coarse.directions, 2 * math.pi)
+            pose[:, 2] += turn * (1 + slip.turn * errors[sample, TURNING])
+            image = cells.index(pose, (told[row] + shift) % coarse.directions)
+            found.append(_shares(row, image, count, size))
+    moves, *bumps = (scipy.sparse.vstack(part, format="csr") for part in parts)
+    return [(moves, one) for one in bumps]
+
+
+def _shares(
+    row: Int[np.ndarray, "entries"], image: Int[np.ndarray, "entries"], rows: int, size: int
+) -> scipy.sparse.csr_array:
+    """The samples of some rows as a part of a matrix."""
+    share = np.full(row.size, 1 / _SAMPLES)
+    return scipy.sparse.coo_array((share, (row, image)), shape=(rows, size)).tocsr()
+
+
+def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "samples errors"]:
+    """Standard normal numbers from even ones; their mean is 0 and their variance 1 exactly."""
+    from scipy.special import ndtri
+
+    found = ndtri(np.clip(shares, 1e-9, 1 - 1e-9))
+    found = found - found.mean(axis=0)
+    return np.asarray(found / found.std(axis=0))
+
+
+def needed(cells: int = MOST_CELLS) -> int:
+    """Bytes of the map of a robot that slips, among so many fine cells."""
+    return _BYTES * cells
+
+
+@functools.partial(jax.jit, static_argnames="slip")
+def _drive(
+    middle: Float[Array, "cells 3"],
+    legs: Float[Array, "cells 3"],
+    bounce: Float[Array, ""] | float,
+    offsets: Float[Array, "samples 3"],
+    errors: Float[Array, "samples errors"],
+    walls: Float[Array, "walls 2 2"],
+    slip: Slip,
+) -> tuple[Float[Array, "cells samples 3"], Array]:
+    """Where the samples of each cell are after a step, and whether they bump."""
+    shape = (middle.shape[0], *offsets.shape)
+    pose = middle[:, None] + offsets[None]
+    return slipping_step(
+        pose,
+        jnp.broadcast_to(legs[:, None], shape),
+        bounce,
+        jnp.broadcast_to(errors, (*shape[:2], errors.shape[-1])),
+        walls,
+        slip,
+        ahead_of=jax_free_ahead,
+    )
+
+
+def jax_free_ahead(
+    walls: Float[Array, "walls 2 2"],
+    place: Float[Array, "*batch 2"],
+    heading: Float[Array, "*batch"],
+) -> Float[Array, "*batch"]:
+    """[`jaxcell.space.free_ahead`][] in one loop that is compiled once for any number of walls."""
+    ux, uy = jnp.cos(heading), jnp.sin(heading)
+
+    def nearer(nearest, wall):  # type: ignore[no-untyped-def]
+        return jnp.minimum(nearest, to_wall(wall, place, ux, uy)), None
+
+    return jax.lax.scan(nearer, jnp.full(heading.shape, jnp.inf), walls)[0]

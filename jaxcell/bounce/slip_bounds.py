@@ -1,0 +1,209 @@
+import itertools
+import math
+
+import numpy as np
+import scipy.sparse
+import shapely
+from jaxtyping import Bool, Float, Int, Shaped
+
+from ..base import memory
+from ..space import Slip, stride_legs
+from .dynamics import bounce_shift
+from .slip import FineCells
+
+
+# Stretches of a step whose ways are put in boxes, in cells of the map.
+_PART = 0.1
+# In squares: boxes that only touch do not overlap.
+_TOUCH = 1e-9
+_BYTES = 1500
+# A rim of no squares around the map.
+_PAD = 1
+
+
+def bounded_matrices(
+    cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
+) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
+    """Where a robot may be after a step from anywhere in each cell, if its errors are bounded.
+
+    The numbers of `slip` are bounds here: no relative error of a stretch or a turn is larger, nor
+    the drift of the heading along a metre. All that can be is contained: the ends of steps lie in
+    boxes, and a bump is possible unless the boxes of all of the way are free, and certain only if
+    one of them is wholly in a wall. So a set that is followed through it never loses the robot
+    while its heading is off by no more than `cells.reach` directions.
+
+    **Arguments:**
+
+    - `cells`: the fine cells.
+    - `bounce`: bouncing angle in radians, counter-clockwise.
+    - `slip`: the bounds of the errors.
+    - `step`: length of a step in metres, by default one cell of the map.
+
+    **Returns:** two sparse matrices over the fine cells, for observation 0 and 1, whose positive
+    entries are what is possible; all those of a row are the same, and they sum to 1.
+
+    **Raises:** `MemoryError` where the map would not fit the free memory.
+
+    A robot without errors, in a corridor of three cells: from each cell it goes to one:
+
+        >>> import numpy as np
+        >>> from jaxcell import bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=9, reach=0)
+        >>> moves, bumps = bounce.bounded_matrices(cells, 0.0, space.Slip())
+        >>> moves.shape
+        (12, 12)
+    """
+    coarse, fine = cells.cells, cells.fine
+    assert coarse.workspace is not None
+    size = cells.size
+    memory.check(_BYTES * size, f"a bounded map of {size} cells", "use fewer cells")
+    felt = coarse.workspace.free_space.buffer(slip.give, join_style="mitre")
+    # A wall is felt somewhere between these.
+    soon, late = (felt.buffer(way, join_style="mitre") for way in (-slip.bumper, slip.bumper))
+    legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
+    shift = int(bounce_shift(bounce, coarse.directions))
+    turned = abs(math.remainder(bounce, 2 * math.pi)) * slip.turn
+    # The robot may be over the edge of the free squares, in the give of a wall.
+    half = fine.cell / 2 + slip.give + (0.0 if fine.gridded else fine.cell)
+    bin_ = 2 * math.pi / fine.directions
+    centre = np.stack(fine.centre(np.arange(fine.positions))[:2], axis=1)
+    width = 2 * cells.reach + 1
+    edges: tuple[list[np.ndarray], list[np.ndarray]] = [], []
+    for row in range(coarse.directions * width):
+        direction, off = row // width, row % width - cells.reach
+        theta = direction * 2 * math.pi / coarse.directions + off * bin_
+        first, turn, second = legs[direction].tolist()
+        drift = slip.heading * (first + abs(second))
+        aside = 2 * abs(turn) * slip.turn
+        there = _way(theta, bin_ / 2, (first, turn, second), slip, _PART * coarse.cell)
+        moves, bumps = _possible(centre, there, half, soon, late)
+        spread = bin_ / 2 + drift + aside
+        edges[0].append(_edges(cells, row, moves, there[-1], half, direction, off, spread))
+        # The way back closes but for the errors of both ways.
+        way = (first + abs(second)) * (1 + slip.step)
+        gap = way * (2 * slip.step / max(1 - slip.step, 1e-9) + 4 * drift + aside)
+        spread = bin_ / 2 + drift * (2 + slip.step) + aside + turned
+        back = np.array([-gap, -gap, gap, gap])
+        facing = (direction + shift) % coarse.directions
+        edges[1].append(_edges(cells, row, bumps, back, half, facing, off, spread))
+    both = scipy.sparse.hstack([_pattern(np.concatenate(one), size) for one in edges], "csr")
+    both.data[:] = 1 / np.repeat(np.diff(both.indptr), np.diff(both.indptr))
+    return both[:, :size], both[:, size:]
+
+
+def _way(
+    theta: float, half: float, legs: tuple[float, float, float], slip: Slip, part: float
+) -> Float[np.ndarray, "times 4"]:
+    """Boxes that hold a robot at times of a step, around where it began.
+
+    **Arguments:**
+
+    - `theta`, `half`: its heading, and how far that may be off, in radians.
+    - `legs`: a row of [`jaxcell.space.stride_legs`][].
+    - `slip`: the bounds of the errors.
+    - `part`: how far it goes between two times at most, in metres.
+
+    **Returns:** left, bottom, right and top, in metres; the first is where it began.
+    """
+    first, turn, second = legs
+    boxes = [np.zeros((1, 4))]
+    for length, angle, off in (
+        (first, theta, half + slip.heading * first),
+        (
+            second,
+            theta + turn,
+            half + slip.heading * (first + abs(second)) + abs(turn) * slip.turn,
+        ),
+    ):
+        if length:
+            gone = np.linspace(0, 1, math.ceil(abs(length) / part) + 1)[1:]
+            boxes.append(boxes[-1][-1] + _sector(gone * length, angle, off, slip))
+    return np.concatenate(boxes)
+
+
+def _sector(
+    gone: Float[np.ndarray, "times"], angle: float, off: float, slip: Slip
+) -> Float[np.ndarray, "times 4"]:
+    """Boxes around where a stretch may have led, whose heading is never off by more than that."""
+    if gone[-1] < 0:
+        gone, angle = -gone, angle + math.pi
+    # The chord of a way that bends is shorter.
+    least, most = gone * (1 - slip.step) * max(math.cos(off), 0.0), gone * (1 + slip.step)
+    quarters = np.arange(-8, 9) * math.pi / 2
+    turns = math.remainder(angle, 2 * math.pi) + np.array([-off, 0.0, off])
+    inside = quarters[(quarters > turns[0]) & (quarters < turns[2])]
+    angles = np.concatenate([turns, inside])
+    x, y = (np.stack([f(angles) * r[:, None] for r in (least, most)]) for f in (np.cos, np.sin))
+    return np.stack([x.min((0, 2)), y.min((0, 2)), x.max((0, 2)), y.max((0, 2))], axis=1)
+
+
+def _possible(
+    centre: Float[np.ndarray, "squares 2"],
+    way: Float[np.ndarray, "times 4"],
+    half: float,
+    soon: shapely.Geometry,
+    late: shapely.Geometry,
+) -> tuple[Bool[np.ndarray, "squares"], Bool[np.ndarray, "squares"]]:
+    """From which squares a robot may make a step, and from which it may bump."""
+    moves, bumps = np.ones(len(centre), bool), np.zeros(len(centre), bool)
+    shapely.prepare(soon)
+    shapely.prepare(late)
+    for before, after in itertools.pairwise(way):
+        moves[moves] = shapely.intersects(late, _at(centre[moves], after, half))
+        hull = np.concatenate([np.minimum(before, after)[:2], np.maximum(before, after)[2:]])
+        bumps[~bumps] = ~shapely.covers(soon, _at(centre[~bumps], hull, half))
+    return moves, bumps
+
+
+def _at(
+    centre: Float[np.ndarray, "squares 2"], box: Float[np.ndarray, "4"], half: float
+) -> Shaped[np.ndarray, "squares"]:
+    """A box around each of some squares, as geometries."""
+    x, y = centre.T
+    around = half - _TOUCH
+    left, bottom, right, top = box + np.array([-around, -around, around, around])
+    return np.asarray(shapely.box(x + left, y + bottom, x + right, y + top))
+
+
+def _edges(
+    cells: FineCells,
+    row: int,
+    possible: Bool[np.ndarray, "squares"],
+    box: Float[np.ndarray, "4"],
+    half: float,
+    facing: int,
+    off: int,
+    spread: float,
+) -> Int[np.ndarray, "edges 2"]:
+    """From the squares of a row of cells to all that boxes around them and headings meet."""
+    fine, width = cells.fine, 2 * cells.reach + 1
+    begin = np.flatnonzero(possible)
+    line, place = np.divmod(fine.square[begin], fine.free.shape[1])
+    low = np.ceil((box[:2] - half) / fine.cell - 0.5 + _TOUCH).astype(int)
+    high = np.floor((box[2:] + half) / fine.cell + 0.5 - _TOUCH).astype(int)
+    more = math.ceil(spread * fine.directions / (2 * math.pi) + 0.5 - _TOUCH) - 1
+    # Around the whole circle each direction comes once.
+    offs = off + np.arange(-more, more + 1)
+    if cells.reach >= fine.directions // 2:
+        offs = (offs + cells.reach) % fine.directions - cells.reach
+    rows = facing * width + cells.reach + np.unique(np.clip(offs, -cells.reach, cells.reach))
+    found = []
+    padded = np.pad(fine.position_of_square, _PAD, constant_values=-1)
+    for up in range(low[1], high[1] + 1):
+        for right in range(low[0], high[0] + 1):
+            position = padded[
+                np.clip(line + up + _PAD, 0, padded.shape[0] - 1),
+                np.clip(place + right + _PAD, 0, padded.shape[1] - 1),
+            ]
+            there = position >= 0
+            ends = rows[:, None] * fine.positions + position[there]
+            starts = np.broadcast_to(row * fine.positions + begin[there], ends.shape)
+            found.append(np.stack([starts.ravel(), ends.ravel()], axis=1))
+    return np.concatenate(found)
+
+
+def _pattern(edges: Int[np.ndarray, "edges 2"], size: int) -> scipy.sparse.csr_array:
+    ones = np.ones(len(edges))
+    return scipy.sparse.coo_array((ones, (edges[:, 0], edges[:, 1])), shape=(size, size)).tocsr()

@@ -1,0 +1,221 @@
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..automata import Belief, HiddenMap
+from ..automata.belief import NOWHERE, SMALL
+from ..base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ..space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
+from ..space.slip import ERRORS
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Slipped(Result):
+    """A run of a robot that slips from an unknown cell, and what its belief makes of it."""
+
+    title: ClassVar[str] = "Localization of a bouncing robot that slips"
+    tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
+
+    cells: CellSpace
+    bounce: float
+    "The bouncing angle, in radians."
+    slip: Slip
+    hidden: HiddenMap
+    "The map that the belief is of, among fine cells."
+    fine_side: Annotated[float, quantity("", "side of a fine cell", "m")]
+    fine_directions: Annotated[int, quantity("", "fine directions", kind="count")]
+    observations: Annotated[
+        Int[np.ndarray, "steps"],
+        quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+    ]
+    pose: Annotated[
+        Float[np.ndarray, "times 3"],
+        quantity("time axis", "where the robot is: x and y in m, heading in rad"),
+    ]
+    belief: Annotated[
+        Float[np.ndarray, "times positions"],
+        quantity("time position", "how probable each position is", kind="share"),
+    ]
+    nowhere: Annotated[
+        Float[np.ndarray, "times"],
+        quantity("time", "how probable it is that the robot is nowhere on the map", kind="share"),
+    ]
+    credible: Annotated[
+        Int[np.ndarray, "times"],
+        quantity("time", "cells of the credible set, 95 %", "cells", kind="count"),
+    ]
+    likeliest: Annotated[Int[np.ndarray, "times"], quantity("time", "likeliest cell", kind="index")]
+    smoothed: Annotated[
+        Float[np.ndarray, "times positions"],
+        quantity("time position", "how probable each was, by the whole run", kind="share"),
+    ]
+    path: Annotated[
+        Int[np.ndarray, "times"], quantity("time", "cells of the likeliest path", kind="index")
+    ]
+    candidates: Annotated[
+        Int[np.ndarray, "candidates"],
+        quantity("candidate", "cells where the robot may be at the end", kind="index", listed=True),
+    ]
+    candidate_probability: Annotated[
+        Float[np.ndarray, "candidates"],
+        quantity("candidate", "how probable", kind="share"),
+    ]
+
+    @property
+    def answered(self) -> bool:
+        return not self.is_nowhere
+
+    @property
+    def truth(self) -> Int[np.ndarray, "times"]:
+        """The cell that the robot is in, or nearest to."""
+        return nearest_cell(self.cells, *self.pose.T)
+
+    @derived("", "fine cells", kind="count")
+    def fine_cells(self) -> int:
+        return self.hidden.cells
+
+    @derived("", "cell at the start", kind="index")
+    def start(self) -> int:
+        return int(self.truth[0])
+
+    @derived("", "what it observed, 1 for a bump")
+    def word(self) -> str:
+        return "".join(map(str, self.observations.tolist()))
+
+    @derived("", "bumps", kind="count")
+    def bumps(self) -> int:
+        return int(self.observations.sum())
+
+    @derived("", "cell at the end", kind="index")
+    def end(self) -> int:
+        return int(self.truth[-1])
+
+    @derived("", "whether the belief says that it is nowhere on the map", kind="flag")
+    def is_nowhere(self) -> bool:
+        return bool(self.nowhere[-1] > NOWHERE)
+
+    @derived("", "whether the truth is among the candidates", kind="flag")
+    def truth_is_a_candidate(self) -> bool:
+        return bool(np.isin(self.end, self.candidates))
+
+    @derived("candidate", "x", "m")
+    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.candidates)[0]
+
+    @derived("candidate", "y", "m")
+    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.candidates)[1]
+
+    @derived("candidate", "heading", "degree")
+    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
+        return np.rad2deg(self.cells.centre(self.candidates)[2])
+
+    def checks(self) -> Checks:
+        total = self.belief.sum(axis=1) + self.nowhere
+        return {
+            "belief_and_nowhere_sum_to_1": (float(np.abs(total - 1).max()), PROBABILITY),
+            "smoothed_sums_to_1": (
+                float(np.abs(self.smoothed.sum(axis=1) - 1).max(initial=0)),
+                PROBABILITY,
+            ),
+        }
+
+
+def slipping_run(
+    hidden: HiddenMap,
+    cells: CellSpace,
+    bounce: float,
+    slip: Slip,
+    start: int,
+    *,
+    seed: int = 0,
+    step: float | None = None,
+    limit: int = 400,
+    **about: Any,
+) -> Slipped:
+    """Drive a simulated robot that slips from a cell until its belief has a small credible set.
+
+    It moves as [`jaxcell.space.slipping_step`][] says, in continuous space.
+
+    **Arguments:**
+
+    - `hidden`: the map of the belief; its configurations are the cells.
+    - `cells`: the cells of the map.
+    - `bounce`: bouncing angle in radians, counter-clockwise.
+    - `slip`: how large the errors are.
+    - `start`: the cell of the robot, which the belief is not told.
+    - `seed`: of the errors.
+    - `step`: length of a step in metres, by default one cell.
+    - `limit`: observations after which to give up.
+    - `about`: `fine_side` and `fine_directions` of the result.
+
+    **Returns:** [`Slipped`][].
+
+    A corridor of three cells looks the same from its other end:
+
+        >>> import math
+        >>> from jaxcell import automata, bounce, space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> cells, slip = space.CellSpace.of(room, 1.0, 2), space.Slip.of(0.01)
+        >>> fine = bounce.FineCells.of(cells, squares=3, directions=9, reach=3)
+        >>> matrices = bounce.slip_matrices(fine, math.pi, slip)
+        >>> hidden = automata.HiddenMap.of(*matrices, fine.coarse, fine.centres)
+        >>> run = bounce.slipping_run(
+        ...     hidden, cells, math.pi, slip, 1, fine_side=1 / 3, fine_directions=18
+        ... )
+        >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
+        (True, True)
+    """
+    assert cells.workspace is not None
+    rng = np.random.default_rng([seed, start])
+    legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
+    walls, belief = felt_walls(cells.workspace, slip.give), Belief(hidden)
+    shift = round(bounce * cells.directions / (2 * math.pi))
+    pose, believed = np.stack(cells.centre(start)), start // cells.positions
+    state = belief.start()
+    poses, states, estimates = [pose], [state], [belief.estimate(state)]
+    observations: list[int] = []
+    while len(observations) < limit:
+        errors = rng.standard_normal(ERRORS)
+        pose, bumped = slipping_step(pose, legs[believed], bounce, errors, walls, slip)
+        believed = (believed + shift * int(bumped)) % cells.directions
+        observations.append(int(bumped))
+        state = belief.observe(state, observations[-1])
+        poses.append(pose)
+        states.append(state)
+        estimates.append(belief.estimate(state))
+        if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
+            break
+
+    def by_position(weight: Float[np.ndarray, "fine"]) -> Float[np.ndarray, "positions"]:
+        masses = belief.masses(weight)
+        masses = np.pad(masses, (0, cells.size - masses.size))
+        return masses.reshape(cells.directions, cells.positions).sum(axis=0)
+
+    try:
+        smoothed, path = belief.smoothed(observations), belief.likeliest_path(observations)
+    except ValueError:
+        # No path of the map has what it observed: it is nowhere.
+        smoothed, path = np.zeros((0, hidden.cells)), np.zeros(0, np.int32)
+    at_end = estimates[-1]
+    return Slipped(
+        cells=cells,
+        bounce=bounce,
+        slip=slip,
+        hidden=hidden,
+        **about,
+        observations=np.array(observations, np.int8),
+        pose=np.stack(poses),
+        belief=np.stack([by_position(one.weight) for one in states]),
+        nowhere=np.array([one.nowhere for one in states]),
+        credible=np.array([one.cells.size for one in estimates], np.int32),
+        likeliest=np.array([one.cells[0] if one.cells.size else -1 for one in estimates], np.int32),
+        smoothed=np.array([by_position(one) for one in smoothed]).reshape(-1, cells.positions),
+        path=hidden.configuration[path],
+        candidates=at_end.cells,
+        candidate_probability=at_end.probability,
+    )

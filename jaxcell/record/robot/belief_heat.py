@@ -1,0 +1,57 @@
+"""What a robot believes as it drives, as a heat map over its map."""
+
+import dataclasses
+
+import numpy as np
+import rerun as rr
+
+from ...automata import Belief, BeliefState
+from ...space import CellSpace
+from ..canvas.belief import arrows, belief_length, heat, heat_scale
+from ..canvas.map import log_classes, on_squares
+from ..canvas.marks import points
+from ..canvas.palette import KNOWN
+
+
+# Cells of a credible set that arrows show.
+_FEW = 24
+
+
+@dataclasses.dataclass(eq=False)
+class BeliefHeat:
+    """A belief that follows a run, and what of it is on the map."""
+
+    belief: Belief
+    cells: CellSpace
+    state: BeliefState = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.belief.hidden.configurations > self.cells.size:
+            raise ValueError(
+                f"belief: it is of {self.belief.hidden.configurations} cells, and the map has "
+                f"{self.cells.size}"
+            )
+        self.state = self.belief.start()
+
+    def observe(self, stream: rr.RecordingStream, observation: int) -> None:
+        """Take an observation, and log what is believed then."""
+        self.state = self.belief.observe(self.state, observation)
+        self.log(stream)
+
+    def log(self, stream: rr.RecordingStream) -> None:
+        """Log what is believed now."""
+        cells, masses = self.cells, self.belief.masses(self.state.weight)
+        masses = np.pad(masses, (0, cells.size - masses.size))
+        share = masses.reshape(cells.directions, cells.positions).sum(axis=0)
+        picture = on_squares(cells, heat(share))
+        stream.log("map/grid/heat", rr.SegmentationImage(picture))
+        known = self.belief.estimate(self.state).cells
+        known = known if known.size <= _FEW else known[:0]
+        origins, vectors = arrows(cells, known, belief_length(cells))
+        stream.log("map/credible", rr.Arrows2D(origins=origins, vectors=vectors))
+
+    def log_style(self, stream: rr.RecordingStream) -> None:
+        """Log what does not change."""
+        log_classes(stream, "map/grid/heat", heat_scale().classes)
+        style = rr.Arrows2D.from_fields(colors=KNOWN, radii=points(2.0), draw_order=20)
+        stream.log("map/credible", style, static=True)

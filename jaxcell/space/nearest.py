@@ -1,0 +1,45 @@
+import functools
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+from scipy import ndimage
+
+from .cells import CellSpace
+
+
+def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray, "..."]:
+    """The cell of each configuration, or where its square is not free that of the nearest one.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `x`, `y`, `theta`: arrays of metres and radians.
+
+    **Returns:** the cells; unlike those of [`jaxcell.space.CellSpace.index`][], for all points.
+
+    A robot that has slipped a little off a map of three squares:
+
+        >>> import numpy as np
+        >>> from jaxcell import space
+        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> int(space.nearest_cell(cells, 2.5, 1.01, 0.0))
+        2
+    """
+    rows, columns = cells.free.shape
+    row, column = (
+        np.clip(np.floor(np.round((v - low) / cells.cell, 9)), 0, n - 1).astype(np.int64)
+        for v, low, n in zip((y, x), cells.origin[::-1], (rows, columns), strict=True)
+    )
+    position = _nearest_positions(cells)[row, column]
+    turn = 2 * np.pi / cells.directions
+    direction = np.floor(np.round(theta / turn + 0.5, 9)).astype(np.int64) % cells.directions
+    return np.asarray(direction * cells.positions + position, np.int32)
+
+
+@functools.lru_cache(maxsize=8)
+def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
+    row, column = ndimage.distance_transform_edt(
+        ~cells.free, return_distances=False, return_indices=True
+    )
+    return cells.position_of_square[row, column]

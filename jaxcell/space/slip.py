@@ -1,0 +1,220 @@
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from .workspace import Workspace, edges
+
+
+ERRORS = 9
+"How many errors a step has, each a standard normal number."
+TURNING = 7
+"Which of them is that of the turn after a bump."
+MISSED = 1e-3
+"How probable it is that a particle's observation is not the robot's, whatever the cause."
+# A wall is longer by this share at either end, so that nothing gets out through a corner.
+_CORNER = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Slip:
+    """What keeps the base of a robot from doing as it is told, unseen by its wheels.
+
+    The errors are normal, drawn anew for each stretch and turn; where a model has bounds in their
+    place, these are the bounds.
+
+        >>> from jaxcell import space
+        >>> space.Slip.of(0.02)
+        Slip(step=0.02, turn=0.02, heading=0.02, bumper=0.0, give=0.0)
+    """
+
+    step: float = 0.0
+    "Standard deviation of the relative error of a straight stretch, 0 to 1."
+    turn: float = 0.0
+    "Standard deviation of the relative error of a turn in place, 0 to 1."
+    heading: float = 0.0
+    "Standard deviation of the drift of the heading along a metre, in radians, 0 to 1."
+    bumper: float = 0.0
+    """Standard deviation of where a wall is felt, in metres: before it, so that a bump comes too
+    soon, or behind it, so that one is missed at the end of a step."""
+    give: float = 0.0
+    "How far the bumper goes in before it is felt, in metres."
+
+    def __post_init__(self) -> None:
+        for name in ("step", "turn", "heading"):
+            value = getattr(self, name)
+            if not 0 <= value <= 1:
+                raise ValueError(f"slip: {name}: expected a number from 0 to 1, got {value:g}")
+        for name in ("bumper", "give"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"slip: {name}: expected a length of 0 m or more, got {value:g} m")
+
+    @classmethod
+    def of(cls, slip: float, **others: float) -> "Slip":
+        """The same error of steps, turns and heading, as that of an emulated robot is given."""
+        return cls(step=slip, turn=slip, heading=slip, **others)
+
+
+def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 2"]:
+    """Where walls stop a robot whose bumper goes in a little, from corner to corner, in metres.
+
+    **Arguments:**
+
+    - `workspace`: the map.
+    - `give`: how far the bumper goes in, in metres.
+
+    **Returns:** the ends of each wall.
+
+    A room whose walls give 2 cm:
+
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> sorted({abs(x) for x in space.felt_walls(room, 0.02)[:, 0, 0].round(6).tolist()})
+        [0.02, 3.02]
+    """
+    space = workspace.free_space
+    if give:
+        space = space.buffer(give, join_style="mitre")
+    return edges(shapely.normalize(space))[:, 1:]
+
+
+def free_ahead(
+    walls: Float[Any, "walls 2 2"], place: Float[Any, "*batch 2"], heading: Float[Any, "*batch"]
+) -> Float[Any, "*batch"]:
+    """How far it is to the first wall.
+
+    Arrays of NumPy give those of NumPy, and arrays of JAX those of JAX, under `jit` and `vmap` too.
+
+    **Arguments:**
+
+    - `walls`: as of [`felt_walls`][].
+    - `place`: from where, in metres.
+    - `heading`: which way, in radians.
+
+    **Returns:** the distances in metres, `inf` where there is no wall.
+
+    In a room of 3 m, from its middle to the East:
+
+        >>> import numpy as np
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> walls = space.felt_walls(room, 0.0)
+        >>> space.free_ahead(walls, np.array([1.5, 0.5]), np.array(0.0)).tolist()
+        1.5
+    """
+    xp = place.__array_namespace__()
+    ux, uy = xp.cos(heading), xp.sin(heading)
+    nearest = xp.full(heading.shape, xp.inf)
+    for wall in walls:
+        nearest = xp.minimum(nearest, to_wall(wall, place, ux, uy))
+    return nearest
+
+
+def to_wall(
+    wall: Float[Any, "2 2"],
+    place: Float[Any, "*batch 2"],
+    ux: Float[Any, "*batch"],
+    uy: Float[Any, "*batch"],
+) -> Float[Any, "*batch"]:
+    """How far it is to one wall along a unit vector, `inf` where that does not meet it."""
+    xp = place.__array_namespace__()
+    wide, high = wall[1, 0] - wall[0, 0], wall[1, 1] - wall[0, 1]
+    x, y = wall[0, 0] - place[..., 0], wall[0, 1] - place[..., 1]
+    across = ux * high - uy * wide
+    inverse = 1 / xp.where(across == 0, 1.0, across)
+    distance = (x * high - y * wide) * inverse
+    share = (x * uy - y * ux) * inverse
+    meets = (across != 0) & (xp.abs(share - 0.5) <= 0.5 + _CORNER) & (distance >= 0)
+    return xp.where(meets, distance, xp.inf)
+
+
+def slipping_step(
+    pose: Float[Any, "*batch 3"],
+    legs: Float[Any, "*batch 3"],
+    bounce: Float[Any, "..."] | float,
+    errors: Float[Any, "*batch 9"],
+    walls: Float[Any, "walls 2 2"],
+    slip: Slip,
+    *,
+    ahead_of: Callable[[Any, Any, Any], Any] = free_ahead,
+) -> tuple[Float[Any, "*batch 3"], Any]:
+    """Where a robot that slips is after a step, or after a bump and the turn that follows it.
+
+    It drives the stretches of the step; where it meets a wall it drives back to where it began, by
+    its wheels, and turns by the bouncing angle. Arrays of NumPy give those of NumPy, and arrays of
+    JAX those of JAX, under `jit` and `vmap` too.
+
+    **Arguments:**
+
+    - `pose`: x and y in metres, and the heading in radians.
+    - `legs`: what it takes the step to be, a row of [`stride_legs`][].
+    - `bounce`: the bouncing angle in radians.
+    - `errors`: standard normal numbers.
+    - `walls`: as of [`felt_walls`][].
+    - `slip`: how large the errors are.
+    - `ahead_of`: how far it is to the first wall; in place of [`free_ahead`][] another that does
+        the same.
+
+    **Returns:** the poses, and whether the robot bumped.
+
+    One that does not slip, in a room of 3 m, with a step of 1 m:
+
+        >>> import math
+        >>> import numpy as np
+        >>> from jaxcell import space
+        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> walls, exact = space.felt_walls(room, 0.0), space.Slip()
+        >>> start, leg = np.array([[1.5, 0.5, 0.0], [2.5, 0.5, 0.0]]), np.array([[1.0, 0, 0]] * 2)
+        >>> after, bumped = space.slipping_step(
+        ...     start, leg, math.pi / 2, np.zeros((2, 9)), walls, exact
+        ... )
+        >>> after.round(2).tolist(), bumped.tolist()
+        ([[2.5, 0.5, 0.0], [2.5, 0.5, 1.57]], [False, True])
+    """
+    xp = pose.__array_namespace__()
+    e = [errors[..., i] for i in range(ERRORS)]
+    place, heading = pose[..., :2], pose[..., 2]
+    felt = slip.bumper * e[8]
+
+    def stretch(place, heading, told, relative, drifts, sways):  # type: ignore[no-untyped-def]
+        """The end of a stretch, its heading, and how far the wall lets it go, `inf` if all."""
+        length = told * (1 + slip.step * relative)
+        drift = slip.heading * xp.sqrt(xp.abs(told)) * drifts
+        chord = heading + drift / 2 + slip.heading * xp.sqrt(xp.abs(told) / 12) * sways
+        ahead = ahead_of(walls, place, chord)
+        end = place + length[..., None] * _unit(xp, chord)
+        return end, heading + drift, chord, xp.where(ahead < length + felt, ahead, xp.inf)
+
+    first, turn, second = legs[..., 0], legs[..., 1], legs[..., 2]
+    middle, drifted, chord, ahead = stretch(place, heading, first, e[0], e[1], e[2])
+    turned = drifted + turn * (1 + slip.turn * e[3])
+    end, last, _, beyond = stretch(middle, turned, second, e[4], e[5], e[6])
+    straight = second == 0
+    beyond = xp.where(second > 0, beyond, xp.inf)
+    bumped = xp.isfinite(ahead) | xp.isfinite(beyond)
+    goes = xp.where(straight, drifted, last - turn * (1 + slip.turn * e[7]))
+
+    # The way back has errors of its own: twice the variance of the way to the wall, and two thirds
+    # of it across, since the robot backs along another heading than it came with.
+    way = xp.where(xp.isfinite(ahead), ahead, first + xp.where(xp.isfinite(beyond), beyond, 0.0))
+    along = slip.step * math.sqrt(2) * way * e[4]
+    across = slip.heading * math.sqrt(2 / 3) * way**1.5 * e[5]
+    back = place + along[..., None] * _unit(xp, chord)
+    back = back + across[..., None] * _unit(xp, chord + math.pi / 2)
+    aside = xp.where(xp.isfinite(ahead), 0.0, math.sqrt(2) * turn * slip.turn * e[6])
+    veered = heading + slip.heading * xp.sqrt(2 * way) * e[1] + aside
+    angle = bounce - 2 * math.pi * xp.round(bounce / (2 * math.pi) + xp.zeros_like(heading))
+    faces = veered + angle * (1 + slip.turn * e[TURNING])
+
+    there = xp.where(bumped[..., None], back, xp.where(straight[..., None], middle, end))
+    facing = xp.where(bumped, faces, goes)
+    return xp.concatenate([there, facing[..., None]], axis=-1), bumped
+
+
+def _unit(xp: Any, angle: Float[Any, "*batch"]) -> Float[Any, "*batch 2"]:
+    return xp.stack([xp.cos(angle), xp.sin(angle)], axis=-1)

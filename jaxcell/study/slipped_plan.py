@@ -1,0 +1,125 @@
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from .study import Say
+
+
+if TYPE_CHECKING:
+    from ..bounce import Plan, SlippedPlan
+    from ..robot import Walker
+    from ..robot.emulation.body import Body
+
+
+# Runs of the emulated robot.
+_RUNS = 50
+# How long a policy is followed, in plans or in its own mean times, whichever is more.
+_PLANS, _MEANS, _MOST = 4, 4, 4000
+
+
+def slipped_plan(
+    plan: "Plan", error: float, bounces_deg: Sequence[float], step: float | None, say: Say
+) -> "SlippedPlan":
+    """Find how probably a plan arrives on a robot that slips, and the policy that surely does.
+
+    **Arguments:**
+
+    - `plan`: the plan.
+    - `error`: how much the robot slips.
+    - `bounces_deg`: the bouncing angles to choose from, in degrees.
+    - `step`: length of a step in metres, `None` for one cell.
+    - `say`: called with what is being done.
+    """
+    import numpy as np
+
+    from ..bounce import (
+        FineCells,
+        SlippedPlan,
+        arrival_by,
+        bounce_shift,
+        plan_probability,
+        slip_choices,
+        slip_policy,
+    )
+    from ..bounce.slip_policy import PolicyRobot, driven
+    from ..robot.emulation.body import bumper_give
+    from ..robot.runner import run_plan
+    from ..space import Slip, nearest_cell
+
+    cells, bounces = plan.cells, np.radians(bounces_deg).tolist()
+    slip = Slip.of(error, give=bumper_give(cells.cell))
+    fine = FineCells.within(cells, slip)
+    say(f"mapping {fine.size:,} fine cells")
+    choices = slip_choices(fine, bounces, slip, step=step)
+    start, goal = fine.at(plan.start), fine.coarse == plan.goal
+    shifts = bounce_shift(np.asarray(bounces), cells.directions).tolist()
+    turns = bounce_shift(plan.actions, cells.directions).tolist()
+    told = [
+        -1 if not action else shifts.index(turn)
+        for action, turn in zip(plan.actions, turns, strict=True)
+    ]
+    weight = plan_probability(choices, start, told)
+    say("improving the policy")
+    policy = slip_policy(choices, goal, start)
+    mean = float(start @ np.where(start > 0, policy.time, 0.0)) if policy.sure else math.inf
+    limit = max(_PLANS * plan.actions.size, math.ceil(_MEANS * mean) if policy.sure else 0)
+    limit = min(limit, _MOST)
+    say("driving the emulated robot")
+    plans, policies = [], []
+    for seed in range(_RUNS):
+        if plan.found:
+            walker, body = _robot(plan, error, step, seed)
+            outcome = run_plan(walker, plan.actions.tolist())
+            there = int(nearest_cell(cells, *body.pose)) == plan.goal
+            plans.append(outcome.result == "arrived" and there)
+        walker, body = _robot(plan, error, step, _RUNS + seed)
+        policies.append(
+            driven(
+                walker.step,
+                walker.rotate,
+                lambda body=body: int(nearest_cell(cells, *body.pose)) == plan.goal,  # type: ignore[misc]
+                PolicyRobot(choices, policy, start),
+                bounces,
+                limit,
+            )
+        )
+    arrived = [count for count in policies if count is not None]
+    return SlippedPlan(
+        **{one.name: getattr(plan, one.name) for one in dataclasses.fields(plan)},
+        fine_cells=fine.size,
+        plan_as_foretold=float(weight.sum()) if plan.found else 0.0,
+        plan_arrives=float(weight[goal].sum()) if plan.found else 0.0,
+        policy_surely_arrives=policy.sure,
+        policy_mean_steps=mean,
+        policy_arrival=arrival_by(choices, policy.choice, goal, start, limit),
+        simulated_runs=_RUNS,
+        simulated_plan_arrives=float(np.mean(plans)) if plans else 0.0,
+        simulated_policy_arrives=len(arrived) / _RUNS,
+        simulated_policy_steps=float(np.mean(arrived)) if arrived else math.inf,
+    )
+
+
+def _robot(plan: "Plan", error: float, step: float | None, seed: int) -> "tuple[Walker, Body]":
+    """An emulated robot at the start, without the driver."""
+    import numpy as np
+
+    from ..robot import Walker
+    from ..robot.emulation.body import Body, Noise, bumper_give
+    from ..robot.emulation.direct import DirectBody
+    from ..space import cell_strides
+
+    cells = plan.cells
+    assert cells.workspace is not None
+    x, y, theta = map(float, cells.centre(plan.start))
+    body = Body(
+        cells.workspace,
+        (x, y, theta),
+        give=bumper_give(cells.cell),
+        noise=Noise(distance=error, rotation=error, veer=error),
+        rng=np.random.default_rng([0, seed]),
+    )
+    length = cells.cell if step is None else step
+    strides = cell_strides(cells.directions, cells.cell, length)
+    direction = plan.start // cells.positions
+    return Walker(DirectBody(body), length, strides=strides, direction=direction), body

@@ -1,0 +1,178 @@
+"""Beliefs and sets against an enumeration of all paths."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from jaxcell.automata import Belief, Bounded, HiddenMap
+from jaxcell.automata.subset import subset_construction
+
+
+def random_map(seed, cells=4):
+    rng = np.random.default_rng(seed)
+    both = rng.dirichlet(np.ones(2 * cells) / 3, cells)
+    both[both < 0.05] = 0
+    both /= both.sum(axis=1, keepdims=True)
+    start = rng.dirichlet(np.ones(cells))
+    return HiddenMap.of(both[:, :cells], both[:, cells:], np.arange(cells) // 2, start)
+
+
+def all_paths(hidden, observations):
+    """The probability of every path that has the observations."""
+    parts = hidden.moves.toarray(), hidden.bumps.toarray()
+    found = {}
+    for path in itertools.product(range(hidden.cells), repeat=len(observations) + 1):
+        probability = hidden.start[path[0]]
+        for (a, b), o in zip(itertools.pairwise(path), observations, strict=True):
+            probability *= parts[o][a, b]
+        found[path] = probability
+    return found
+
+
+cases = given(st.integers(0, 10_000), st.lists(st.integers(0, 1), min_size=1, max_size=4))
+few = settings(max_examples=30, deadline=None)
+
+
+@few
+@cases
+def test_beliefs_are_those_of_all_paths(seed, observations):
+    hidden = random_map(seed)
+    paths, belief = all_paths(hidden, observations), Belief(hidden)
+    total = sum(paths.values())
+    if total == 0:
+        with pytest.raises(ValueError, match="no path of the map has them"):
+            belief.smoothed(observations)
+        with pytest.raises(ValueError, match="no path of the map has them"):
+            belief.likeliest_path(observations)
+        return
+    weight = np.zeros((len(observations) + 1, hidden.cells))
+    for path, probability in paths.items():
+        for time, cell in enumerate(path):
+            weight[time, cell] += probability / total
+    np.testing.assert_allclose(belief.smoothed(observations), weight, atol=1e-12)
+    state = belief.start()
+    for observation in observations:
+        state = belief.observe(state, observation)
+    here = state.weight.sum()
+    np.testing.assert_allclose(state.weight / here, weight[-1], atol=1e-12)
+    assert here + state.nowhere == pytest.approx(1)
+    best = belief.likeliest_path(observations)
+    assert paths[tuple(best.tolist())] == pytest.approx(max(paths.values()))
+
+
+@few
+@cases
+def test_nowhere_is_a_coin_that_a_robot_may_turn_into_at_each_time(seed, observations):
+    hidden = random_map(seed)
+    state = Belief(hidden).start()
+    for observation in observations:
+        state = Belief(hidden).observe(state, observation)
+    # The time at which it got lost, or none.
+    lost = 1e-4
+    on_map = (1 - lost) ** len(observations) * sum(all_paths(hidden, observations).values())
+    off = 0.0
+    for time in range(len(observations)):
+        before = sum(all_paths(hidden, observations[:time]).values())
+        off += (1 - lost) ** time * lost * before * 0.5 ** (len(observations) - time)
+    assert state.nowhere == pytest.approx(off / (off + on_map))
+
+
+@few
+@cases
+def test_sets_are_those_of_all_paths(seed, observations):
+    hidden = random_map(seed)
+    sets = Bounded(hidden)
+    state = sets.start()
+    for observation in observations:
+        state = sets.observe(state, observation)
+    ends = {path[-1] for path, p in all_paths(hidden, observations).items() if p > 0}
+    assert set(state.tolist()) == ends
+    automaton, at = sets.automaton(), 0
+    for observation in observations:
+        at = automaton.transition[at, observation]
+        if at < 0:
+            break
+    members = [] if at < 0 else automaton.members[automaton.offsets[at] : automaton.offsets[at + 1]]
+    assert list(members) == state.tolist()
+
+
+def test_a_map_with_one_image_has_the_automaton_of_the_subset_construction():
+    rng = np.random.default_rng(3)
+    image, bumped = rng.integers(0, 30, 30), rng.random(30) < 0.3
+    both = np.zeros((30, 60))
+    both[np.arange(30), image + 30 * bumped] = 1
+    hidden = HiddenMap.of(both[:, :30], both[:, 30:], np.arange(30), np.ones(30) / 30)
+    found, expected = Bounded(hidden).automaton(), subset_construction(image, bumped)
+    np.testing.assert_array_equal(found.transition, expected.transition)
+    np.testing.assert_array_equal(found.members, expected.members)
+
+
+def test_sets_that_outgrow_the_limit_are_refused():
+    with pytest.raises(ValueError, match="more than the limit of 20; follow sets"):
+        Bounded(random_map(1, 12)).automaton(limit=20)
+
+
+def test_a_belief_of_what_cannot_be_is_nowhere():
+    hidden = HiddenMap.of(np.eye(2), np.zeros((2, 2)), np.arange(2), np.ones(2) / 2)
+    belief = Belief(hidden)
+    state = belief.observe(belief.start(), 1)
+    assert state.nowhere == 1
+    assert belief.estimate(state).cells.size == 0
+    assert Bounded(hidden).estimate(np.empty(0, np.int32)).nowhere == 1
+
+
+def test_a_run_that_a_coin_explains_better_becomes_nowhere():
+    # It moves nine times of ten, and the robot always bumps.
+    moves, bumps = np.array([[0.95]]), np.array([[0.05]])
+    belief = Belief(HiddenMap.of(moves, bumps, np.zeros(1, int), np.ones(1)))
+    state = belief.start()
+    for _ in range(12):
+        state = belief.observe(state, 1)
+    assert state.nowhere > 0.99
+    for _ in range(2):
+        before, state = state.nowhere, belief.observe(state, 0)
+        assert state.nowhere < before
+
+
+@pytest.mark.parametrize("share", [0.0, -1.0, 1.5, float("nan")])
+def test_a_share_out_of_range_is_refused(share):
+    with pytest.raises(ValueError, match="share: expected more than 0 and at most 1"):
+        Belief(random_map(0), share=share)
+
+
+def test_a_file_gives_the_same_belief(tmp_path):
+    hidden = random_map(5)
+    path = tmp_path / "belief.jxb"
+    hidden.save(path)
+    again = HiddenMap.load(path)
+    np.testing.assert_allclose(again.moves.toarray(), hidden.moves.toarray(), atol=1e-9)
+    np.testing.assert_allclose(again.bumps.toarray(), hidden.bumps.toarray(), atol=1e-9)
+    np.testing.assert_array_equal(again.configuration, hidden.configuration)
+    assert path.read_bytes() == (again.save(path), path.read_bytes())[1]
+
+
+@pytest.mark.parametrize("cut", [0, 10, 200])
+def test_a_damaged_file_is_refused_by_its_name(tmp_path, cut):
+    path = tmp_path / "belief.jxb"
+    random_map(5).save(path)
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(ValueError, match=r"belief\.jxb"):
+        HiddenMap.load(path)
+
+
+@pytest.mark.parametrize(
+    ("moves", "start", "match"),
+    [
+        (np.eye(2), np.ones(3) / 3, "expected 3 rows"),
+        (2 * np.eye(2), np.ones(2) / 2, "sum to at most 1"),
+        (-np.eye(2), np.ones(2) / 2, "sum to at most 1"),
+        (np.full((2, 2), np.nan), np.ones(2) / 2, "sum to at most 1"),
+        (np.eye(2), np.ones(2), "start: expected a distribution"),
+    ],
+)
+def test_what_is_no_hidden_map_is_refused(moves, start, match):
+    zero = np.zeros_like(moves)
+    with pytest.raises(ValueError, match=match):
+        HiddenMap.of(moves, zero, np.zeros(start.size, int), start)

@@ -1,0 +1,288 @@
+"""Maps of a robot that slips against the physics of the emulator and of a plain robot."""
+
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as st
+
+from jaxcell import bounce, space
+from jaxcell.automata import Belief, Bounded, HiddenMap
+from jaxcell.markov import filtered, possible, smoothed
+from jaxcell.robot import Particles, Walker
+from jaxcell.robot.create.motion import Moved
+from jaxcell.robot.create.packets import WHEEL_BASE
+from jaxcell.robot.emulation.body import Body, Noise
+
+
+ROOM = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
+CELLS = space.CellSpace.of(ROOM, 1.0, 8)
+TURN = math.radians(135)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    return bounce.FineCells.of(CELLS, squares=3, directions=4, reach=3)
+
+
+@pytest.fixture(scope="module")
+def hidden(fine):
+    moves, bumps = bounce.slip_matrices(fine, TURN, space.Slip.of(0.03, give=0.02))
+    return HiddenMap.of(moves, bumps, fine.coarse, fine.centres)
+
+
+class Plain:
+    """The body of the emulator, driven stretch by stretch without a driver."""
+
+    def __init__(self, body):
+        self.body = body
+
+    def forward(self, distance, *, tolerance):
+        before, ticks = self.body.travelled.copy(), max(1, math.ceil(abs(distance) / 0.05))
+        for _ in range(ticks):
+            self.body.advance(distance / ticks, distance / ticks, 1.0)
+            if distance > 0 and (self.body.bump_left or self.body.bump_right):
+                break
+        bumped = distance > 0 and (self.body.bump_left or self.body.bump_right)
+        return Moved(float((self.body.travelled - before).mean()), 0.0, bumped)
+
+    def turn(self, angle, *, tolerance):
+        self.body.advance(-angle * WHEEL_BASE / 2, angle * WHEEL_BASE / 2, 1.0)
+        self.body.advance(0.0, 0.0, 1.0)
+        return Moved(0.0, angle, False)
+
+
+def run_of_the_emulator(cell, noise, steps, seed, cells=CELLS):
+    pose = tuple(float(v) for v in cells.centre(cell))
+    body = Body(
+        cells.workspace,
+        pose,
+        noise=Noise(distance=noise, rotation=noise, veer=noise),
+        rng=np.random.default_rng(seed),
+    )
+    strides = space.cell_strides(cells.directions, 1.0, 1.0)
+    walker = Walker(Plain(body), 1.0, strides=strides, direction=cell // cells.positions)
+    observed = []
+    for _ in range(steps):
+        observed.append(int(walker.step()))
+        if observed[-1]:
+            walker.rotate(TURN)
+    return observed, body.pose
+
+
+@pytest.mark.parametrize("directions", [8, 24])
+def test_a_robot_that_does_not_slip_does_what_the_map_says(directions):
+    cells = space.CellSpace.of(ROOM, 1.0, directions)
+    simple = bounce.bounce_map(cells, TURN)
+    pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
+    legs = space.stride_legs(directions, 1.0, 1.0)[np.arange(cells.size) // cells.positions]
+    walls = space.felt_walls(ROOM, 0.02)
+    after, bumped = space.slipping_step(
+        pose, legs, TURN, np.zeros((cells.size, 9)), walls, space.Slip()
+    )
+    # A second stretch, to the centre of a cell, may meet a wall that the step does not.
+    straight = legs[:, 2] == 0
+    np.testing.assert_array_equal(bumped[straight], np.asarray(simple.bumped)[straight])
+    assert (bumped >= np.asarray(simple.bumped)).all()
+    same = bumped == np.asarray(simple.bumped)
+    np.testing.assert_array_equal(cells.index(*after[same].T), np.asarray(simple.image)[same])
+
+
+@pytest.mark.parametrize("direction", [0, pytest.param(3, marks=pytest.mark.slow)])
+def test_spread_of_a_step_and_of_a_bump_is_that_of_the_emulator(direction):
+    noise, count = 0.05, 250
+    rng = np.random.default_rng(0)
+    for place in (0, 4):
+        cell = direction * CELLS.positions + place
+        runs = [run_of_the_emulator(cell, noise, 1, seed) for seed in range(count)]
+        there = np.array([pose for _, pose in runs])
+        legs = np.tile(space.stride_legs(8, 1.0, 1.0)[direction], (4000, 1))
+        pose = np.tile(np.stack(CELLS.centre(cell)), (4000, 1))
+        walls = space.felt_walls(ROOM, 0.02)
+        ours, bumped = space.slipping_step(
+            pose, legs, TURN, rng.standard_normal((4000, 9)), walls, space.Slip.of(noise)
+        )
+        assert abs(bumped.mean() - np.mean([o[0] for o, _ in runs])) < 0.1
+        if 0.02 < bumped.mean() < 0.98:
+            continue
+        np.testing.assert_allclose(ours.mean(axis=0), there.mean(axis=0), atol=0.02)
+        # Standard errors of a standard deviation are 5 %, and it is to be right to a quarter.
+        np.testing.assert_allclose(ours.std(axis=0), there.std(axis=0), rtol=0.25, atol=0.004)
+
+
+def test_rows_are_distributions_and_the_start_is_at_the_centres(fine, hidden):
+    both = hidden.moves + hidden.bumps
+    np.testing.assert_allclose(both.sum(axis=1), 1)
+    assert np.count_nonzero(fine.centres) == CELLS.size
+    np.testing.assert_array_equal(np.sort(fine.coarse[fine.centres > 0]), np.arange(CELLS.size))
+    assert fine.poses.shape == (fine.size, 3)
+    again = fine.index(fine.poses, fine.believed)
+    np.testing.assert_array_equal(again, np.arange(fine.size))
+
+
+def test_the_credible_set_holds_the_emulated_robot(fine, hidden):
+    belief, held = Belief(hidden), []
+    rng = np.random.default_rng(5)
+    for seed in range(60):
+        cell = int(rng.integers(CELLS.size))
+        observed, pose = run_of_the_emulator(cell, 0.03, 15, seed)
+        state = belief.start()
+        for observation in observed:
+            state = belief.observe(state, observation)
+        held.append(int(space.nearest_cell(CELLS, *pose)) in belief.estimate(state).cells)
+        assert state.nowhere < 0.5
+    assert np.mean(held) > 0.85
+
+
+def bounded_run(cells, legs, felt, cell, errors, slip):
+    """A robot whose errors are given as shares of their bounds, by shapely alone."""
+    x, y, theta = (float(v) for v in cells.centre(cell))
+    direction, observed = cell // cells.positions, []
+    for along, veer, turn, back in errors:
+        told = float(legs[direction, 0])
+        length, chord = told * (1 + slip.step * along), theta + slip.heading * told * veer / 2
+        end = x + length * math.cos(chord), y + length * math.sin(chord)
+        line = shapely.LineString([(x, y), end])
+        if felt.covers(line):
+            (x, y), theta = end, theta + slip.heading * told * veer
+            observed.append(0)
+        else:
+            way = line.intersection(felt.boundary).distance(shapely.Point(x, y))
+            gap = way * (1 - (1 + slip.step * back) / (1 + slip.step * along))
+            x, y = x + gap * math.cos(chord), y + gap * math.sin(chord)
+            theta += TURN * (1 + slip.turn * turn)
+            direction = (direction + 3) % cells.directions
+            observed.append(1)
+        yield observed[-1], (x, y, theta)
+
+
+share = st.floats(-1, 1)
+SLIP = space.Slip(step=0.02, turn=0.02, heading=0.02, give=0.02)
+
+
+@pytest.fixture(scope="module")
+def sets():
+    # Off by any angle, so that nothing can be off more.
+    fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=16)
+    moves, bumps = bounce.bounded_matrices(fine, TURN, SLIP)
+    return Bounded(HiddenMap.of(moves, bumps, fine.coarse, fine.centres))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, CELLS.size - 1),
+    st.lists(st.tuples(share, share, share, share), min_size=1, max_size=25),
+)
+def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
+    felt = ROOM.free_space.buffer(0.02, join_style="mitre")
+    legs = space.stride_legs(8, 1.0, 1.0)
+    state = sets.start()
+    for observation, pose in bounded_run(CELLS, legs, felt, cell, errors, SLIP):
+        state = sets.observe(state, observation)
+        assert int(space.nearest_cell(CELLS, *pose)) in sets.estimate(state).cells
+
+
+def test_sets_of_a_robot_without_errors_leave_cells_out():
+    fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
+    moves, bumps = bounce.bounded_matrices(fine, TURN, space.Slip(give=0.02))
+    sets = Bounded(HiddenMap.of(moves, bumps, fine.coarse, fine.centres))
+    state = sets.start()
+    for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
+        state = sets.observe(state, observation)
+    assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
+
+
+@pytest.mark.slow
+def test_the_batch_gives_what_the_host_does(fine, hidden):
+    model = bounce.slip_map(fine, TURN, space.Slip.of(0.03, give=0.02))
+    for ours, theirs in zip(model.to_scipy(), (hidden.moves, hidden.bumps), strict=True):
+        assert abs(ours - theirs).max() < 1e-12
+    runs = np.array([run_of_the_emulator(c, 0.03, 6, c)[0] for c in (3, 40)])
+    found, _ = jax.vmap(filtered, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
+    early = jax.vmap(smoothed, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
+    known = jax.vmap(possible, (None, None, 0))(model, fine.centres > 0, jnp.asarray(runs))
+    belief, sets = Belief(hidden), Bounded(hidden)
+    for run, weights, befores, masks in zip(runs, found, early, known, strict=True):
+        state, known_ = belief.start(), sets.start()
+        for time, observation in enumerate(run.tolist(), 1):
+            state = belief.observe(state, observation)
+            known_ = sets.observe(known_, observation)
+            np.testing.assert_allclose(weights[time], state.weight / state.weight.sum(), atol=1e-12)
+            np.testing.assert_array_equal(np.flatnonzero(masks[time]), known_)
+        np.testing.assert_allclose(befores, belief.smoothed(run.tolist()), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_particles_find_the_emulated_robot_on_the_host_and_in_a_batch():
+    slip, held, batch = space.Slip.of(0.03, give=0.02), [], []
+    cloud = Particles(CELLS, TURN, slip, count=2000)
+    first, legs, walls = cloud.start(), space.stride_legs(8, 1.0, 1.0), space.felt_walls(ROOM, 0.02)
+    for seed in range(20):
+        observed, pose = run_of_the_emulator(seed * 4, 0.03, 12, seed)
+        state = first
+        for observation in observed:
+            state = cloud.observe(state, observation)
+        truth = int(space.nearest_cell(CELLS, *pose))
+        held.append(truth in cloud.estimate(state).cells)
+        after, matched = bounce.particle_run(
+            first.pose,
+            first.believed,
+            jnp.asarray(observed),
+            jax.random.key(seed),
+            legs,
+            walls,
+            shift=3,
+            slip=slip,
+            directions=8,
+        )
+        batch.append(truth in np.asarray(space.nearest_cell(CELLS, *np.asarray(after[-1]).T)))
+        assert matched.shape == (12,)
+    assert np.mean(held) > 0.8
+    assert np.mean(batch) > 0.9
+
+
+def test_equal_seeds_give_equal_particles():
+    clouds = [Particles(CELLS, TURN, space.Slip.of(0.03), count=50, seed=s) for s in (1, 1, 2)]
+    states = [cloud.observe(cloud.start(), 0) for cloud in clouds]
+    np.testing.assert_array_equal(states[0].pose, states[1].pose)
+    assert (states[0].pose != states[2].pose).any()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "match"),
+    [
+        ("step", 1.5, "slip: step: expected a number from 0 to 1, got 1.5"),
+        ("turn", -0.1, "slip: turn: expected a number from 0 to 1, got -0.1"),
+        ("heading", float("nan"), "slip: heading: expected a number from 0 to 1"),
+        ("bumper", -1.0, "slip: bumper: expected a length of 0 m or more"),
+        ("give", float("inf"), "slip: give: expected a length of 0 m or more"),
+    ],
+)
+def test_a_slip_out_of_range_is_refused(field, value, match):
+    with pytest.raises(ValueError, match=match):
+        space.Slip(**{field: value})
+
+
+@pytest.mark.parametrize(
+    ("squares", "directions", "reach", "match"),
+    [
+        (2, 1, 0, "squares: expected an odd number"),
+        (0, 1, 0, "squares: expected an odd number"),
+        (1, 0, 0, "directions: expected at least 1"),
+        (1, 1, -1, "reach: expected a number from 0"),
+    ],
+)
+def test_fine_cells_that_cannot_be_are_refused(squares, directions, reach, match):
+    with pytest.raises(ValueError, match=match):
+        bounce.FineCells.of(CELLS, squares=squares, directions=directions, reach=reach)
+
+
+def test_fine_cells_stay_within_their_number():
+    sizes = [bounce.FineCells.within(CELLS, space.Slip.of(0.02), n).size for n in (1, 5000, 20_000)]
+    assert sizes[0] == CELLS.size
+    assert all(a < b for a, b in itertools.pairwise(sizes))
+    assert sizes[2] <= 20_000

@@ -1,0 +1,90 @@
+"""Robots that follow a belief, on the body of the emulator."""
+
+import numpy as np
+import pytest
+
+from jaxcell.automata import Belief, HiddenMap
+from jaxcell.robot import RunLog, Walker, read_log
+from jaxcell.robot.believer import replay_belief, run_belief
+from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.direct import DirectBody
+from jaxcell.space import CellSpace, Workspace
+
+
+def corridor(length, height=1.0):
+    return Workspace([(0, 0), (length, 0), (length, height), (0, height)])
+
+
+def belief_of(cells, slack=0.05):
+    """In a corridor, whose robot turns around at a bump; steps miss or fall short now and then."""
+    n = cells.positions
+    moves, bumps = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2 * n))
+    for direction, ahead in ((0, 1), (1, -1)):
+        for place in range(n):
+            here, to = direction * n + place, place + ahead
+            if 0 <= to < n:
+                moves[here, direction * n + to] = 1 - slack
+                moves[here, here] = slack
+            else:
+                bumps[here, (1 - direction) * n + place] = 1
+    return Belief(HiddenMap.of(moves, bumps, np.arange(2 * n), np.full(2 * n, 1 / (2 * n))))
+
+
+def walker_in(room, start, noise=0.0):
+    body = Body(
+        room,
+        start,
+        noise=Noise(distance=noise, rotation=noise, veer=noise),
+        rng=np.random.default_rng(1),
+    )
+    return Walker(DirectBody(body), 1.0), body
+
+
+def test_a_robot_is_localized_and_its_log_says_the_same(tmp_path):
+    room = corridor(7)
+    cells = CellSpace.of(room, 1.0, 2)
+    belief = belief_of(cells)
+    walker, body = walker_in(room, (2.5, 0.5, 0.0), noise=0.01)
+    with RunLog(tmp_path / "run.jsonl", {"kind": "belief"}) as log:
+        outcome = run_belief(walker, belief, np.pi, log=log)
+    assert outcome.result == "localized"
+    assert int(cells.index(*body.pose)) in outcome.cells
+    assert len(outcome.cells) <= 4
+    run = read_log(tmp_path / "run.jsonl")
+    assert replay_belief(run, belief) == outcome
+    events = [one for one in run.events if one["event"] == "observation"]
+    assert {"credible", "nowhere", "likeliest"} <= events[-1].keys()
+    assert events[-1]["credible"] == len(outcome.cells)
+
+
+def test_a_robot_that_is_nowhere_stops_and_says_so():
+    # It is in a corridor, and believes in a ring of twenty cells, in which nothing is in the way.
+    ring = np.roll(np.eye(20), 1, axis=1)
+    hidden = HiddenMap.of(ring, np.zeros((20, 20)), np.arange(20), np.full(20, 0.05))
+    walker, _ = walker_in(corridor(10), (0.5, 0.5, 0.0))
+    outcome = run_belief(walker, Belief(hidden), np.pi)
+    assert outcome.result == "refuted"
+    assert "nowhere on the map" in outcome.reason
+    assert outcome.cells == ()
+    assert outcome.observations == "0000000001"
+
+
+def test_a_run_ends_at_the_limit():
+    walker, _ = walker_in(corridor(30), (0.5, 0.5, 0.0))
+    outcome = run_belief(walker, belief_of(CellSpace.of(corridor(30), 1.0, 2)), np.pi, limit=3)
+    assert outcome.result == "unfinished"
+    assert outcome.observations == "000"
+
+
+def test_the_direct_body_does_as_it_is_told():
+    body = Body(corridor(3), (0.5, 0.5, 0.0))
+    robot = DirectBody(body)
+    assert robot.forward(1.0, tolerance=0.01) == pytest.approx((1.0, 0.0, False, 0.0))
+    moved = robot.forward(5.0, tolerance=0.01)
+    assert moved.bumped
+    assert body.x == pytest.approx(3.02)
+    assert moved.distance == pytest.approx(1.52)
+    robot.turn(np.pi / 2, tolerance=0.01)
+    assert body.theta == pytest.approx(np.pi / 2)
+    assert not robot.forward(-0.1, tolerance=0.01).bumped
+    assert body.y == pytest.approx(0.4)
