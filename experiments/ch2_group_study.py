@@ -3,7 +3,7 @@
     python experiments/ch2_group_study.py --runs 100
 
 A room of 200 x 125 unit cells with 360 directions, bouncing angle 90 deg, `endpoint` collisions;
-`jaxcell.space.random_rooms` says what stands in the environments E1 to E4.
+`jaxcell.space.maps.random_rooms` says what stands in the environments E1 to E4.
 
 Writes `group_study.nc` and `group_study.png`.
 """
@@ -25,7 +25,7 @@ from rich.table import Table
 
 import jaxcell
 from jaxcell import bounce
-from jaxcell.space.random_rooms import DIRECTIONS, ENVIRONMENTS, place
+from jaxcell.space.maps.random_rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
 if TYPE_CHECKING:

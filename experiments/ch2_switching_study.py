@@ -39,7 +39,7 @@ from rich.table import Table
 from jaxcell.automata import adaptive_choice, homing_sequence
 from jaxcell.automata.adaptive import levels
 from jaxcell.bounce import walls
-from jaxcell.space.random_rooms import random_room
+from jaxcell.space.maps.random_rooms import random_room
 
 
 DIRECTIONS = 8

@@ -25,7 +25,7 @@ from rows import Row, options, write_rows
 from timing import begin, line
 
 from jaxcell.space import CellSpace, stencil
-from jaxcell.space.random_rooms import DIRECTIONS, ENVIRONMENTS, place
+from jaxcell.space.maps.random_rooms import DIRECTIONS, ENVIRONMENTS, place
 
 
 sys.path.insert(0, str(Path(__file__).parents[1]))

@@ -55,20 +55,23 @@ What gives which:
 from .adaptive import Decisions as Decisions, adaptive_choice as adaptive_choice
 from .belief import Belief as Belief, BeliefState as BeliefState
 from .bounded import Bounded as Bounded
-from .c_header import to_c_header as to_c_header
-from .c_policy import policy_to_c_header as policy_to_c_header
 from .cycles import KnowledgeCycle as KnowledgeCycle
 from .environments import (
     Environments as Environments,
     EnvironmentsState as EnvironmentsState,
 )
 from .equivalence import Equivalence as Equivalence, equivalence as equivalence
-from .export import to_dot as to_dot, to_json as to_json
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
+from .formats.c_header import to_c_header as to_c_header
+from .formats.c_policy import policy_to_c_header as policy_to_c_header
+from .formats.export import to_dot as to_dot, to_json as to_json
+from .formats.jflap import (
+    nondeterministic_to_jflap as nondeterministic_to_jflap,
+    to_jflap as to_jflap,
+)
 from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible
 from .homing import Homing as Homing, homing_sequence as homing_sequence
-from .jflap import nondeterministic_to_jflap as nondeterministic_to_jflap, to_jflap as to_jflap
 from .minimize import minimize as minimize
 from .policy import Policy as Policy, PolicyState as PolicyState
 from .subset import Automaton as Automaton, subset_construction as subset_construction

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int32, Int64, Shaped
 
 from .cycles import KnowledgeCycle, knowledge_cycles
-from .storage import read_arrays, write_arrays
+from .formats.storage import read_arrays, write_arrays
 from .subset import Automaton
 
 

@@ -9,7 +9,7 @@ import scipy.sparse
 from jaxtyping import Float, Int
 
 from ..base.documents import Fields
-from .storage import read_arrays, write_arrays
+from .formats.storage import read_arrays, write_arrays
 
 
 _FORMAT, _VERSION = "jaxcell-hidden-map", 1

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32
 
-from .storage import read_arrays, write_arrays
+from .formats.storage import read_arrays, write_arrays
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -71,21 +71,21 @@ from .dynamics import (
     grid_moves as grid_moves,
     moves as moves,
 )
-from .filter_size import heading_filter_sizes as heading_filter_sizes
 from .grid_groups import grid_groups as grid_groups, wall_groups as wall_groups
 from .groups import bounce_groups as bounce_groups, group_summary as group_summary
 from .imprecise import noisy_bounce_map as noisy_bounce_map, noisy_turns as noisy_turns
-from .localization_policy import (
+from .localization.choice import (
     AdaptivelyLocalized as AdaptivelyLocalized,
     LocalizationPolicy as LocalizationPolicy,
     localization_policy as localization_policy,
 )
-from .localize import (
+from .localization.filter_size import heading_filter_sizes as heading_filter_sizes
+from .localization.result import LocalizationFilter as LocalizationFilter, Localized as Localized
+from .localization.run import (
     Localization as Localization,
     localization_filter as localization_filter,
     localize as localize,
 )
-from .localized import LocalizationFilter as LocalizationFilter, Localized as Localized
 from .periodic import BounceGroups as BounceGroups, RoomGroups as RoomGroups
 from .plans.all_pairs import (
     AllPlans as AllPlans,
@@ -94,22 +94,22 @@ from .plans.all_pairs import (
 )
 from .plans.navigate import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
-from .slip import (
+from .slip.bounds import bounded_matrices as bounded_matrices
+from .slip.fine_cells import (
     FineCells as FineCells,
     slip_choices as slip_choices,
     slip_map as slip_map,
     slip_matrices as slip_matrices,
 )
-from .slip_bounds import bounded_matrices as bounded_matrices
-from .slip_particles import particle_run as particle_run
-from .slip_policy import (
+from .slip.particles import particle_run as particle_run
+from .slip.plan import SlippedPlan as SlippedPlan
+from .slip.policy import (
     SlipPolicy as SlipPolicy,
     arrival_by as arrival_by,
     plan_probability as plan_probability,
     slip_policy as slip_policy,
 )
-from .slipped import Slipped as Slipped, slipping_run as slipping_run
-from .slipped_plan import SlippedPlan as SlippedPlan
+from .slip.run import Slipped as Slipped, slipping_run as slipping_run
 from .team import (
     team_trajectories as team_trajectories,
     team_trajectory as team_trajectory,

@@ -11,9 +11,9 @@ from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals
 from ..space import CellSpace
 from .dynamics import Collision, bounce_map, bounce_shift, moves
-from .filter_size import heading_filter_sizes
 from .grid_groups import wall_groups
 from .groups import bounce_groups, group_summary
+from .localization.filter_size import heading_filter_sizes
 from .walls import cell_walls, walls
 
 

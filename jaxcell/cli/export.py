@@ -19,7 +19,7 @@ class Export:
 
     def run(self) -> int:
         from .. import automata
-        from ..automata.storage import read_kind
+        from ..automata.formats.storage import read_kind
         from .options import check_out, write_text
 
         formats = {

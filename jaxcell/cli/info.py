@@ -79,7 +79,7 @@ def _belief(path: Path) -> dict[str, Any]:
 
 def _filter(path: Path) -> dict[str, Any]:
     from ..automata import Filter, Policy
-    from ..automata.storage import read_kind
+    from ..automata.formats.storage import read_kind
 
     if read_kind(path) == "policy":
         policy = Policy.load(path)

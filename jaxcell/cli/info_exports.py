@@ -95,7 +95,7 @@ def picture(path: Path) -> dict[str, Any]:
     import numpy as np
     from PIL import UnidentifiedImageError
 
-    from ..space.images import read_image
+    from ..space.maps.images import read_image
 
     try:
         image = read_image(path.read_bytes(), ("PPM",))

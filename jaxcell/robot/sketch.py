@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..automata import Filter, Policy, policy_to_c_header, to_c_header
-from ..automata.c_policy import policy_bits
+from ..automata.formats.c_policy import policy_bits
 from .create.packets import METRES_PER_COUNT, WHEEL_BASE
 from .tasks.files import FilterTask, PolicyTask
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import shapely
 from jaxtyping import Float, Int
 
-from .map_files import read_map, write_map
+from .maps.map_files import read_map, write_map
 
 
 Ring: TypeAlias = npt.ArrayLike | shapely.Polygon
@@ -173,7 +173,7 @@ class Workspace:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Workspace":
-        """Read a map file; see `jaxcell.space.map_files` for the formats.
+        """Read a map file; see `jaxcell.space.maps.map_files` for the formats.
 
         **Arguments:**
 

@@ -63,7 +63,7 @@ class Localize(MapStudy):
         from ..space import estimates
 
         if self.slip is not None:
-            from ..bounce.slip import needed
+            from ..bounce.slip.fine_cells import needed
 
             return needed()
         if self.bounces:

@@ -84,7 +84,7 @@ class Navigate(Plans):
     def needed(self, extent: "Extent") -> float | int:
         if self.slip is None:
             return super().needed(extent)
-        from ..bounce.slip import needed
+        from ..bounce.slip.fine_cells import needed
 
         return super().needed(extent) + len(self.bounces) * needed()
 

@@ -49,7 +49,7 @@ class Rooms(Study):
 
     def free(self) -> "np.ndarray":
         """The free squares of the room."""
-        from ..space.random_rooms import place, random_room
+        from ..space.maps.random_rooms import place, random_room
 
         if self.environment == "random":
             return random_room(self.seed, self.room, self.columns, self.rows, self.obstacles)

@@ -42,7 +42,7 @@ def slipped_plan(
         slip_choices,
         slip_policy,
     )
-    from ..bounce.slip_policy import PolicyRobot, driven
+    from ..bounce.slip.policy import PolicyRobot, driven
     from ..robot.emulation.body import bumper_give
     from ..robot.runner import run_plan
     from ..space import Slip, nearest_cell

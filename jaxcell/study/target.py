@@ -49,7 +49,7 @@ def read_target(cells: "CellSpace", text: str) -> Float[np.ndarray, "positions"]
 def _brightness(path: Path) -> Float[np.ndarray, "rows columns"]:
     from PIL import UnidentifiedImageError
 
-    from ..space.images import read_image
+    from ..space.maps.images import read_image
 
     if not path.is_file():
         raise ValueError("there is no such file; expected 'uniform', an image, or FILE.nc:VARIABLE")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxcell.automata import Policy, policy_to_c_header
-from jaxcell.automata.c_policy import policy_bits
+from jaxcell.automata.formats.c_policy import policy_bits
 
 
 MAIN = """

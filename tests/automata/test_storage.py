@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from jaxcell.automata import Filter, storage, subset_construction
+from jaxcell.automata import Filter, subset_construction
+from jaxcell.automata.formats import storage
 
 
 FIELDS = ("transition", "uncertainty", "offsets", "members", "color")

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse
 
 from jaxcell import bounce, mapping, markov
-from jaxcell.bounce.slip_policy import PolicyRobot
+from jaxcell.bounce.slip.policy import PolicyRobot
 
 
 CELLS, GOAL = 6, 5

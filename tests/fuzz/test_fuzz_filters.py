@@ -19,7 +19,7 @@ from jaxcell.automata import (
     to_jflap,
     to_json,
 )
-from jaxcell.automata.storage import read_arrays
+from jaxcell.automata.formats.storage import read_arrays
 
 
 ARRAYS = {

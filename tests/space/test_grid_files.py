@@ -12,7 +12,7 @@ from PIL import Image
 from scipy import ndimage
 
 from jaxcell.space import Workspace
-from jaxcell.space.grid_files import parse_ascii
+from jaxcell.space.maps.grid_files import parse_ascii
 from jaxcell.space.occupancy import blocked_rings, rasterise
 
 

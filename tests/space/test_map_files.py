@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.space import Workspace
-from jaxcell.space.map_files import format_json, parse_json
+from jaxcell.space.maps.map_files import format_json, parse_json
 
 
 ROOM = {"format": "jaxcell-map", "version": 1, "boundary": [[0, 0], [6, 0], [6, 5], [0, 5]]}

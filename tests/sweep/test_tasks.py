@@ -9,7 +9,7 @@ from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
 from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
-from jaxcell.space.random_rooms import place, random_room
+from jaxcell.space.maps.random_rooms import place, random_room
 from jaxcell.sweep.tasks import TASKS
 from jaxcell.sweep.workers.work import find_task, study_of
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ...automata import Belief, Filter, HiddenMap, Policy
-from ...automata.storage import read_kind
+from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
 from ..team import KIND as TEAM, MemberTask, read_member
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol

@@ -17,9 +17,9 @@ import yaml
 from jaxtyping import Bool, Integer
 from PIL import UnidentifiedImageError
 
-from ..base.documents import checked_number, refused
+from ...base.documents import checked_number, refused
+from ..occupancy import blocked_rings, rasterise
 from .images import read_image
-from .occupancy import blocked_rings, rasterise
 
 
 _BLOCKED, _FREE = "#X@", ". "

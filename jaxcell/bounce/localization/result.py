@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..automata import Filter, minimize
-from ..base.quantities import Checks, Result, derived
-from ..space import CellSpace
-from .localize import Localization
-from .periodic import BounceGroups
+from ...automata import Filter, minimize
+from ...base.quantities import Checks, Result, derived
+from ...space import CellSpace
+from ..periodic import BounceGroups
+from .run import Localization
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

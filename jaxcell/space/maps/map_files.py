@@ -32,7 +32,7 @@ from typing import Any
 
 import shapely
 
-from ..base.documents import (
+from ...base.documents import (
     check_file,
     checked_list,
     checked_pair,
@@ -40,7 +40,7 @@ from ..base.documents import (
     read_text,
     refused,
 )
-from ..base.files import replacing
+from ...base.files import replacing
 from .grid_files import format_ascii, format_map_server, parse_ascii, parse_map_server
 
 

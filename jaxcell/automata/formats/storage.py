@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32
 
-from ..base.files import replacing
+from ...base.files import replacing
 
 
 _HEADER = "header"

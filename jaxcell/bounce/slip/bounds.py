@@ -6,10 +6,10 @@ import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
-from ..base import memory
-from ..space import Slip, stride_legs
-from .dynamics import bounce_shift
-from .slip import FineCells
+from ...base import memory
+from ...space import Slip, stride_legs
+from ..dynamics import bounce_shift
+from .fine_cells import FineCells
 
 
 # Stretches of a step whose ways are put in boxes, in cells of the map.

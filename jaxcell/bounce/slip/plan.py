@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ..base.quantities import Checks, derived, quantity
-from .plans.navigate import Plan
+from ...base.quantities import Checks, derived, quantity
+from ..plans.navigate import Plan
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from typing import Annotated, Any
 import numpy as np
 from jaxtyping import Int
 
-from ..automata import Filter, subset_construction
-from ..base.quantities import Result, derived, quantity
-from ..mapping import SimpleMap
+from ...automata import Filter, subset_construction
+from ...base.quantities import Result, derived, quantity
+from ...mapping import SimpleMap
 
 
 def localization_filter(

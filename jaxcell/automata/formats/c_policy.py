@@ -2,8 +2,8 @@ import string
 
 import numpy as np
 
+from ..policy import Policy
 from .c_header import bits_for, identifier, rows_of
-from .policy import Policy
 
 
 _TEMPLATE = string.Template("""\

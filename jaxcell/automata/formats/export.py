@@ -1,6 +1,6 @@
 import json
 
-from .filter import Filter
+from ..filter import Filter
 
 
 def to_dot(filter: Filter, *, name: str = "filter") -> str:

@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ..space import Slip, slipping_step
-from ..space.slip import ERRORS, MISSED
-from .slip import jax_free_ahead
+from ...space import Slip, slipping_step
+from ...space.slip import ERRORS, MISSED
+from .fine_cells import jax_free_ahead
 
 
 @functools.partial(jax.jit, static_argnames=("shift", "slip", "directions"))

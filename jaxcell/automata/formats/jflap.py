@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Integer
 
-from .cycles import periodic_nodes
-from .filter import Filter
+from ..cycles import periodic_nodes
+from ..filter import Filter
 
 
 # What XML 1.0 has no way to write.

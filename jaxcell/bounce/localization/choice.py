@@ -6,14 +6,14 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..automata import Decisions, Homing, Policy, adaptive_choice, homing_sequence
-from ..automata.adaptive import Aim, levels
-from ..base.quantities import Checks, Result, derived, quantity
-from ..space import CellSpace
-from .dynamics import Collision
-from .localize import Localization
-from .localized import RunOnMap
-from .plans.roadmap import Roadmap
+from ...automata import Decisions, Homing, Policy, adaptive_choice, homing_sequence
+from ...automata.adaptive import Aim, levels
+from ...base.quantities import Checks, Result, derived, quantity
+from ...space import CellSpace
+from ..dynamics import Collision
+from ..plans.roadmap import Roadmap
+from .result import RunOnMap
+from .run import Localization
 
 
 Goal: TypeAlias = Literal["cell", "position", "class"]

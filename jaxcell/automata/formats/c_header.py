@@ -3,7 +3,7 @@ import string
 import textwrap
 from collections.abc import Iterable
 
-from .filter import Filter
+from ..filter import Filter
 
 
 _TEMPLATE = string.Template("""\

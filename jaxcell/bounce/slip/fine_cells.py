@@ -10,11 +10,11 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 from scipy.stats import qmc
 
-from ..base import memory
-from ..mapping import ObservedChain
-from ..space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
-from ..space.slip import ERRORS, TURNING, to_wall
-from .dynamics import bounce_shift
+from ...base import memory
+from ...mapping import ObservedChain
+from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
+from ...space.slip import ERRORS, TURNING, to_wall
+from ..dynamics import bounce_shift
 
 
 # Configurations and errors that are tried in each cell, a power of two.

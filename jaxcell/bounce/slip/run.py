@@ -6,11 +6,11 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..automata import Belief, HiddenMap
-from ..automata.belief import NOWHERE, SMALL
-from ..base.quantities import PROBABILITY, Checks, Result, derived, quantity
-from ..space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
-from ..space.slip import ERRORS
+from ...automata import Belief, HiddenMap
+from ...automata.belief import NOWHERE, SMALL
+from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
+from ...space.slip import ERRORS
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

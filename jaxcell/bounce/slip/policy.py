@@ -7,7 +7,7 @@ import scipy.sparse
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csgraph
 
-from ..base.certificate import Certificate
+from ...base.certificate import Certificate
 
 
 Choices = Sequence[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]]
@@ -204,7 +204,7 @@ def driven(
         >>> import numpy as np
         >>> import scipy.sparse
         >>> from jaxcell import bounce
-        >>> from jaxcell.bounce.slip_policy import PolicyRobot, driven
+        >>> from jaxcell.bounce.slip.policy import PolicyRobot, driven
         >>> free, never = scipy.sparse.eye_array(2, format="csr"), scipy.sparse.csr_array((2, 2))
         >>> start = np.array([1.0, 0.0])
         >>> policy = bounce.slip_policy([(free, never)], np.array([True, False]), start)

@@ -1,0 +1,1 @@
+"""Filters and policies as files, for other programs and for microcontrollers."""

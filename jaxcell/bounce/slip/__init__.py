@@ -1,0 +1,1 @@
+"""Robots that slip: their map among fine cells, beliefs, and plans that surely arrive."""
