@@ -1,9 +1,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-# As users have it: types of arguments are not checked.
+# Commands, robots and sweeps as users have them: types of arguments are not checked.
+AS_USERS := tests/cli tests/robot tests/sweep
 UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" \
-	tests/space tests/cli/test_cli.py tests/cli/test_output.py tests/record/test_group_recordings.py
+	$(AS_USERS) tests/space tests/record/test_group_recordings.py
 
 .PHONY: demo test test-all fuzz lint bench pictures clean
 
@@ -11,7 +12,8 @@ demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
 
 test: .venv/.dev
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz --ignore tests/test_without_x64.py
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz --ignore tests/test_without_x64.py \
+		$(AS_USERS:%=--ignore %)
 	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(UNCHECKED)
 

@@ -301,6 +301,7 @@ def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
         assert count == len(visited)
 
 
+@pytest.mark.slow
 @given(spaces(), st.integers(1, 3), st.integers(0, 2**32))
 @settings(max_examples=15)
 def test_a_batch_gives_what_single_runs_give(cells, robots, seed):

@@ -105,6 +105,7 @@ def test_every_strategy_is_a_walk(capsys, strategy):
         assert found["slem"] == pytest.approx(0.6810, abs=5e-5)
 
 
+@pytest.mark.slow
 def test_each_strategy_is_best_at_what_it_is_for(capsys):
     """Among the walks with the same measure, its own is the best."""
     found, said = {}, {}

@@ -145,6 +145,7 @@ def test_the_same_seed_says_the_same(capsys):
     assert simulated[0] == simulated[1] != simulated[2]
 
 
+@pytest.mark.slow
 def test_tables_for_people(capsys, hall):
     args = ["patrol", "map", *map_args((hall, *NEAR, "--base", "auto", "--base-range", 2))]
     assert main([*args, "--robots", "3", "--lost", "0"]) == 0

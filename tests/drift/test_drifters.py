@@ -64,6 +64,7 @@ def test_disturbed_drifters_are_turned(getkey):
     np.testing.assert_allclose(counts / 4000, [0.25, 0.5, 0.25], atol=0.03)
 
 
+@pytest.mark.slow
 def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     currents = sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0)
     water, flow = Water.of(currents), Flow.of(currents)

@@ -220,6 +220,7 @@ def test_distances_go_the_shorter_way_round():
     assert len(sees.cover) == 3 * ROWS
 
 
+@pytest.mark.slow
 def test_lyapunov_exponents_and_ridges_are_those_of_many_copies():
     here = globe(4, dry=0, speed=0.8)
     water, flow = drift.Water.of(here), drift.Flow.of(here)

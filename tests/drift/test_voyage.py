@@ -93,6 +93,7 @@ def test_no_better_to_be_lost():
     assert found.action.tolist() == [1, 1, 0, 0, -1]
 
 
+@pytest.mark.slow
 @given(seeds, st.sampled_from([0.0, 0.3]))
 @settings(max_examples=15)
 def test_the_closed_loop(seed, leak):

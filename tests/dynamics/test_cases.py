@@ -121,6 +121,7 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     assert found.remarks == ()
 
 
+@pytest.mark.slow
 def test_crossing_times_leave_few_cells_where_they_are():
     box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
     slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), box, {"T": 0.5})
@@ -155,6 +156,7 @@ def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     assert not any("random starts" in said for said in by_cells.remarks)
 
 
+@pytest.mark.slow
 def test_orbits_find_what_coarse_cells_do_not():
     box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
     flow = dynamics.flow(pendulum, 0.05, 20)

@@ -150,6 +150,7 @@ def section_of(image, chosen, slots):
     return section, entries[:, 0], entries[:, 1]
 
 
+@pytest.mark.slow
 @given(functional_graphs(), st.data())
 def test_a_section_tells_the_groups_of_all_cells(image, data):
     expected = sequential(image)

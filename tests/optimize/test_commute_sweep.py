@@ -31,6 +31,7 @@ def random_graph(vertices, edges, seed):
     return Graph(np.array(network.edges), vertices)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 0.99])
 def test_emphases_equal_one_by_one(share):
     found = minimum_commute_sweep(SMALL, emphasis=SOME, share=share)
@@ -67,6 +68,7 @@ def test_subsets_of_edges_equal_one_by_one(kept):
         assert not found.weights[problem][~edges].any()
 
 
+@pytest.mark.slow
 def test_tours_keep_to_the_edges_that_are_allowed():
     graph = random_graph(10, 22, 3)
     allowed = np.random.default_rng(2).random((20, len(graph.edges))) < 0.8

@@ -143,6 +143,7 @@ def test_at_least_as_likely_as_by_gldpy(law, reached):
     assert fit_gld(law.rvs(300, random_state=0)).log_likelihood > reached - 0.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("censored", [False, True])
 def test_distance_is_that_of_kolmogorov_and_smirnov(censored):
     samples = draw(SKEWED, 400)
@@ -176,6 +177,7 @@ def test_few_samples_and_great_atoms():
     assert fit_gld(samples).distance < 0.05
 
 
+@pytest.mark.slow
 def test_which_samples_are_censored():
     whole = np.arange(40) ** 2
     assert not fit_gld(whole).censored
@@ -206,6 +208,7 @@ def test_refuses_fractions_that_are_censored():
         fit_gld([1, 2, 3, 0.5, 4, 5, 6, 7, 8], censored=True)
 
 
+@pytest.mark.slow
 def test_a_search_that_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr("jaxcell.patrol.law.fit._MAX_STEPS", 1)
     samples = draw(LAWS[1])

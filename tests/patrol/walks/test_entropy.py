@@ -111,6 +111,7 @@ def test_gradient_of_the_return_time_entropy_against_differences(getkey):
     assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_the_most_entropy_there_can_be():
     # Of laws with the mean 1 / pi_i, the geometric one has most entropy, and a patroller that draws
     # each vertex anew from pi has it at all of them.
