@@ -132,6 +132,7 @@ def test_totals_are_those_of_the_summary():
     }
 
 
+@pytest.mark.slow
 @given(GRIDS, st.integers(0, 7))
 @settings(max_examples=5)
 def test_both_routes_agree_on_random_grids(free, shift):

@@ -78,6 +78,7 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     assert np.isnan(found.transport[2])
 
 
+@pytest.mark.slow
 def test_distances_are_those_of_the_definitions(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)

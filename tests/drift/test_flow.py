@@ -163,6 +163,7 @@ def test_euler_is_one_step_of_the_current_at_the_centre():
     np.testing.assert_allclose(up, v * 0.6, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_time_is_interpolated_between_records():
     # The current grows by 1 m/s in an hour: after half an hour 450 m more than none.
     east = np.arange(3.0)[:, None, None] * np.ones((3, 2, 2))

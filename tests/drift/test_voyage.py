@@ -118,6 +118,7 @@ def test_the_closed_loop(seed, leak):
         assert (np.asarray(found.time) >= np.asarray(surest.time) * (1 - 1e-9)).all()
 
 
+@pytest.mark.slow
 def test_several_goals():
     sea = random_sea(3)
     goals = np.array([2, sea.cells - 1])
@@ -168,6 +169,7 @@ def test_simulated_drifters_arrive_as_often_as_predicted(leak):
     )
 
 
+@pytest.mark.slow
 def test_simulation_is_reproducible_and_starts_where_told():
     voyage = surest_voyage(random_sea(1), 0)
     key = jax.random.key(7)

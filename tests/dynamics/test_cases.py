@@ -101,6 +101,7 @@ def test_a_bijection_has_as_many_groups_as_published():
     assert np.count_nonzero(groups.group[: box.size] >= 90) == 18347
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.5, 2.0, 6.0])
 def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
     box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])

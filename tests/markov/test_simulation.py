@@ -98,6 +98,7 @@ def test_a_run_is_reproducible_from_its_key():
     assert (times[0] != times[2]).any()
 
 
+@pytest.mark.slow
 def test_a_cell_of_many_branches_beside_one_of_few():
     matrix = np.zeros((12, 12))
     matrix[0] = np.random.default_rng(8).dirichlet(np.full(12, 0.3))

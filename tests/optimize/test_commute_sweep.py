@@ -96,6 +96,7 @@ def test_runs_under_vmap_and_jit():
     np.testing.assert_allclose(found.commute_time, expected, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_tolerance_below_rounding_is_not_met():
     with pytest.raises(RuntimeError, match=r"minimum_commute_sweep, problem \d+: the residual"):
         minimum_commute_sweep(SMALL, emphasis=SOME, tolerance=1e-300)

@@ -94,6 +94,7 @@ def test_walls_of_a_map(hall, read, tmp_path):
     assert squares[1, 18] == 0, "in the obstacle by the wall"
 
 
+@pytest.mark.slow
 def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_path):
     """By 90 of 360 degrees, only headings 90 degrees apart share groups."""
     save_recording(hall.groups, tmp_path / "hall.rrd")

@@ -71,6 +71,7 @@ def test_both_tails_keep_their_digits(shape, other):
     np.testing.assert_allclose(upper.log_odds(-x), -odds, rtol=1e-12)
 
 
+@pytest.mark.slow
 @given(law=laws())
 def test_density_is_the_derivative_and_sums_up(law):
     x = law.quantile(np.linspace(0.01, 0.99, 21))

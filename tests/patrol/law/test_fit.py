@@ -159,6 +159,7 @@ def test_distance_is_that_of_kolmogorov_and_smirnov(censored):
     assert fit.distance == pytest.approx(np.abs(fit.law.cdf(t + 0.5) - share).max(), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_moved_scaled_and_turned_samples():
     samples = draw(SKEWED, 500)
     fit = fit_gld(samples)
@@ -169,6 +170,7 @@ def test_moved_scaled_and_turned_samples():
     )
 
 
+@pytest.mark.slow
 def test_few_samples_and_great_atoms():
     assert fit_gld(np.random.default_rng(0).normal(size=8)).distance < 0.5
     assert fit_gld([1, 2, 3, 4, 5, 5, 5, 5]).censored

@@ -83,6 +83,7 @@ def test_the_grid_from_the_default_start():
     assert maximin_capture(GRID, 4, starts=1).value > 0.15834
 
 
+@pytest.mark.slow
 def test_no_chain_of_another_solver_is_better():
     attack = np.array([5, 6, 5, 7])
     found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4)
@@ -151,6 +152,7 @@ def test_slopes_against_differences():
         np.testing.assert_allclose(slope[..., move], (up - down) / 2e-5, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_soft_minimum_is_nearly_the_least():
     among = ChainPolytope.on(KITE)
     moves = among.starts(2, 2, 0)[1]

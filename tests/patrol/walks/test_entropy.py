@@ -76,6 +76,7 @@ def test_entropy_rate_where_some_moves_are_ruled_out():
     np.testing.assert_allclose(found.matrix, expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_return_time_law_against_all_walks(getkey):
     P = np.asarray(jax.nn.softmax(2 * jax.random.normal(getkey(), (3, 3)), axis=1))
     law = np.asarray(return_time_law(jnp.asarray(P), 5))
@@ -143,6 +144,7 @@ def test_no_chain_of_another_solver_is_better():
             assert found.value >= -other.fun - 1e-6
 
 
+@pytest.mark.slow
 def test_two_vertices_leave_no_choice():
     found = maximum_return_time_entropy(Graph([[0, 1]]), horizon=3, starts=1)
     assert found.value == pytest.approx(0, abs=1e-12)

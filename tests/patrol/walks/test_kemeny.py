@@ -28,6 +28,7 @@ GRID = nx.grid_2d_graph(2, 3)
 KITES = nx.Graph([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (0, 4), (4, 5)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", [*TREES, GRID, KITES])
 def test_the_least_of_all_chains(network):
     # (2 n - k - 1) / 2 with k the length of the longest cycle (Kirkland 2010).
@@ -65,6 +66,7 @@ def test_reversible_chains_against_cvxpy():
     assert found.certificate.outcome is Outcome.CONVERGED
 
 
+@pytest.mark.slow
 def test_no_chain_of_another_solver_is_better():
     share = np.random.default_rng(1).dirichlet(np.full(6, 4.0))
     graph = graph_of(GRID)
