@@ -24,7 +24,7 @@ class KnowledgeCycle:
 def knowledge_cycles(
     transition: Int32[np.ndarray, "states 2"], uncertainty: Int32[np.ndarray, "states"]
 ) -> tuple[KnowledgeCycle, ...]:
-    """Finds the knowledge cycles of a deterministic I-state automaton.
+    """Find the knowledge cycles of a deterministic I-state automaton.
 
     **Arguments:**
 

@@ -70,7 +70,7 @@ class Filter:
         open_world: bool = False,
         metadata: Mapping[str, Any] | None = None,
     ) -> "Filter":
-        """Colours a deterministic I-state automaton.
+        """Colour a deterministic I-state automaton.
 
         **Arguments:**
 
@@ -151,7 +151,7 @@ class Filter:
         return FilterState(self, self._tables, 0, 0, None)
 
     def run(self, observations: Observations) -> "FilterRun":
-        """Filters a whole observation string.
+        """Filter a whole observation string.
 
         **Arguments:**
 
@@ -178,7 +178,7 @@ class Filter:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the filter to one file with a checksum, whole or not at all.
+        """Write the filter to one file with a checksum, whole or not at all.
 
         Equal filters give equal bytes.
         """
@@ -193,7 +193,7 @@ class Filter:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Filter":
-        """Reads a filter that [`Filter.save`][] wrote.
+        """Read a filter that [`Filter.save`][] wrote.
 
         **Raises:** `ValueError` if the file is not a filter, is of another version, or was
         truncated or altered.

@@ -97,7 +97,7 @@ class HiddenMap:
         return self.moves.T.tocsr(), self.bumps.T.tocsr()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the map to a file, which is replaced."""
+        """Write the map to a file, which is replaced."""
         arrays = {"configuration": self.configuration, "start": _whole(self.start)}
         for name in ("moves", "bumps"):
             matrix = getattr(self, name)
@@ -111,7 +111,7 @@ class HiddenMap:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "HiddenMap":
-        """Reads the file of a map.
+        """Read the file of a map.
 
         **Raises:** `ValueError` that names the file, if it is not one; `FileNotFoundError`.
         """

@@ -103,7 +103,7 @@ class Policy:
         return PolicyState(self, 0, 0, 0, None)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the policy to one file with a checksum, whole or not at all.
+        """Write the policy to one file with a checksum, whole or not at all.
 
         Equal policies give equal bytes.
         """
@@ -112,7 +112,7 @@ class Policy:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> "Policy":
-        """Reads a policy that [`Policy.save`][] wrote.
+        """Read a policy that [`Policy.save`][] wrote.
 
         **Raises:** `ValueError` if the file is not a policy, or was truncated or altered.
         """

@@ -34,7 +34,7 @@ def subset_construction(
     *,
     limit: int = 2**31 - 1,
 ) -> Automaton:
-    """Makes the I-state graph of a simple map, started in an unknown cell, deterministic.
+    """Make the I-state graph of a simple map, started in an unknown cell, deterministic.
 
     Alam 2018, section 2.4.3.
 
@@ -155,7 +155,7 @@ def _construct(graph: _Graph, words: UInt64[np.ndarray, "cells"], limit: int) ->
 
 
 def _narrow_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
-    """Adds the successors of the sets `low` to `high - 1`, one set at a time."""
+    """Add the successors of the sets `low` to `high - 1`, one set at a time."""
     image, observation, word = graph.image.item, graph.observation.item, found.words.item
     for state in range(low, high):
         cells = found.members[found.offsets[state] : found.offsets[state + 1]].tolist()
@@ -175,7 +175,7 @@ def _narrow_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
 
 
 def _wide_level(graph: _Graph, found: _Subsets, low: int, high: int) -> None:
-    """Adds the successors of the sets `low` to `high - 1`, all in one batch."""
+    """Add the successors of the sets `low` to `high - 1`, all in one batch."""
     bounds = np.array(found.offsets[low : high + 1])
     cells = found.members[bounds[0] : bounds[-1]]
     bounds -= bounds[0]

@@ -1,4 +1,4 @@
 """How large the problems are that dense matrices serve."""
 
-MOST_VERTICES = 2_000
+MAX_VERTICES = 2_000
 "Vertices of a graph, or cells of a map, whose walks are optimised and measured."

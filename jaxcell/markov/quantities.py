@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.certificate import Certificate
-from ..base.limits import MOST_VERTICES
+from ..base.limits import MAX_VERTICES
 from ..base.precision import require_x64
 from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
@@ -200,7 +200,7 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     if not 0 < distance < 0.5:
         raise ValueError(f"distance: expected more than 0 and less than 1/2, got {distance}")
     groups = _check_irreducible(chain, "mixing_time")
-    matrix = _matrix(chain, "mixing_time", MOST_VERTICES)
+    matrix = _matrix(chain, "mixing_time", MAX_VERTICES)
     if groups.period[0] > 1:
         return math.inf
     share = np.asarray(limiting_distribution(chain, groups).value)

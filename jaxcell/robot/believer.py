@@ -1,16 +1,17 @@
-from typing import Any, Literal
+from typing import Any
 
 from ..automata import Belief
 from ..automata.belief import NOWHERE, SMALL
-from .outcome import RunOutcome, observed
-from .run_log import LoggedRun, RunLog, finished
+from .following import Follower, follow, replay
+from .outcome import RunOutcome
+from .run_log import LoggedRun, RunLog
 from .walker import Walker
 
 
 def run_belief(
     walker: Walker, belief: Belief, bounce: float, *, log: RunLog | None = None, limit: int = 10_000
 ) -> RunOutcome:
-    """Lets a robot that slips bounce until its belief knows where it is, or that it is nowhere.
+    """Let a robot that slips bounce until its belief knows where it is, or that it is nowhere.
 
     It is localized when the credible set has at most four configurations. It stops when it is
     nowhere on the map with a probability of 0.99.
@@ -40,19 +41,11 @@ def run_belief(
         >>> robot.run_belief(walker, automata.Belief(never), 0.0).result
         'refuted'
     """
-    follower = _Believer(belief)
-    while follower.result is None and len(follower.observations) < limit:
-        bumped = walker.step()
-        follower.observe(int(bumped))
-        if log is not None:
-            log.observation(walker, **follower.fields)
-        if bumped and follower.result != "refuted":
-            walker.rotate(bounce)
-    return finished(follower.outcome(), log)
+    return follow(walker, _Believer(belief), [bounce], log, limit)
 
 
 def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
-    """Gives a belief what a robot sensed in a logged run.
+    """Give a belief what a robot sensed in a logged run.
 
     **Arguments:**
 
@@ -70,23 +63,20 @@ def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
         >>> robot.replay_belief(robot.LoggedRun({}, events, True), automata.Belief(free)).result
         'refuted'
     """
-    follower = _Believer(belief)
-    for observation in run.observations:
-        follower.observe(int(observation))
-    return follower.outcome()
+    return replay(run, _Believer(belief))
 
 
-class _Believer:
-    """A belief along a run, which says when it is over."""
+class _Believer(Follower):
+    """A belief along a run."""
+
+    kind = "belief"
 
     def __init__(self, belief: Belief) -> None:
-        self.observations = ""
-        self.result: Literal["localized", "refuted"] | None = None
+        super().__init__()
         self._belief, self._state = belief, belief.start()
         self._estimate = belief.estimate(self._state)
 
     def observe(self, observation: int) -> None:
-        """Takes the next observation, 0 or 1."""
         self.observations += str(observation)
         self._state = self._belief.observe(self._state, observation)
         self._estimate = self._belief.estimate(self._state)
@@ -96,8 +86,15 @@ class _Believer:
             self.result = "localized"
 
     @property
+    def turn(self) -> int | None:
+        return 0 if self.observations[-1] == "1" and self.result != "refuted" else None
+
+    @property
+    def cells(self) -> list[int]:
+        return self._estimate.cells.tolist()
+
+    @property
     def fields(self) -> dict[str, Any]:
-        """What the log has of the last observation."""
         cells = self._estimate.cells
         return {
             "credible": int(cells.size),
@@ -105,25 +102,16 @@ class _Believer:
             "likeliest": int(cells[0]) if cells.size else None,
         }
 
-    def outcome(self) -> RunOutcome:
-        """How it ended, or stands."""
-        count, cells = len(self.observations), self._estimate.cells.tolist()
-        places = "1 configuration" if len(cells) == 1 else f"{len(cells)} configurations"
-        share = float(self._estimate.probability.sum())
-        if self.result == "localized":
-            reason = (
-                f"localized after {count} observations to {places}, which hold the robot with "
-                f"probability {share:.3g}"
-            )
-        elif self.result == "refuted":
-            reason = observed(
-                f"the belief is nowhere on the map after {count} observations, with probability "
-                f"{self._estimate.nowhere:.3g}: the map is another, or the robot slips more",
-                self.observations,
-            )
-            cells = []
-        else:
-            reason = f"not localized after {count} observations; {places} left"
-        return RunOutcome(
-            self.result or "unfinished", self.observations, reason, cells=tuple(cells)
+    @property
+    def localized(self) -> str:
+        return (
+            f"localized after {len(self.observations)} observations to {self.places}, which hold "
+            f"the robot with probability {float(self._estimate.probability.sum()):.3g}"
+        )
+
+    @property
+    def refuted(self) -> str:
+        return (
+            f"the belief is nowhere on the map after {len(self.observations)} observations, with "
+            f"probability {self._estimate.nowhere:.3g}: the map is another, or the robot slips more"
         )

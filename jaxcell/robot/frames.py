@@ -18,7 +18,7 @@ Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
 
 
 def camera(device: int = 0) -> Callable[[], Frame]:
-    """Opens a camera, by its number, as a source of frames.
+    """Open a camera, by its number, as a source of frames.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""Finds the marker of a dummy intruder in a camera's frames: a dark cross on a light sheet.
+"""Find the marker of a dummy intruder in a camera's frames: a dark cross on a light sheet.
 
 Alam 2018, section 4.5.7, has robots on patrol look for a cross, without saying how it was made or
 found. Here it is a black cross on a white square. In units of half an arm's width, the arms are 2

@@ -1,9 +1,10 @@
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 from ..automata import Policy
-from .outcome import RunOutcome, observed
-from .run_log import LoggedRun, RunLog, finished
+from .following import Follower, follow, replay
+from .outcome import RunOutcome
+from .run_log import LoggedRun, RunLog
 from .walker import Walker
 
 
@@ -15,7 +16,7 @@ def run_policy(
     log: RunLog | None = None,
     limit: int = 10_000,
 ) -> RunOutcome:
-    """Lets a robot choose its angle at each bump until it knows where it is, or cannot be.
+    """Let a robot choose its angle at each bump until it knows where it is, or cannot be.
 
     **Arguments:**
 
@@ -49,18 +50,11 @@ def run_policy(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '01001', (3,))
     """
-    follower = _Follower(policy)
-    while follower.result is None and len(follower.colors) < limit:
-        follower.observe(int(walker.step()))
-        if log is not None:
-            log.observation(walker, **follower.fields)
-        if follower.turn is not None:
-            walker.rotate(bounces[follower.turn])
-    return finished(follower.outcome(), log)
+    return follow(walker, _Chosen(policy), bounces, log, limit)
 
 
 def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
-    """Gives a policy what a robot sensed in a logged run.
+    """Give a policy what a robot sensed in a logged run.
 
     **Arguments:**
 
@@ -70,7 +64,7 @@ def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
     **Returns:** [`RunOutcome`][], that of the run if it was not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
-    it, or goes on after the end of the policy: it is of another policy.
+    it, or goes on after the end of the run: it is of another policy.
 
     The log of a robot that bumped at once, where the policy has two steps:
 
@@ -85,48 +79,38 @@ def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
         >>> robot.replay_policy(robot.LoggedRun({}, events, True), policy).result
         'refuted'
     """
-    follower = _Follower(policy)
-    for i, observation in enumerate(run.observations):
-        if follower.result is not None:
-            raise ValueError(f"observation {i}: the policy has come to its end")
-        follower.observe(int(observation))
-    for i, (logged, color) in enumerate(zip(run.colors, follower.colors, strict=False)):
-        if logged != color:
-            raise ValueError(
-                f"observation {i}: the log has colour {logged}, the policy {color}; the log is of "
-                "another policy"
-            )
-    return follower.outcome()
+    return replay(run, _Chosen(policy))
 
 
-class _Follower:
-    """A policy along a run, which says when it is over."""
+class _Chosen(Follower):
+    """A policy along a run."""
+
+    kind = "policy"
 
     def __init__(self, policy: Policy) -> None:
-        self.colors: list[int] = []
-        self._observations = ""
+        super().__init__()
         self._state = policy.start()
 
     def observe(self, observation: int) -> None:
-        """Takes the next observation, 0 or 1."""
-        self._observations += str(observation)
+        self.observations += str(observation)
         self._state = self._state.observe(observation)
         self.colors.append(self._state.color)
+        if self._state.refuted:
+            self.result = "refuted"
+        elif self._state.localized:
+            self.result = "localized"
 
     @property
     def turn(self) -> int | None:
-        """The angle to turn by now, by number, if any."""
         return self._state.turn
 
     @property
-    def result(self) -> Literal["localized", "refuted"] | None:
-        if self._state.refuted:
-            return "refuted"
-        return "localized" if self._state.localized else None
+    def cells(self) -> list[int]:
+        return self._state.cells.tolist()
 
     @property
     def fields(self) -> dict[str, Any]:
-        """What the log has of the last observation; a state only at a bump."""
+        # It has a state only at a bump.
         state = self._state
         known = not state.refuted and not state.steps
         return {
@@ -134,26 +118,3 @@ class _Follower:
             "state": state.index if known else None,
             "uncertainty": state.uncertainty,
         }
-
-    def outcome(self) -> RunOutcome:
-        """How it ended, or stands."""
-        count, cells = len(self._observations), self._state.cells.tolist()
-        if self.result == "localized":
-            places = "1 configuration" if len(cells) == 1 else f"{len(cells)} configurations"
-            reason = f"localized to {places} after {count} observations"
-        elif self.result == "refuted":
-            reason = observed(
-                f"observation {count - 1} is {self._observations[-1]}, which cannot occur in the "
-                "map of the policy after those before it: the map is another, or the robot slipped",
-                self._observations,
-            )
-        else:
-            left = self._state.uncertainty
-            reason = f"not localized after {count} observations; {left} configurations left"
-        return RunOutcome(
-            self.result or "unfinished",
-            self._observations,
-            reason,
-            tuple(self.colors),
-            tuple(cells),
-        )

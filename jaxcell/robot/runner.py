@@ -1,7 +1,8 @@
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 from ..automata import Filter
+from .following import Follower, follow, replay
 from .outcome import RunOutcome, observed
 from .run_log import LoggedRun, RunLog, finished
 from .walker import Walker
@@ -44,15 +45,7 @@ def run_filter(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '00', (0,))
     """
-    follower = _Follower(filter)
-    while follower.result is None and len(follower.colors) < limit:
-        bumped = walker.step()
-        follower.observe(int(bumped))
-        if log is not None:
-            log.observation(walker, **follower.fields)
-        if bumped and follower.result != "refuted":
-            walker.rotate(bounce)
-    return finished(follower.outcome(), log)
+    return follow(walker, _Filtered(filter), [bounce], log, limit)
 
 
 def run_plan(
@@ -137,7 +130,7 @@ def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
     **Returns:** [`RunOutcome`][], that of the run if it was not cut off.
 
     **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
-    it: it is of another filter.
+    it, or goes on after the end of the run: it is of another filter.
 
     The log of a robot that met a wall, and a filter for robots that go to cell 0 and stay:
 
@@ -150,31 +143,19 @@ def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
         >>> robot.replay_filter(robot.LoggedRun({}, events, True), filter).result
         'localized'
     """
-    follower = _Follower(filter)
-    observations = run.observations
-    for observation in observations:
-        follower.observe(int(observation))
-    pairs = zip(run.colors, follower.colors, strict=False)
-    differs = next((i for i, (logged, color) in enumerate(pairs) if logged != color), None)
-    if differs is not None:
-        raise ValueError(
-            f"observation {differs}: the log has colour {run.colors[differs]}, the filter "
-            f"{follower.colors[differs]}; the log is of another filter"
-        )
-    return follower.outcome()
+    return replay(run, _Filtered(filter))
 
 
-class _Follower:
-    """A filter along a run, which says when it is over."""
+class _Filtered(Follower):
+    """A filter along a run."""
+
+    kind = "filter"
 
     def __init__(self, filter: Filter) -> None:
-        self.colors: list[int] = []
-        self.observations = ""
-        self.result: Literal["localized", "refuted"] | None = None
+        super().__init__()
         self._filter, self._state = filter, filter.start()
 
     def observe(self, observation: int) -> None:
-        """Take the next observation, 0 or 1."""
         self.observations += str(observation)
         if self._filter.transition[self._state.index, observation] < 0:
             self.result = "refuted"
@@ -188,31 +169,18 @@ class _Follower:
             self.result = "localized"
 
     @property
+    def turn(self) -> int | None:
+        return 0 if self.observations[-1] == "1" and self.result != "refuted" else None
+
+    @property
+    def cells(self) -> list[int]:
+        return self._state.cells.tolist()
+
+    @property
     def fields(self) -> dict[str, Any]:
-        """What the log has of the last observation."""
         refuted = self.result == "refuted"
         return {
             "color": self.colors[-1],
             "state": None if refuted else self._state.index,
             "uncertainty": 0 if refuted else self._state.uncertainty,
         }
-
-    def outcome(self) -> RunOutcome:
-        """How it ended, or stands."""
-        count = len(self.observations)
-        cells: list[int] = [] if self.result == "refuted" else self._state.cells.tolist()
-        if self.result == "localized":
-            places = "1 configuration" if len(cells) == 1 else f"{len(cells)} configurations"
-            reason = f"localized to {places} after {count} observations"
-        elif self.result == "refuted":
-            reason = observed(
-                f"observation {count - 1} is {self.observations[-1]}, which cannot occur in the "
-                "map of the filter after those before it: the map is another, or the robot "
-                "slipped",
-                self.observations,
-            )
-        else:
-            reason = f"not localized after {count} observations; {len(cells)} configurations left"
-        return RunOutcome(
-            self.result or "unfinished", self.observations, reason, tuple(self.colors), tuple(cells)
-        )

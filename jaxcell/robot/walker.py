@@ -21,7 +21,7 @@ class Drivable(Protocol):
 
 
 class Walker:
-    """Takes a robot through the cells of a map, step by step, by the odometry of its wheels.
+    """Take a robot through the cells of a map, step by step, by the odometry of its wheels.
 
     The model of a bouncing robot (Alam 2018, Eq. 2.4) knows only centres of cells. A step goes from
     one straight along the heading; if nothing is in the way, the robot is next at the centre of the

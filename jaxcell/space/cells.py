@@ -10,7 +10,7 @@ from .occupancy import rasterise
 from .workspace import Workspace, edges
 
 
-MOST_CELLS = 2**31 - 1
+MAX_CELLS = 2**31 - 1
 # Metres, or radians: far beyond any map, and no product with it overflows.
 _LARGEST = 1e9
 # Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
@@ -62,10 +62,10 @@ class CellSpace:
             raise ValueError(
                 f"cell: no cell of side {self.cell:g} m has its centre in the free space"
             )
-        if self.positions * self.directions > MOST_CELLS:
+        if self.positions * self.directions > MAX_CELLS:
             raise ValueError(
                 f"{self.positions} positions x {self.directions} directions are more than the "
-                f"{MOST_CELLS} cells that 32 bits can count; use larger cells or fewer directions"
+                f"{MAX_CELLS} cells that 32 bits can count; use larger cells or fewer directions"
             )
 
     @classmethod

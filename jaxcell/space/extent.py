@@ -4,7 +4,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from .cells import MOST_CELLS, TOLERANCE, CellSpace, along_grid
+from .cells import MAX_CELLS, TOLERANCE, CellSpace, along_grid
 from .occupancy import MOST_SQUARES
 from .stencil import stencil
 from .workspace import Workspace, edges
@@ -56,7 +56,7 @@ class Extent:
             return None
         width, height = (sides / cell).tolist()
         positions = area / cell / cell
-        if width * height > MOST_SQUARES or positions * directions > MOST_CELLS:
+        if width * height > MOST_SQUARES or positions * directions > MAX_CELLS:
             return None
         walls = (edges(workspace.free_space) - corner) / cell
         shape = math.ceil(height - TOLERANCE), math.ceil(width - TOLERANCE)

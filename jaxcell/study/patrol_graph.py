@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
 
-from ..base.limits import MOST_VERTICES
+from ..base.limits import MAX_VERTICES
 from .study import Say, Study, require, silent
 
 
@@ -132,10 +132,10 @@ class PatrolGraph(Study):
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
-        if graph.vertices > MOST_VERTICES:
+        if graph.vertices > MAX_VERTICES:
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
-                f"computed for at most {MOST_VERTICES:,}"
+                f"computed for at most {MAX_VERTICES:,}"
             )
         hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
         apart = np.flatnonzero(np.isinf(hops[0]))

@@ -3,7 +3,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from ..base.limits import MOST_VERTICES
+from ..base.limits import MAX_VERTICES
 from ..base.quantities import Result
 from .map_study import CellStudy
 from .study import Metres, Say, require, silent
@@ -252,10 +252,10 @@ class PatrolMap(CellStudy):
 
         from ..patrol import cell_graph
 
-        if cells.positions > MOST_VERTICES:
+        if cells.positions > MAX_VERTICES:
             raise ValueError(
                 f"{self.map}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
-                f"computed for at most {MOST_VERTICES:,}; expected larger cells"
+                f"computed for at most {MAX_VERTICES:,}; expected larger cells"
             )
         if self.robots > cells.positions:
             raise ValueError(

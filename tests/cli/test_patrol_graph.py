@@ -243,7 +243,7 @@ def test_bad_files_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, file=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol graph: .*{name}: {message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.study.patrol_graph.MOST_VERTICES", 7)
+    monkeypatch.setattr("jaxcell.study.patrol_graph.MAX_VERTICES", 7)
     status, _, error = run(capsys)
     assert status == 2
     assert "it has 8 vertices; the times between all pairs" in error

@@ -258,7 +258,7 @@ def test_bad_maps_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, map=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol map: .*{name}: .*{message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.study.patrol_map.MOST_VERTICES", 18)
+    monkeypatch.setattr("jaxcell.study.patrol_map.MAX_VERTICES", 18)
     status, _, error = run(capsys)
     assert status == 2
     assert "cells of 1 m are 19; policies are computed for at most 18" in error

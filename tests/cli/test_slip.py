@@ -22,7 +22,7 @@ ROOM = """; cell 1
 def _own_cache(monkeypatch):
     monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     # Few cells are enough for what a command does.
-    monkeypatch.setattr("jaxcell.bounce.slip.fine_cells.MOST_CELLS", 3000)
+    monkeypatch.setattr("jaxcell.bounce.slip.fine_cells.MAX_CELLS", 3000)
 
 
 @pytest.fixture

@@ -236,7 +236,7 @@ def test_a_chain_that_is_not_irreducible_is_refused(function, matrix, message):
 @pytest.mark.parametrize("function", [f for f in ALL if f is not entropy_rate])
 def test_a_chain_too_large_for_its_matrix_is_refused(function, monkeypatch):
     monkeypatch.setattr(quantities, "_LARGEST_MATRIX", 4)
-    monkeypatch.setattr(quantities, "MOST_VERTICES", 4)
+    monkeypatch.setattr(quantities, "MAX_VERTICES", 4)
     with pytest.raises(ValueError, match=r"has 5 cells, .* more than 4 take gigabytes"):
         function(Chain.from_scipy(complete(5)))
 

@@ -21,7 +21,7 @@ from ..dynamics import bounce_shift
 _SAMPLES = 128
 # Cells that are sampled at once.
 _CHUNK = 2048
-MOST_CELLS = 100_000
+MAX_CELLS = 100_000
 "How many fine cells a map is cut into at most, unless told otherwise."
 # By how many standard deviations a heading may drift in so many steps, a third of them bumps that
 # turn the robot by 2 radians.
@@ -88,7 +88,7 @@ class FineCells:
 
         - `cells`: the cell space of a map.
         - `slip`: how large the errors are, which decides how far off the heading may be.
-        - `most`: how many cells at most, by default `MOST_CELLS`; if one for each cell of the map
+        - `most`: how many cells at most, by default `MAX_CELLS`; if one for each cell of the map
             is more, these are taken.
 
         **Returns:** the fine cells.
@@ -105,7 +105,7 @@ class FineCells:
                 max(directions // 2, math.ceil(drift * number / (2 * math.pi))), number // 2
             )
             size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
-            if size <= (MOST_CELLS if most is None else most):
+            if size <= (MAX_CELLS if most is None else most):
                 best = squares, directions, reach
         return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
 
@@ -296,7 +296,7 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
     return np.asarray(found / found.std(axis=0))
 
 
-def needed(cells: int = MOST_CELLS) -> int:
+def needed(cells: int = MAX_CELLS) -> int:
     """Bytes of the map of a robot that slips, among so many fine cells."""
     return _BYTES * cells
 

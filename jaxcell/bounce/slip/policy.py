@@ -67,7 +67,7 @@ class SlipPolicy:
 def slip_policy(
     choices: Choices, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
 ) -> SlipPolicy:
-    """Finds the policy that gets a robot to a goal for sure and soonest, by value iteration.
+    """Find the policy that gets a robot to a goal for sure and soonest, by value iteration.
 
     It takes the robot to know its fine cell. The times are bounded from both sides: times `T` of a
     sweep are too small, and with `d` the most that one more sweep adds, `T / (1 - d)` are too large
@@ -187,7 +187,7 @@ def driven(
     bounces: Sequence[float],
     limit: int,
 ) -> int | None:
-    """Drives a robot by a policy.
+    """Drive a robot by a policy.
 
     **Arguments:**
 

@@ -91,7 +91,7 @@ def angular_regions(
     robots: int,
     sectors: str = "equal",
 ) -> Regions:
-    """Divides the cells that a base station does not see among robots (Alam 2018, section 4.4.5).
+    """Divide the cells that a base station does not see among robots (Alam 2018, section 4.4.5).
 
     The cells outside the view belong to a region, and with them its *rim*, the cells in view that
     are next to one outside: there, robots report. The rest of the view is patrolled by nobody, and

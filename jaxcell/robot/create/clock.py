@@ -25,7 +25,7 @@ class Wheeled(Protocol):
 
 
 class ByClock:
-    """Moves a robot by driving at a known speed for a known time.
+    """Move a robot by driving at a known speed for a known time.
 
     A bump sensor and a clock are all that the robots of Alam 2018 use (sections 2.5 and 4.5.7).
     What comes out is less than by the encoders: the time that a command and a bump take on the

@@ -1,4 +1,4 @@
-"""Keeps a line to a Create 2 or Roomba 600, and does not leave its wheels turning."""
+"""Keep a line to a Create 2 or Roomba 600, and never leave its wheels turning."""
 
 import contextlib
 import math
@@ -166,7 +166,7 @@ class Driver:
             return reading
 
     def drive(self, *, right: float, left: float, stop_on_bump: bool = False) -> bool:
-        """Sets the speeds of the wheels, to be renewed within `patience`.
+        """Set the speeds of the wheels, to be renewed within `patience`.
 
         **Arguments:**
 

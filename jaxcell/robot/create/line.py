@@ -1,4 +1,4 @@
-"""Opens the serial line to a robot, and says in words what is wrong with it."""
+"""Open the serial line to a robot, and say in words what is wrong with it."""
 
 import re
 from typing import TYPE_CHECKING, Protocol, runtime_checkable

@@ -1,4 +1,4 @@
-"""Moves a Create 2 or Roomba 600 by given distances and angles."""
+"""Move a Create 2 or Roomba 600 by given distances and angles."""
 
 import cmath
 import math

@@ -31,10 +31,10 @@ HEADER = 19
 """First byte of a frame of the stream."""
 
 RESET = bytes([7])
-"""Reboots the robot, which then prints its firmware version; ends in mode Off."""
+"""Reboot the robot, which then prints its firmware version; ends in mode Off."""
 
 START = bytes([128])
-"""Opens the interface. From any mode to Passive."""
+"""Open the interface. From any mode to Passive."""
 
 SAFE = bytes([131])
 """To mode Safe: the host drives; a cliff, a dropped wheel or a charger takes it to Passive."""
@@ -43,7 +43,7 @@ FULL = bytes([132])
 """To mode Full: the host drives and nothing stops the wheels."""
 
 STOP = bytes([173])
-"""Closes the interface: mode Off, no stream."""
+"""Close the interface: mode Off, no stream."""
 
 # Bytes of data after each opcode that a robot knows; a string counts its own data (see below).
 _DATA_BYTES = {
@@ -74,7 +74,7 @@ def drive(velocity: int, radius: int = STRAIGHT) -> bytes:
 
 
 def drive_direct(*, right: int, left: int) -> bytes:
-    """Sets the speed of each wheel, -500 to 500 mm/s. The right one goes first on the wire.
+    """Set the speed of each wheel, -500 to 500 mm/s. The right one goes first on the wire.
 
     **Raises:** `ValueError` for a value out of range.
     """
@@ -132,7 +132,7 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 
 
 class StreamParser:
-    """Finds the frames of a stream in bytes that come in pieces, some of them damaged.
+    """Find the frames of a stream in bytes that come in pieces, some of them damaged.
 
     A frame is accepted if its header, its length, its packet numbers in the order of the request,
     and its checksum are right, and all its values within the ranges of their packets. Otherwise the

@@ -35,7 +35,7 @@ class DirectBody:
         return Moved(float((self.body.travelled - before).mean()), 0.0, bumped)
 
     def turn(self, angle: float, *, tolerance: float) -> Moved:
-        """Turns in place, by radians counter-clockwise."""
+        """Turn in place, by radians counter-clockwise."""
         ticks = max(1, math.ceil(abs(angle) / _TURN))
         wheel = angle / ticks * WHEEL_BASE / 2
         for _ in range(ticks):

@@ -71,7 +71,7 @@ AnyTask = FilterTask | PolicyTask | BeliefTask | PlanTask | MemberTask | PatrolT
 
 
 def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask:
-    """Reads what a robot is to run.
+    """Read what a robot is to run.
 
     **Arguments:**
 

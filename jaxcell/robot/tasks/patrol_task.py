@@ -63,7 +63,7 @@ def save_patrols(
     reach: float,
     **about: Any,
 ) -> None:
-    """Writes the walks of robots on a map, for [`jaxcell.robot.load_task`][].
+    """Write the walks of robots on a map, for [`jaxcell.robot.load_task`][].
 
     **Arguments:**
 

@@ -1,0 +1,107 @@
+import abc
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+from .outcome import RunOutcome, observed
+from .run_log import LoggedRun, RunLog, finished
+from .walker import Walker
+
+
+class Follower(abc.ABC):
+    """What tells a robot where it may be, along a run from an unknown cell."""
+
+    kind: ClassVar[str]
+    observations: str
+    "What the robot sensed: 0 for a step, 1 for a bump."
+    colors: list[int]
+    "The colour after each observation, where there are colours."
+    result: Literal["localized", "refuted"] | None
+    "What ends the run, if anything does by now."
+
+    def __init__(self) -> None:
+        self.observations, self.colors, self.result = "", [], None
+
+    @abc.abstractmethod
+    def observe(self, observation: int) -> None:
+        """Take the next observation, 0 or 1."""
+
+    @property
+    @abc.abstractmethod
+    def turn(self) -> int | None:
+        """The number of the angle to turn by now, if any."""
+
+    @property
+    @abc.abstractmethod
+    def cells(self) -> list[int]:
+        """The cells where the robot may be."""
+
+    @property
+    @abc.abstractmethod
+    def fields(self) -> dict[str, Any]:
+        """What the log has of the last observation."""
+
+    @property
+    def localized(self) -> str:
+        """A sentence on where the robot is, for people."""
+        return f"localized to {self.places} after {len(self.observations)} observations"
+
+    @property
+    def refuted(self) -> str:
+        """A sentence on what cannot be, for people."""
+        return (
+            f"observation {len(self.observations) - 1} is {self.observations[-1]}, which cannot "
+            f"occur in the map of the {self.kind} after those before it: the map is another, or "
+            "the robot slipped"
+        )
+
+    @property
+    def places(self) -> str:
+        """How many cells are left, for people."""
+        count = len(self.cells)
+        return "1 configuration" if count == 1 else f"{count} configurations"
+
+    def outcome(self) -> RunOutcome:
+        """How the run ended, or stands."""
+        cells, colors = tuple(self.cells), tuple(self.colors)
+        if self.result == "localized":
+            reason = self.localized
+        elif self.result == "refuted":
+            reason, cells = observed(self.refuted, self.observations), ()
+        else:
+            count = len(self.observations)
+            reason = f"not localized after {count} observations; {self.places} left"
+        return RunOutcome(self.result or "unfinished", self.observations, reason, colors, cells)
+
+
+def follow(
+    walker: Walker, follower: Follower, bounces: Sequence[float], log: RunLog | None, limit: int
+) -> RunOutcome:
+    """Let a robot bounce until its follower ends the run, or for so many observations."""
+    while follower.result is None and len(follower.observations) < limit:
+        follower.observe(int(walker.step()))
+        if log is not None:
+            log.observation(walker, **follower.fields)
+        if follower.turn is not None:
+            walker.rotate(bounces[follower.turn])
+    return finished(follower.outcome(), log)
+
+
+def replay(run: LoggedRun, follower: Follower) -> RunOutcome:
+    """Give a follower what a robot sensed in a logged run.
+
+    **Raises:** `ValueError`, with the index of the observation, if the log has another colour for
+    it, or goes on after the end of the run: it is of another filter, policy or belief.
+    """
+    colors, kind = run.colors, follower.kind
+    for i, observation in enumerate(run.observations):
+        if follower.result is not None:
+            raise ValueError(
+                f"observation {i}: the {kind} has come to its end; the log is of another {kind}"
+            )
+        follower.observe(int(observation))
+        if i < len(colors) and colors[i] != follower.colors[i]:
+            raise ValueError(
+                f"observation {i}: the log has colour {colors[i]}, the {kind} "
+                f"{follower.colors[i]}; the log is of another {kind}"
+            )
+    return follower.outcome()
