@@ -1,5 +1,6 @@
 """How much memory is free, and what is refused because it takes more."""
 
+import functools
 import os
 import sys
 from collections.abc import Iterator
@@ -61,12 +62,24 @@ def _machine() -> Iterator[int]:
 
 def _control_groups() -> Iterator[int]:
     """What the limits of this process's control groups leave, and of those that hold them."""
-    for line in _lines(_PROC / "self" / "cgroup"):
+    for folder, most, used, cache in _limits(_PROC, _GROUPS):
+        stat = _lines(folder / "memory.stat")
+        # Pages of files that nobody uses are given back.
+        spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
+        yield most - (_number(folder / used) or 0) + sum(spare)
+
+
+# To look through the folders takes longer than the images of a small map.
+@functools.cache
+def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
+    """The control groups with a limit: folder, limit, and the names of what is used and spare."""
+    found = []
+    for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = line.split(":", 2)
         if not controllers:
-            root, limit, used, cache = _GROUPS, "memory.max", "memory.current", "inactive_file"
+            root, limit, used, cache = groups, "memory.max", "memory.current", "inactive_file"
         elif "memory" in controllers.split(","):
-            root, cache = _GROUPS / "memory", "total_inactive_file"
+            root, cache = groups / "memory", "total_inactive_file"
             limit, used = "memory.limit_in_bytes", "memory.usage_in_bytes"
         else:
             continue
@@ -74,12 +87,9 @@ def _control_groups() -> Iterator[int]:
         here = root / path.strip("/")
         for folder in {root, *(one for one in (here, *here.parents) if root in one.parents)}:
             most = _number(folder / limit)
-            if most is None or most > _NO_LIMIT:
-                continue
-            stat = _lines(folder / "memory.stat")
-            # Pages of files that nobody uses are given back.
-            spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
-            yield most - (_number(folder / used) or 0) + sum(spare)
+            if most is not None and most <= _NO_LIMIT:
+                found.append((folder, most, used, cache))
+    return found
 
 
 def _addresses() -> Iterator[int]:
