@@ -84,8 +84,14 @@ from .diagnosis import (
     Diagnosis as Diagnosis,
     diagnose as diagnose,
     group_counts as group_counts,
+    leaving_time as leaving_time,
 )
-from .drift_map import drift_map as drift_map, periodic_drift_map as periodic_drift_map
+from .distance import Distance as Distance, distances as distances
+from .drift_map import (
+    METHODS as METHODS,
+    drift_map as drift_map,
+    periodic_drift_map as periodic_drift_map,
+)
 from .drifters import (
     Comparison as Comparison,
     Drifters as Drifters,

@@ -1,4 +1,5 @@
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,13 @@ from .water import NEIGHBORS, Water, square
 
 SPREADS = ("turned", "all", "sampled")
 EDGES = ("uniform", "exit")
+METHODS: Mapping[str, Mapping[str, Any]] = {
+    "drifters": {"spread": "sampled", "edge": "exit", "method": "rk4", "steps": 8},
+    "source": {"spread": "turned", "edge": "uniform", "method": "euler", "steps": 1},
+}
+"""Arguments of a drift map: what agrees best with drifters in the current, and the rules of Alam
+2018, section 5.4.3, where the grid spreads drifters more than the water does and no edge is open.
+"""
 
 # Stands for no cell at all, where -1 stands for the sink.
 _NONE = -2

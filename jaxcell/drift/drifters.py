@@ -201,8 +201,8 @@ def compare(
             pushed[step] = np.asarray(distribution)
     return Comparison(
         wanted * drifted.duration / 3600,
-        np.array([_variation(pushed[k], share[k]) for k in wanted]),
-        np.array([_variation(*(half[k] for half in halves)) for k in wanted]),
+        np.array([total_variation(pushed[k], share[k]) for k in wanted]),
+        np.array([total_variation(*(half[k] for half in halves)) for k in wanted]),
         np.array([_transport(water, pushed[k], share[k]) for k in wanted]),
     )
 
@@ -212,7 +212,7 @@ def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndar
     return np.stack(rows) / cell.shape[1]
 
 
-def _variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
+def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
     """The total variation between two distributions; what they lack of 1 is one more outcome."""
     return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
 

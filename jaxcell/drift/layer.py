@@ -11,7 +11,8 @@ from ..base.quantities import PROBABILITY, Checks, Result, derived
 from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .diagnosis import Diagnosis, diagnose
-from .drift_map import drift_map
+from .distance import FAR, Distance, distances
+from .drift_map import METHODS, drift_map
 from .flow import Flow
 from .water import Water
 
@@ -43,6 +44,28 @@ class Ends(Result):
     @derived("", "persistent groups", kind="count")
     def persistent_groups(self) -> int:
         return sum(one.behaviour.groups.count for one in self._layers)
+
+    @derived(
+        "", "drifters that the map has in a wrong cell after about 6 h, at worst", kind="share"
+    )
+    def distance_6h(self) -> float:
+        return max(float(one.distance.total_variation[0]) for one in self._layers)
+
+    @derived("", "and after about 24 h", kind="share")
+    def distance_24h(self) -> float:
+        return max(float(one.distance.total_variation[-1]) for one in self._layers)
+
+    @derived("", "drifters that left the map after about 24 h", kind="share")
+    def drifters_left(self) -> float:
+        return self._mean([float(one.distance.drifters_left[-1]) for one in self._layers])
+
+    @derived("", "and by the map of cells", kind="share")
+    def map_left(self) -> float:
+        return self._mean([float(one.distance.map_left[-1]) for one in self._layers])
+
+    def _mean(self, of_layers: list[float]) -> float:
+        """The mean over all cells of what is known of layers."""
+        return float(np.average(of_layers, weights=[one.water.cells for one in self._layers]))
 
     @derived("", "cells of persistent groups", kind="count")
     def persistent_cells(self) -> int:
@@ -115,7 +138,7 @@ class Layer(Ends):
     diagnosis: Diagnosis
     "How far the behaviour can be trusted."
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    "Those of the map: `rho`, `spread` and `edge`."
+    "Further ones of the map, such as `spread` and `edge`."
 
     @classmethod
     def of(cls, water: Water, flow: Flow, duration: float | int, **options: Any) -> "Layer":
@@ -133,12 +156,38 @@ class Layer(Ends):
         chain = drift_map(water, mean, duration, **options)
         # Where drifters stay almost for ever, times are only roughly right; all else is of use.
         behaviour = long_term_behaviour(chain, duration, throw=False)
-        diagnosis = diagnose(water, mean, behaviour.groups, duration)
+        rule = {name: options[name] for name in ("method", "steps") if name in options}
+        diagnosis = diagnose(water, mean, behaviour.groups, duration, **rule)
         return cls(water, flow, behaviour, diagnosis, options)
 
     @property
     def _layers(self) -> "tuple[Layer, ...]":
         return (self,)
+
+    @functools.cached_property
+    def distance(self) -> Distance:
+        """How far the map is from drifters in the current, as it changes with time."""
+        chain, step = self.behaviour.chain, self.behaviour.duration
+        return distances(self.water, self.flow, [(chain, step)])[0]
+
+    @functools.cached_property
+    def closer(self) -> tuple[str, Distance] | None:
+        """What brings the map closest to drifters, of some settings that were tried, if it is far
+        from them; `None` if it is not, or if nothing helps."""
+        worst = self.distance.total_variation.max()
+        if worst <= FAR:
+            return None
+        options, step = self.options, self.behaviour.duration
+        tried = {
+            f"a duration of {factor * step:.0f} s": (factor * step, options) for factor in (2, 4)
+        }
+        if options.get("spread", "turned") != "sampled":
+            tried['the method "drifters"'] = (step, METHODS["drifters"])
+        mean = self.flow.mean()
+        maps = [(drift_map(self.water, mean, d, **with_), d) for d, with_ in tried.values()]
+        found = zip(tried, distances(self.water, self.flow, maps), strict=True)
+        best = min(found, key=lambda one: float(one[1].total_variation.max()))
+        return best if best[1].total_variation.max() < worst else None
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "cells"]:
@@ -195,6 +244,14 @@ class Layer(Ends):
     @derived("", "cells that are mapped to themselves", kind="share")
     def self_image_share(self) -> float:
         return self.diagnosis.self_image
+
+    @derived("compared", "time after which the map is compared with drifters", "h", kind="time")
+    def compared_hours(self) -> Float[np.ndarray, "times"]:
+        return self.distance.hours
+
+    @derived("compared", "drifters that the map has in a wrong cell", kind="share", listed=True)
+    def compared_distance(self) -> Float[np.ndarray, "times"]:
+        return self.distance.total_variation
 
     @derived("", "warning")
     def warning(self) -> str | None:
@@ -259,6 +316,13 @@ class Layer(Ends):
             advice = {"duration": "a longer duration", "spread": 'the spread "sampled"'}
             instead = " or ".join(advice[one] for one in self.remedies or ())
             found.append(f"At {self.depth:g} m: {self.warning}{instead and f'; take {instead}'}.")
+        far = self.distance.total_variation.max()
+        if far > FAR:
+            at = self.distance.hours[self.distance.total_variation.argmax()]
+            found.append(
+                f"At {self.depth:g} m: after {at:.3g} h the map has {far:.0%} of drifters in a "
+                f"wrong cell; {_instead(self.closer)}."
+            )
         if self.almost_for_ever_cells:
             found.append(
                 f"At {self.depth:g} m: from {self.almost_for_ever_cells:,} transient cells it "
@@ -294,3 +358,12 @@ class Layer(Ends):
             "ends_sum_to_1": (float(sums.max(initial=0.0)), PROBABILITY),
             "ends_residual": (float(mean.max(initial=0.0)), PROBABILITY),
         }
+
+
+def _instead(closer: tuple[str, Distance] | None) -> str:
+    if closer is None:
+        return "no other duration or method that was tried brings it closer"
+    setting, distance = closer
+    at = distance.total_variation.argmax()
+    share, hours = distance.total_variation[at], distance.hours[at]
+    return f"by {setting} it is {share:.0%} at most, after {hours:.3g} h"

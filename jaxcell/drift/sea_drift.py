@@ -18,6 +18,7 @@ from .deploy import (
     minimum_deployment,
     visible_deployment,
 )
+from .diagnosis import leaving_time
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
@@ -90,12 +91,14 @@ class SeaDrift(SeaLayers):
         **Arguments:**
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
-        - `duration`: of a step, in seconds; by default the time in which drifters of the slowest
-            layer drift by one cell on average.
+        - `duration`: of a step, in seconds; by default, of the slowest layer, the
+            [`jaxcell.drift.leaving_time`][] for sampled maps and the
+            [`jaxcell.drift.crossing_time`][] for others.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: how far cameras see the sea bed, in metres.
         - `say`: called with what is being done.
-        - `options`: further ones of [`jaxcell.drift.drift_map`][].
+        - `options`: further ones of [`jaxcell.drift.drift_map`][], such as one of
+            `jaxcell.drift.METHODS`.
 
         **Raises:** as [`jaxcell.drift.drift_map`][].
         """
@@ -103,8 +106,9 @@ class SeaDrift(SeaLayers):
         waters = [Water.of(currents, k) for k in count]
         flows = [Flow.of(currents, k) for k in count]
         if duration is None:
-            means = (flow.mean() for flow in flows)
-            duration = max(map(crossing_time, waters, means))
+            # A disturbance of the grid is as long as the drift; samples are to leave their cells.
+            chosen = leaving_time if options.get("spread") == "sampled" else crossing_time
+            duration = max(map(chosen, waters, [flow.mean() for flow in flows]))
         layers = []
         for water, flow in zip(waters, flows, strict=True):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
@@ -139,6 +143,12 @@ class SeaDrift(SeaLayers):
     @property
     def remarks(self) -> tuple[str, ...]:
         found = [remark for layer in self.layers for remark in layer.remarks]
+        if self._counts is not None and self._counts[1, 1] > self._counts[1, 0] > 0:
+            found.append(
+                f"At {self.depths[0]:g} m: the centres of cells have {self._counts[1, 1]} "
+                f"persistent groups, which the cells join into {self._counts[1, 0]}: those are "
+                "nearly closed, and the grid spreads drifters from one to another."
+            )
         ways = [way for way in (self.voyage, self.surest) if way is not None]
         if not all(way.policy_certified and way.times_certified for way in ways):
             found.append(

@@ -126,7 +126,7 @@ class SeaLayers(Ends):
     def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
         return None if self._counts is None else self._counts[:, 0]
 
-    @derived("other_step", "persistent groups, if the current were known", kind="count")
+    @derived("other_step", "persistent groups, by the centres of cells alone", kind="count")
     def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
         return None if self._counts is None else self._counts[:, -1]
 
@@ -138,9 +138,27 @@ class SeaLayers(Ends):
         options = dict(surface.options)
         rho = options.pop("rho", 0.8)
         durations = [factor * self.step for factor in _FACTORS]
-        certain = rho == 1 or options.get("spread") == "sampled"
-        rhos = [rho] if certain else [rho, 1.0]
-        return group_counts(surface.water, surface.flow.mean(), durations, rhos, **options)
+        water, mean = surface.water, surface.flow.mean()
+        counts = group_counts(water, mean, durations, [rho], **options)
+        # A current that is known carries the centre of a cell to one place.
+        known = group_counts(water, mean, durations, [1.0], **(options | {"spread": "turned"}))
+        return np.concatenate([counts, known], axis=1)
+
+    @derived("layer compared", "time of the comparison with drifters", "h", kind="time")
+    def compared_hours(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.distance.hours for one in self.layers])
+
+    @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
+    def compared_distance(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.distance.total_variation for one in self.layers])
+
+    @derived("layer compared", "drifters that left the map", "1", kind="share")
+    def compared_drifters_left(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.distance.drifters_left for one in self.layers])
+
+    @derived("layer compared", "drifters that left, by the map of cells", "1", kind="share")
+    def compared_map_left(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.distance.map_left for one in self.layers])
 
     @derived(_SQUARES, "number of the cell", kind="index", padding=_LAND)
     def cell(self) -> Int[np.ndarray, "layers rows columns"]:

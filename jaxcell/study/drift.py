@@ -36,16 +36,20 @@ class Drift(Study):
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, where the file leaves it open."""
     duration: Seconds | None = None
-    """Seconds that a step takes; by default the time in which drifters of the slowest layer drift
-    by one cell on average."""
+    """Seconds that a step takes; by default the time in which drifters leave their cells in the
+    slowest layer, or for the source drift by one cell on average."""
+    method: Literal["drifters", "source"] = "drifters"
+    """How cells are mapped: as points in them drift, which may leave the map (drifters); or by the
+    rules of the dissertation, with turned disturbances and a closed edge (source)."""
     rho: float = 0.8
-    """Probability that a step goes where the current says; see --spread for the rest."""
-    spread: Literal["turned", "all", "sampled"] = "turned"
+    """Probability that a step goes where the current says, for --spread turned or all."""
+    spread: Literal["turned", "all", "sampled"] | None = None
     """Where a step may go instead: along the current turned by 45 degrees to either side; to all
-    cells around its end; or, for a known current, wherever points of the cell go."""
-    edge: Literal["uniform", "exit"] = "uniform"
+    cells around its end; or, for a known current, wherever points of the cell go. By default that
+    of --method."""
+    edge: Literal["uniform", "exit"] | None = None
     """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
-    dissertation, or drift like others and may leave the map."""
+    dissertation, or drift like others and may leave the map. By default that of --method."""
     start: str | None = None
     """Where a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
@@ -93,8 +97,7 @@ class Drift(Study):
             reach=self.range,
             say=say,
             rho=self.rho,
-            spread=self.spread,
-            edge=self.edge,
+            **self._rules(),
         )
         if self.range is not None:
             say("choosing where to see the sea bed")
@@ -106,7 +109,8 @@ class Drift(Study):
 
     def spec(self, result: Result) -> dict[str, Any]:
         found: SeaDrift = result  # type: ignore[assignment]
-        return {**super().spec(result), "depths_m": found.depths, "duration_s": found.step}
+        rules = {name: self._rules()[name] for name in ("spread", "edge")}
+        return {**super().spec(result), **rules, "depths_m": found.depths, "duration_s": found.step}
 
     def heading(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
@@ -121,6 +125,13 @@ class Drift(Study):
         from ..verify import compare_drift
 
         return compare_drift(result)
+
+    def _rules(self) -> dict[str, Any]:
+        """The method with what was chosen of it apart."""
+        from ..drift import METHODS
+
+        chosen = {"spread": self.spread, "edge": self.edge}
+        return {**METHODS[self.method], **{k: v for k, v in chosen.items() if v is not None}}
 
     def _start(self, water: "Water") -> int | None:
         place = _numbers("start", self.start, 2, '"lon,lat" in degrees')

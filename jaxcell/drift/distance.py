@@ -1,0 +1,129 @@
+"""How far a drift map is from drifters in the current itself."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..mapping import Chain
+from .drifters import total_variation
+from .flow import Flow, advect, crossing_time
+from .water import Water
+
+
+HOURS = (6.0, 24.0)
+"""When drifters and maps are compared, in hours."""
+FAR = 0.2
+"""A map with a larger total variation is far from drifters."""
+# So many drifters are followed, if there are not more cells, and so many at most from each cell.
+_DRIFTERS = 400_000
+_POINTS = 6
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Distance:
+    """How far a map is from drifters that began everywhere alike."""
+
+    hours: Float[np.ndarray, "times"]
+    "When: after the whole numbers of steps that are nearest to 6 and 24 hours."
+    total_variation: Float[np.ndarray, "times"]
+    "The share of the drifters that the map has in a wrong cell, 0 to 1."
+    drifters_left: Float[np.ndarray, "times"]
+    "The share of them that left the grid."
+    map_left: Float[np.ndarray, "times"]
+    "That of the map."
+
+
+def distances(
+    water: Water, flow: Flow, maps: Sequence[tuple[Chain, float]]
+) -> tuple[Distance, ...]:
+    """Compare maps with drifters in the flow itself, as it changes with time.
+
+    Drifters begin at an even grid of points in every cell, up to 36 of them, and are followed by
+    the Runge-Kutta method.
+
+    **Arguments:**
+
+    - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
+    - `maps`: chains over the cells, each with the seconds that a step of it takes.
+
+    **Returns:** [`Distance`][] of each map.
+
+    The surface of the bundled sea at its first record. The rules of the dissertation spread
+    drifters over the grid more than the water does:
+
+        >>> from jaxcell import bundled, drift
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> maps = [
+        ...     (drift.drift_map(water, flow, 7200.0, **drift.METHODS[name]), 7200.0)
+        ...     for name in ("source", "drifters")
+        ... ]
+        >>> source, drifters = drift.distances(water, flow, maps)
+        >>> source.total_variation[0] > 3 * drifters.total_variation[0]
+        True
+    """
+    wanted = [[max(1, round(3600 * hour / step)) for hour in HOURS] for _, step in maps]
+    times = sorted(
+        {count * step for counts, (_, step) in zip(wanted, maps, strict=True) for count in counts}
+    )
+    share = _shares(water, flow, times)
+    found = []
+    for counts, (chain, step) in zip(wanted, maps, strict=True):
+        pushed = [jnp.full(water.cells, 1 / water.cells)]
+        for _ in range(max(counts)):
+            pushed.append(chain.push(pushed[-1]))
+        of_map = [np.asarray(pushed[count]) for count in counts]
+        of_drifters = [share[count * step] for count in counts]
+        found.append(
+            Distance(
+                np.array(counts) * step / 3600,
+                np.array(
+                    [total_variation(*both) for both in zip(of_map, of_drifters, strict=True)]
+                ),
+                np.array([1 - one.sum() for one in of_drifters]),
+                np.array([1 - one.sum() for one in of_map]).clip(0, 1),
+            )
+        )
+    return tuple(found)
+
+
+def _shares(
+    water: Water, flow: Flow, times: Sequence[float]
+) -> dict[float, Float[np.ndarray, "cells"]]:
+    """The share of drifters in each cell at some times."""
+    points = min(_POINTS, max(1, math.isqrt(_DRIFTERS // water.cells)))
+    places = (np.arange(points) + 0.5) / points - 0.5
+    right, up = (np.tile(one.ravel(), water.cells) for one in np.meshgrid(places, places))
+    origin = np.repeat(np.arange(water.cells), points**2)
+    x, y = water.column[origin] + right, water.row[origin] + up
+    longest, found, now = crossing_time(water, flow), {}, 0.0
+    for time in times:
+        moves = math.ceil((time - now) / longest)
+        for start in np.linspace(now, time, moves, endpoint=False).tolist():
+            on = _on_grid(water, x, y)
+            after = advect(
+                flow,
+                jnp.asarray(x),
+                jnp.asarray(y),
+                (time - now) / moves,
+                start=start,
+                method="rk4",
+                steps=8,
+            )
+            x, y = (np.where(on, moved, here) for moved, here in zip(after, (x, y), strict=True))
+        now = time
+        cell: Int[np.ndarray, drifters] = water.landing(
+            x[None], y[None], origin=origin, exits=True
+        )[0]
+        found[time] = np.bincount(cell[cell >= 0], minlength=water.cells) / cell.size
+    return found
+
+
+def _on_grid(water: Water, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    rows, columns = water.number.shape
+    on = (y >= -0.5) & (y < rows - 0.5)
+    return on if water.wraps else on & (x >= -0.5) & (x < columns - 0.5)
