@@ -11,7 +11,8 @@ is made, which takes at most 60 bytes an entry of the matrix, and BiCGSTAB does 
 an M-matrix, whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977).
 
 A part that is left once in 10^10 steps or less often is beyond all of these: their residuals are
-small and their answers noise. Small parts of that kind are eliminated without subtractions.
+small and their answers noise. Parts of that kind are eliminated without subtractions, which takes
+some seconds for 10^5 cells of a plane.
 """
 
 import math
@@ -21,7 +22,8 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import linalg
 
-from .elimination import eliminate
+from ..base.threads import one_blas_thread
+from .elimination import Levels, eliminate
 
 
 # Products after which it is judged whether products will do.
@@ -34,8 +36,8 @@ _LARGEST_COMPLETE = 500_000
 _LARGEST_FACTOR = 20_000_000
 _MAX_PRODUCTS = 50_000
 # The probabilities of all ways out of a part sum to 1. Where a factorisation misses that by more,
-# and there are no more rows than so many, the matrix is eliminated.
-_ILL, _LARGEST_ELIMINATION = 1e-8, 2_000
+# and that takes no more multiplications than so many, the matrix is eliminated.
+_ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
 # Rows that sum to 1 but for rounding.
 _CLOSED = 1e-12
 # Entries of an incomplete factor are dropped below this part of their column, and there are no more
@@ -80,7 +82,8 @@ def solve_transient(
             break
     else:
         return total, products
-    small = step.shape[0] <= _LARGEST_ELIMINATION
+    levels = Levels.of(step)
+    small = levels.work <= _LARGEST_ELIMINATION
     leaving = 1 - np.asarray(step.sum(axis=1))
     leaving[leaving <= _CLOSED] = 0
     try:
@@ -90,7 +93,8 @@ def solve_transient(
         # The matrix is singular to rounding; what the products have given is as good as any.
         sure, more = np.full(1, np.nan), 0
     if small and not np.abs(sure - 1).max() <= _ILL:
-        total = eliminate(step.toarray(), leaving, right, adjoint=adjoint)
+        with one_blas_thread():
+            total = eliminate(step, leaving, right, levels, adjoint=adjoint)
     return total, products + more
 
 

@@ -48,7 +48,7 @@ def test_a_trap_is_left_at_last(adjoint):
     step = np.array([[float(v) for v in row] for row in matrix])
     leaving = np.append(np.zeros(n - 1), 1 / 128)
     gain = np.array([[float(v) for v in row] for row in right])
-    found = eliminate(step.copy(), leaving, gain, adjoint=adjoint)
+    found = eliminate(scipy.sparse.csr_array(step), leaving, gain, adjoint=adjoint)
     np.testing.assert_allclose(found, expected, rtol=1e-13)
     # The general solver notices by itself.
     found, _ = solve_transient(scipy.sparse.csr_array(step), gain, adjoint=adjoint)
@@ -64,6 +64,6 @@ def test_equals_dense(adjoint):
     step = draw.random((30, 30)) * (draw.random((30, 30)) < 0.2)
     step *= 0.9 / max(1, step.sum(axis=1).max())
     right = draw.random((30, 3))
-    found = eliminate(step.copy(), 1 - step.sum(axis=1), right, adjoint=adjoint)
+    found = eliminate(scipy.sparse.csr_array(step), 1 - step.sum(axis=1), right, adjoint=adjoint)
     matrix = step.T if adjoint else step
     np.testing.assert_allclose(found, np.linalg.solve(np.eye(30) - matrix, right), rtol=1e-12)
