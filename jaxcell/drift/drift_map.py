@@ -16,7 +16,7 @@ from .water import NEIGHBORS, Water, square
 SPREADS = ("turned", "all", "sampled")
 EDGES = ("uniform", "exit")
 METHODS: Mapping[str, Mapping[str, Any]] = {
-    "drifters": {"spread": "sampled", "edge": "exit", "method": "rk4", "steps": 8},
+    "drifters": {"spread": "sampled", "edge": "exit", "method": "rk4", "steps": 4},
     "source": {"spread": "turned", "edge": "uniform", "method": "euler", "steps": 1},
 }
 """Arguments of a drift map: what agrees best with drifters in the current, and the rules of Alam

@@ -13,7 +13,7 @@ from jaxcell.cli import main
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 # The number of seconds with three groups in every layer.
-STEP = ("--duration", 3400)
+STEP = ("--duration", 3400, "--method", "source")
 
 
 @pytest.fixture(autouse=True)
@@ -68,7 +68,17 @@ def behaviours(duration, **options):
 
 def test_groups_and_times_of_each_layer(capsys):
     status, found, error = run(capsys, *STEP)
-    assert (status, error) == (0, "")
+    assert status == 0
+    # The rules of the source are far from drifters, and it says what is nearer.
+    far = [
+        f'At {depth} m: after 23.6 h the map has .* by the method "drifters"'
+        for depth in (0, 5, 10)
+    ]
+    for line, expected in zip(error.splitlines(), far, strict=True):
+        assert re.match(expected, line)
+    assert (
+        found["distance_24h"] == max(one["compared_distance"][1] for one in found["layers"]) > 0.7
+    )
     assert found["east_from"].startswith("u (by the standard names")
     assert found["duration_s"] == 3400
     assert (len(found["records"]), found["records"][0]) == (24, "2011-07-01T00:00:00")
@@ -146,7 +156,7 @@ def test_the_way_to_a_goal(capsys):
 
 
 def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
-    args = ("--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
+    args = ("--method", "source", "--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
     status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)
     assert status == 1
     assert found["surest"]["start_probability"] == 0
@@ -164,11 +174,15 @@ def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
 
 
 def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
-    _, found, _ = run(capsys)
+    _, found, _ = run(capsys, "--method", "source")
     shifts = [layer["mean_shift_cells"] for layer in found["layers"]]
     assert min(shifts) == pytest.approx(1)
     _, found, _ = run(capsys, "--depths", 0)
-    assert found["layers"][0]["mean_shift_cells"] == pytest.approx(1)
+    currents = drift.open_currents(GYRES, depths=0)
+    leaving = drift.leaving_time(drift.Water.of(currents), drift.Flow.of(currents).mean())
+    assert found["duration_s"] == pytest.approx(leaving)
+    assert (found["spread"], found["edge"]) == ("sampled", "exit")
+    assert found["layers"][0]["self_image_share"] < 0.1
 
 
 def test_a_part_of_the_file(capsys):
@@ -186,11 +200,12 @@ def test_a_part_of_the_file(capsys):
 
 
 def test_a_step_that_is_too_short_is_warned_of(capsys):
-    assert main(["drift", str(GYRES), "--duration", "900", "--depths", "0"]) == 0
+    args = ["--duration", "900", "--depths", "0", "--method", "source"]
+    assert main(["drift", str(GYRES), *args]) == 0
     captured = capsys.readouterr()
     assert re.search("At 0 m: .* the grid, and not the water", captured.err)
     advice = '; take a longer duration or the spread "sampled".\n'
-    assert captured.err.replace(" \n", " ").endswith(advice)
+    assert advice in captured.err.replace(" \n", " ")
     assert "Layer 0: groups" in captured.out
     assert " more" in captured.out
 
@@ -199,7 +214,7 @@ def test_advice_names_no_option_that_is_on(capsys):
     args = ("--duration", "900", "--depths", "0", "--spread", "sampled")
     assert main(["drift", str(GYRES), *args]) == 0
     error = capsys.readouterr().err
-    assert error.endswith("; take a longer duration.\n")
+    assert "; take a longer duration.\n" in error
     assert "the spread" not in error
 
 
@@ -247,7 +262,18 @@ def test_around_the_earth(capsys, tmp_path):
         },
     )
     jet.to_netcdf(tmp_path / "jet.nc")
-    args = ("--edge", "exit", "--rho", 1, "--duration", 1.1e6, "--out", tmp_path / "out")
+    args = (
+        "--method",
+        "source",
+        "--edge",
+        "exit",
+        "--rho",
+        1,
+        "--duration",
+        1.1e6,
+        "--out",
+        tmp_path / "out",
+    )
     status, found, error = run(capsys, *args, "--verify", file=tmp_path / "jet.nc")
     assert (status, error) == (0, "")
     (layer,) = found["layers"]
@@ -266,9 +292,8 @@ def test_around_the_earth(capsys, tmp_path):
 def test_tables_for_people(capsys):
     args = ["--start", "-118.0,33.5", "--goal", "-118.1,33.45,5", "--range", "6000"]
     assert main(["drift", str(GYRES), *map(str, STEP), *args]) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    out = captured.out
+    out = capsys.readouterr().out
+    assert "drifters that the map has in a wrong" in out
     assert re.search(r"persistent groups +│ 3 +│ 3 +│ 3 ", out)
     assert re.search(r"cells of water +│ 538 +│ 538 +│ 436 ", out)
     assert re.search(r"towards the East +│ u \(by the standard names", out)

@@ -103,7 +103,7 @@ def test_drift_is_that_of_group_counts():
     currents = drift.open_currents(GYRES)
     water, flow = drift.Water.of(currents, 0), drift.Flow.of(currents, 0).mean()
     batch = {"duration": np.array([3600.0, 14400.0])}
-    found = task("drift")(batch, {"file": GYRES, "depths": 0, "rho": 0.8}, 0)
+    found = task("drift")(batch, {"file": GYRES, "depths": 0, "rho": 0.8, "method": "source"}, 0)
     expected = drift.group_counts(water, flow, [3600.0, 14400.0], [0.8])
     np.testing.assert_array_equal(found.persistent_groups, expected[:, 0])
     assert found.step.values.tolist() == [3600, 14400]

@@ -1,0 +1,65 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from seas import sea
+
+from jaxcell import bundled, drift
+
+
+@pytest.fixture(scope="module")
+def eastward():
+    """The water and the flow of a tenth of a cell a second to the East."""
+    currents = sea(np.full((4, 9), 100.0), np.zeros((4, 9)), np.ones((4, 9), bool))
+    return drift.Water.of(currents), drift.Flow.of(currents)
+
+
+def test_a_map_that_is_the_current_is_at_no_distance(eastward):
+    water, flow = eastward
+    step = 2 * drift.crossing_time(water, flow)
+    chain = drift.drift_map(water, flow, step, **drift.METHODS["drifters"])
+    hours = 3600 / step
+    # As slow as it must be for 6 and 24 h to be 1 and 4 steps.
+    slow = drift.Flow(flow.rate / (6 * hours), flow.time, flow.wraps)
+    (found,) = drift.distances(water, slow, [(chain, 6 * 3600.0)])
+    assert found.hours.tolist() == [6, 24]
+    np.testing.assert_allclose(found.total_variation, 0, atol=1e-12)
+    # Two of nine columns are left in every step.
+    np.testing.assert_allclose(found.drifters_left, [2 / 9, 8 / 9])
+    np.testing.assert_allclose(found.map_left, found.drifters_left)
+
+
+def test_a_closed_edge_holds_what_leaves(eastward):
+    water, flow = eastward
+    step = 6 * 3600.0
+    slow = drift.Flow(2 * flow.rate / (step * float(flow.rate.max())), flow.time, flow.wraps)
+    chain = drift.drift_map(water, slow, step, **drift.METHODS["source"])
+    (found,) = drift.distances(water, slow, [(chain, step)])
+    np.testing.assert_allclose(found.map_left, 0, atol=1e-12)
+    np.testing.assert_allclose(found.drifters_left, [2 / 9, 8 / 9])
+    assert (found.total_variation >= found.drifters_left - 1e-12).all()
+
+
+@pytest.mark.slow
+def test_it_is_that_from_drifters_released_by_chance():
+    currents = drift.open_currents(bundled("ocean/gyres.nc"), depths=0)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    step = 7200.0
+    chain = drift.drift_map(water, flow.mean(), step, **drift.METHODS["drifters"])
+    (found,) = drift.distances(water, flow, [(chain, step)])
+    anywhere = np.ones(water.cells, bool)
+    drifted = drift.simulate_drifters(
+        jax.random.key(1), water, flow, anywhere, step, 12, drifters=30_000
+    )
+    expected = drift.compare(water, chain, drifted, found.hours.tolist())
+    np.testing.assert_allclose(found.total_variation, expected.total_variation, atol=0.03)
+
+
+def test_the_time_in_which_cells_are_left(eastward):
+    water, flow = eastward
+    # All leave in the time in which they cross a cell.
+    assert drift.leaving_time(water, flow) == pytest.approx(drift.crossing_time(water, flow))
+    # Three in four cells are 40 times as slow as the others.
+    rate = jnp.asarray(np.where(np.arange(4)[:, None] == 0, 1.0, 1 / 40) * np.ones((4, 9)))
+    slow = drift.Flow(jnp.stack([rate, 0 * rate])[None] / 100, flow.time, flow.wraps)
+    assert drift.leaving_time(water, slow) == pytest.approx(8 * drift.crossing_time(water, slow))
