@@ -84,9 +84,12 @@ from .diagnosis import (
     Diagnosis as Diagnosis,
     diagnose as diagnose,
     group_counts as group_counts,
-    leaving_time as leaving_time,
 )
-from .distance import Distance as Distance, distances as distances
+from .distance import (
+    Distance as Distance,
+    distances as distances,
+    nearest_step as nearest_step,
+)
 from .drift_map import (
     METHODS as METHODS,
     drift_map as drift_map,

@@ -8,14 +8,12 @@ from jaxtyping import Int
 
 from ..mapping import PersistentGroups, persistent_groups
 from .drift_map import drift_map
-from .flow import Flow, advect, checked_duration, crossing_time, flow_map
+from .flow import Flow, advect, checked_duration, flow_map
 from .water import Water
 
 
 # A step over which the mean drift is so many cells is not too short.
 _FAR = 2.0
-# A step is long enough for this share of the cells to be left by the drifters in their centres.
-_LEFT = 0.9
 # So many steps of the map are enough for water to leave a cell that is not its end.
 _LONG = 10
 
@@ -136,39 +134,6 @@ def diagnose(
         locked=int(locked.sum()),
         groups=groups.count,
     )
-
-
-def leaving_time(water: Water, flow: Flow) -> float:
-    """The time in seconds after which few drifters are still in the cell where they began.
-
-    The grid spreads drifters by up to a cell in every step, so that steps should be few; and the
-    shorter a step is, the more cells are mapped to themselves. It is the least of 1, 2, 4 and 8
-    times [`crossing_time`][jaxcell.drift.crossing_time] in which 90 % of the cells are left by a
-    drifter in their centres, or 8 times, since the centre of an eddy never is.
-
-    **Arguments:**
-
-    - `water`: the cells.
-    - `flow`: the steady flow of the same layer.
-
-    **Raises:** `ValueError` if the water stands still.
-
-    The surface of the bundled sea:
-
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-        >>> round(drift.leaving_time(water, flow) / drift.crossing_time(water, flow))
-        8
-    """
-    crossing = crossing_time(water, flow)
-    for factor in (1, 2, 4):
-        right, up = np.asarray(
-            flow_map(water, flow, factor * crossing, method="rk4", steps=4 * factor)
-        )
-        if np.mean((np.abs(right) > 0.5) | (np.abs(up) > 0.5)) >= _LEFT:
-            return factor * crossing
-    return 8 * crossing
 
 
 def group_counts(

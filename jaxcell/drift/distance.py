@@ -3,12 +3,14 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..mapping import Chain
+from .drift_map import drift_map
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
 from .water import Water
@@ -21,6 +23,7 @@ FAR = 0.2
 # So many drifters are followed, if there are not more cells, and so many at most from each cell.
 _DRIFTERS = 400_000
 _POINTS = 6
+_MAX_FOR_TRIALS = 100_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,6 +92,35 @@ def distances(
             )
         )
     return tuple(found)
+
+
+def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], **options: Any) -> float:
+    """The duration of a step, in seconds, by which maps of layers are nearest to drifters.
+
+    In every step the grid spreads drifters by up to a cell, so that few steps are better; and the
+    current changes meanwhile, so that they cannot be long. Of 1, 2, 4 and 8 times the
+    [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a day, it is the one whose maps of
+    the mean flows have the least total variation. For more than 100,000 cells nothing is tried, and
+    it is twice the crossing time.
+
+    **Arguments:**
+
+    - `waters`, `flows`: of each layer, with all records.
+    - `options`: further ones of [`jaxcell.drift.drift_map`][].
+
+    **Raises:** as [`jaxcell.drift.drift_map`][].
+    """
+    means = [flow.mean() for flow in flows]
+    crossing = max(map(crossing_time, waters, means))
+    if sum(water.cells for water in waters) > _MAX_FOR_TRIALS:
+        return 2 * crossing
+    steps = [f * crossing for f in (1, 2, 4, 8) if f == 1 or f * crossing <= 3600 * HOURS[-1]]
+    worst = np.zeros(len(steps))
+    for water, flow, mean in zip(waters, flows, means, strict=True):
+        maps = [(drift_map(water, mean, step, **options), step) for step in steps]
+        found = distances(water, flow, maps)
+        worst = np.maximum(worst, [one.total_variation.max() for one in found])
+    return steps[int(worst.argmin())]
 
 
 def _shares(

@@ -18,7 +18,7 @@ from .deploy import (
     minimum_deployment,
     visible_deployment,
 )
-from .diagnosis import leaving_time
+from .distance import nearest_step
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
@@ -91,9 +91,8 @@ class SeaDrift(SeaLayers):
         **Arguments:**
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
-        - `duration`: of a step, in seconds; by default, of the slowest layer, the
-            [`jaxcell.drift.leaving_time`][] for sampled maps and the
-            [`jaxcell.drift.crossing_time`][] for others.
+        - `duration`: of a step, in seconds; by default the [`jaxcell.drift.nearest_step`][] for
+            sampled maps, and for others the [`jaxcell.drift.crossing_time`][] of the slowest layer.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: how far cameras see the sea bed, in metres.
         - `say`: called with what is being done.
@@ -106,9 +105,11 @@ class SeaDrift(SeaLayers):
         waters = [Water.of(currents, k) for k in count]
         flows = [Flow.of(currents, k) for k in count]
         if duration is None:
-            # A disturbance of the grid is as long as the drift; samples are to leave their cells.
-            chosen = leaving_time if options.get("spread") == "sampled" else crossing_time
-            duration = max(map(chosen, waters, [flow.mean() for flow in flows]))
+            if options.get("spread") == "sampled":
+                say("choosing the duration of a step")
+                duration = nearest_step(waters, flows, **options)
+            else:
+                duration = max(map(crossing_time, waters, [flow.mean() for flow in flows]))
         layers = []
         for water, flow in zip(waters, flows, strict=True):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")

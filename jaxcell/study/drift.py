@@ -36,8 +36,8 @@ class Drift(Study):
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, where the file leaves it open."""
     duration: Seconds | None = None
-    """Seconds that a step takes; by default the time in which drifters leave their cells in the
-    slowest layer, or for the source drift by one cell on average."""
+    """Seconds that a step takes; by default what brings the map nearest to drifters, or for the
+    source the time in which they drift by one cell on average in the slowest layer."""
     method: Literal["drifters", "source"] = "drifters"
     """How cells are mapped: as points in them drift, which may leave the map (drifters); or by the
     rules of the dissertation, with turned disturbances and a closed edge (source)."""

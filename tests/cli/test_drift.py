@@ -179,10 +179,12 @@ def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
     assert min(shifts) == pytest.approx(1)
     _, found, _ = run(capsys, "--depths", 0)
     currents = drift.open_currents(GYRES, depths=0)
-    leaving = drift.leaving_time(drift.Water.of(currents), drift.Flow.of(currents).mean())
-    assert found["duration_s"] == pytest.approx(leaving)
+    layer = [drift.Water.of(currents)], [drift.Flow.of(currents)]
+    nearest = drift.nearest_step(*layer, **drift.METHODS["drifters"])
+    assert found["duration_s"] == pytest.approx(nearest)
     assert (found["spread"], found["edge"]) == ("sampled", "exit")
     assert found["layers"][0]["self_image_share"] < 0.1
+    assert found["distance_24h"] < 0.1
 
 
 def test_a_part_of_the_file(capsys):

@@ -55,11 +55,19 @@ def test_it_is_that_from_drifters_released_by_chance():
     np.testing.assert_allclose(found.total_variation, expected.total_variation, atol=0.03)
 
 
-def test_the_time_in_which_cells_are_left(eastward):
+def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward, monkeypatch):
     water, flow = eastward
-    # All leave in the time in which they cross a cell.
-    assert drift.leaving_time(water, flow) == pytest.approx(drift.crossing_time(water, flow))
-    # Three in four cells are 40 times as slow as the others.
-    rate = jnp.asarray(np.where(np.arange(4)[:, None] == 0, 1.0, 1 / 40) * np.ones((4, 9)))
-    slow = drift.Flow(jnp.stack([rate, 0 * rate])[None] / 100, flow.time, flow.wraps)
-    assert drift.leaving_time(water, slow) == pytest.approx(8 * drift.crossing_time(water, slow))
+    options = drift.METHODS["drifters"]
+    # It flows across a cell in five hours on average, and turns every six hours.
+    along = jnp.where(jnp.arange(9) % 2 == 0, 1.0, -0.5)[:, None, None, None]
+    rate = flow.rate * along * jnp.linspace(0.2, 1.8, 4)[:, None]
+    tide = drift.Flow(rate, 6 * 3600.0 * jnp.arange(9), flow.wraps)
+    slow = drift.crossing_time(water, tide.mean()) / (5 * 3600)
+    tide = drift.Flow(rate * slow, tide.time, flow.wraps)
+    steps = [5 * 3600.0 * factor for factor in (1, 2, 4)]
+    maps = [(drift.drift_map(water, tide.mean(), step, **options), step) for step in steps]
+    worst = [one.total_variation.max() for one in drift.distances(water, tide, maps)]
+    found = drift.nearest_step([water], [tide], **options)
+    assert found == pytest.approx(steps[int(np.argmin(worst))])
+    monkeypatch.setattr("jaxcell.drift.distance._MAX_FOR_TRIALS", 0)
+    assert drift.nearest_step([water], [tide], **options) == pytest.approx(10 * 3600)
