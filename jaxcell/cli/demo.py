@@ -77,7 +77,6 @@ def tour(out: Path) -> list[tuple[str, Any]]:
             "Where a current carries drifters, and how to steer one by its depth (chapter 5)",
             Drift(
                 file=bundled("ocean/gyres.nc"),
-                duration=3400.0,
                 start="-117.93,33.5",
                 goal="-118.1,33.45,5",
                 out=out / "drift",

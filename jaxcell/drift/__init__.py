@@ -12,13 +12,17 @@ one step of Euler's method (Eq. 5.3), with `F` the flow,
     z(dt) = z(0) + dt F(z(0))                         `advect`, and `flow_map` for all centres
 
 or by Runge-Kutta's. The *image* of a cell is the water cell nearest to where its centre comes; by
-default `dt` is the `crossing_time`. The current is not known exactly: with probability `rho` the
+default `dt` is the `crossing_time`. In the source the current is not known exactly: with probability `rho` the
 image is right, and the rest goes to the other cells of a bounded *disturbance set* `A(z)`,
 
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 
 so that the sea is a finite Markov chain over cells, a generalized cell map `p(n + 1) = P p(n)` (Eq.
-5.5). What leaves the domain goes to an explicit sink. `periodic_drift_map` is the map over a day,
+5.5). The grid so spreads drifters much more than water does, and its edges are closed. `METHODS`
+has these rules, and others that agree with drifters: many points of each cell drift, by Runge-
+Kutta's method, over edges that are open, to an explicit sink. `distances` says how far a map is
+from drifters in the current as it changes with time, and `nearest_step` has the `dt` for which that
+is least. `periodic_drift_map` is the map over a day,
 or another period, of a current that repeats itself.
 
 **Long-term behaviour** (Alg. 5.1), `long_term_behaviour`, in time proportional to the number of

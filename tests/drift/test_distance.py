@@ -59,9 +59,9 @@ def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward, monkeypatch):
     water, flow = eastward
     options = drift.METHODS["drifters"]
     # It flows across a cell in five hours on average, and turns every six hours.
-    along = jnp.where(jnp.arange(9) % 2 == 0, 1.0, -0.5)[:, None, None, None]
-    rate = flow.rate * along * jnp.linspace(0.2, 1.8, 4)[:, None]
-    tide = drift.Flow(rate, 6 * 3600.0 * jnp.arange(9), flow.wraps)
+    along = np.where(np.arange(9) % 2 == 0, 1.0, -0.5)[:, None, None, None]
+    rate = jnp.asarray(np.asarray(flow.rate) * along * np.linspace(0.2, 1.8, 4)[:, None])
+    tide = drift.Flow(rate, jnp.linspace(0.0, 48 * 3600.0, 9), flow.wraps)
     slow = drift.crossing_time(water, tide.mean()) / (5 * 3600)
     tide = drift.Flow(rate * slow, tide.time, flow.wraps)
     steps = [5 * 3600.0 * factor for factor in (1, 2, 4)]
