@@ -92,10 +92,7 @@ PICTURES = {
         50,
     ),
     "drift": Picture(
-        (
-            "drift data/ocean/gyres.nc --duration 3400 --start=-117.93,33.5 "
-            "--goal=-118.1,33.45,5 --out runs",
-        ),
+        ("drift data/ocean/gyres.nc --start=-117.93,33.5 --goal=-118.1,33.45,5 --out runs",),
         "drift.rrd",
         "minute",
         420,

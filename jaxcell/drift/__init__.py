@@ -12,8 +12,9 @@ one step of Euler's method (Eq. 5.3), with `F` the flow,
     z(dt) = z(0) + dt F(z(0))                         `advect`, and `flow_map` for all centres
 
 or by Runge-Kutta's. The *image* of a cell is the water cell nearest to where its centre comes; by
-default `dt` is the `crossing_time`. In the source the current is not known exactly: with probability `rho` the
-image is right, and the rest goes to the other cells of a bounded *disturbance set* `A(z)`,
+default `dt` is the `crossing_time`. In the source the current is not known exactly: with
+probability `rho` the image is right, and the rest goes to the other cells of a bounded *disturbance
+set* `A(z)`,
 
     p(z, z') = rho for the image, (1 - rho) / (|A(z)| - 1) for the others     (Eq. 5.4, `drift_map`)
 

@@ -66,8 +66,8 @@ def distances(
         ...     for name in ("source", "drifters")
         ... ]
         >>> source, drifters = drift.distances(water, flow, maps)
-        >>> source.total_variation[0] > 3 * drifters.total_variation[0]
-        True
+        >>> source.total_variation.round(2).tolist(), drifters.total_variation.round(2).tolist()
+        ([0.96, 1.0], [0.09, 0.13])
     """
     wanted = [[max(1, round(3600 * hour / step)) for hour in HOURS] for _, step in maps]
     times = sorted(
