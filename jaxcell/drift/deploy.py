@@ -7,7 +7,7 @@ from jaxtyping import Bool, Int
 from scipy.sparse import csgraph
 
 from ..mapping import Chain, PersistentGroups
-from ..optimize import greedy_cover
+from ..optimize import greedy_cover, minimum_cover
 from .behaviour import LongTermBehaviour
 from .water import Water
 
@@ -49,6 +49,8 @@ class VisibleDeployment:
     "Cells from which all cells are seen, in the order in which they were chosen."
     cells: Int[np.ndarray, "drifters"]
     "Those of them that remain if each persistent group keeps only its first."
+    least: int | None = None
+    "No cover has fewer cells than so many; `None` where that was not asked for."
 
 
 def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
@@ -205,13 +207,18 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
 
 
 def visible_deployment(
-    water: Water, reach: float | int, groups: PersistentGroups
+    water: Water,
+    reach: float | int,
+    groups: PersistentGroups,
+    *,
+    seconds: float | int | None = None,
 ) -> VisibleDeployment:
     """Choose where to drop drifters that look at the sea bed (Alam 2018, Alg. 5.3).
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
     it lies wholly within it; nothing is in the way. Distances are those at the cell of the camera.
-    The cover is greedy, [`jaxcell.optimize.greedy_cover`][]. From the first of several of its cells
+    The cover is greedy, [`jaxcell.optimize.greedy_cover`][], or as small as it is found in some time,
+    [`jaxcell.optimize.minimum_cover`][]. From the first of several of its cells
     in one persistent group, a drifter will come to the others in the long run, and they are left
     out.
 
@@ -220,6 +227,7 @@ def visible_deployment(
     - `water`: the cells, whose sea bed is to be seen.
     - `reach`: radius of the disc, in metres.
     - `groups`: persistent groups of a chain on those cells.
+    - `seconds`: for how long to look for the smallest cover; by default it is greedy.
 
     **Returns:** [`VisibleDeployment`][jaxcell.drift.VisibleDeployment].
 
@@ -244,12 +252,16 @@ def visible_deployment(
             f"water: the views of {water.cells} cells take more than 4 GiB; expected at most 65536"
         )
     sees = _visible(water, reach)
-    cover = greedy_cover(sees).chosen
+    if seconds is None:
+        cover, least = greedy_cover(sees).chosen, None
+    else:
+        found = minimum_cover(sees, time_limit=float(seconds), throw=False)
+        cover, least = found.chosen, found.bound
     label = group[cover]
     _, first = np.unique(label, return_index=True)
     kept = label < 0
     kept[first] = True
-    return VisibleDeployment(cover, cover[kept])
+    return VisibleDeployment(cover, cover[kept], least)
 
 
 def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:

@@ -58,6 +58,8 @@ class SeaDrift(SeaLayers):
     "The cell of the surface where a drifter is dropped."
     reach: float | None = None
     "How far drifters that look at the sea bed see, in metres."
+    seconds: float | int | None = None
+    "For how long to look for the fewest views; `None` for greedy ones."
     voyage: SeaVoyage | None = None
     "The way to a goal, by the discounted policy."
     surest: SeaVoyage | None = None
@@ -83,6 +85,7 @@ class SeaDrift(SeaLayers):
         *,
         start: int | None = None,
         reach: float | None = None,
+        seconds: float | int | None = None,
         say: Callable[..., None] = lambda *_: None,
         **options: Any,
     ) -> "SeaDrift":
@@ -95,6 +98,7 @@ class SeaDrift(SeaLayers):
             sampled maps, and for others the [`jaxcell.drift.crossing_time`][] of the slowest layer.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: how far cameras see the sea bed, in metres.
+        - `seconds`: for how long to look for the fewest of them; by default they are greedy.
         - `say`: called with what is being done.
         - `options`: further ones of [`jaxcell.drift.drift_map`][], such as one of
             `jaxcell.drift.METHODS`.
@@ -114,7 +118,7 @@ class SeaDrift(SeaLayers):
         for water, flow in zip(waters, flows, strict=True):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
             layers.append(Layer.of(water, flow, duration, **options))
-        return cls(currents, tuple(layers), start, reach)
+        return cls(currents, tuple(layers), start, reach, seconds)
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """The same with voyages to a goal.
@@ -199,7 +203,9 @@ class SeaDrift(SeaLayers):
         surface = self.layers[0]
         if self.reach is None:
             return None
-        return visible_deployment(surface.water, self.reach, surface.behaviour.groups)
+        return visible_deployment(
+            surface.water, self.reach, surface.behaviour.groups, seconds=self.seconds
+        )
 
     @derived("", "drifters that cover every group", kind="count")
     def drifter_count(self) -> int:
@@ -268,6 +274,10 @@ class SeaDrift(SeaLayers):
     @derived("view", "whether a drifter is dropped there", kind="flag")
     def views_kept(self) -> Bool[np.ndarray, "views"] | None:
         return None if self.views is None else np.isin(self.views.cover, self.views.cells)
+
+    @derived("", "views that no cover does with less than", kind="count")
+    def views_least(self) -> int | None:
+        return None if self.views is None else self.views.least
 
     @derived("", "cell where the drifter is dropped", kind="index")
     def start_cell(self) -> int | None:

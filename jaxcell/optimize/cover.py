@@ -6,6 +6,7 @@ import scipy.sparse
 from jaxtyping import Bool, Int, UInt64
 
 from ..base.certificate import Certificate
+from ..base.quiet import no_output
 
 
 # Of the number of sets: HiGHS bounds it to about 1e-6.
@@ -98,8 +99,7 @@ def minimum_cover(
     """Cover all elements with the fewest sets, by a mixed-integer program.
 
     A yardstick for [`greedy_cover`][]: the time grows exponentially with the number of sets in bad
-    cases. It is a fraction of a second for 200 cells of a room. HiGHS, which solves the program,
-    may print a line of its own to the standard output of the process, past Python's `sys.stdout`.
+    cases. It is a fraction of a second for 200 cells of a room.
 
     **Arguments:**
 
@@ -126,13 +126,14 @@ def minimum_cover(
     if greedy.chosen.size == 0:
         return MinimumCover(greedy.chosen, greedy.uncovered, 0, Certificate(0, 0.0, 0.0))
     rows = scipy.sparse.csr_array(sets.T[sets.any(axis=0)], dtype=np.float64)
-    found = scipy.optimize.milp(
-        np.ones(len(sets)),
-        integrality=np.ones(len(sets)),
-        bounds=scipy.optimize.Bounds(0, 1),
-        constraints=scipy.optimize.LinearConstraint(rows, 1, np.inf),
-        options={"mip_rel_gap": 0} | ({} if time_limit is None else {"time_limit": time_limit}),
-    )
+    with no_output():
+        found = scipy.optimize.milp(
+            np.ones(len(sets)),
+            integrality=np.ones(len(sets)),
+            bounds=scipy.optimize.Bounds(0, 1),
+            constraints=scipy.optimize.LinearConstraint(rows, 1, np.inf),
+            options={"mip_rel_gap": 0} | ({} if time_limit is None else {"time_limit": time_limit}),
+        )
     if found.status not in (0, 1):
         raise RuntimeError(f"minimum_cover: HiGHS gave no answer: {found.message}")
     chosen = np.sort(greedy.chosen)

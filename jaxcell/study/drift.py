@@ -56,6 +56,8 @@ class Drift(Study):
     """Where it is to be, "lon,lat,depth" in degrees and metres; it may go up and down."""
     range: Metres | None = None
     """How far a drifter that looks at the sea bed sees, in metres."""
+    search: Seconds | None = None
+    """Seconds to look for the fewest of these views; by default they are chosen greedily."""
     discount: float = 0.99
     """What a step later is worth, for the way to the goal."""
     seed: int = 0
@@ -66,6 +68,7 @@ class Drift(Study):
         require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
+        require("search", self.search, "more than 0 seconds", lambda x: x > 0)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
 
@@ -95,6 +98,7 @@ class Drift(Study):
             self.duration,
             start=start,
             reach=self.range,
+            seconds=self.search,
             say=say,
             rho=self.rho,
             **self._rules(),

@@ -165,6 +165,17 @@ def test_what_cameras_see(seed, reach):
     np.testing.assert_array_equal(found.cells, found.cover)
 
 
+def test_the_fewest_views_are_found_in_time():
+    here = water(np.ones((7, 7), bool))
+    groups = staying(49, [])
+    greedy = visible_deployment(here, 1600.0, groups)
+    found = visible_deployment(here, 1600.0, groups, seconds=20)
+    assert greedy.least is None
+    # A disc of 1600 m holds a cell and the four beside it: the domination number of a 7 x 7 grid
+    # (OEIS A104519).
+    assert found.least == found.cover.size == 12 < greedy.cover.size
+
+
 def test_a_group_keeps_its_first_cell():
     here = water(np.ones((6, 6), bool))
     cover = visible_deployment(here, 1600.0, staying(36, [])).cover
