@@ -217,10 +217,9 @@ def visible_deployment(
 
     A camera that looks down from the middle of a cell sees a disc (Eq. 5.1), and a cell is seen if
     it lies wholly within it; nothing is in the way. Distances are those at the cell of the camera.
-    The cover is greedy, [`jaxcell.optimize.greedy_cover`][], or as small as it is found in some time,
-    [`jaxcell.optimize.minimum_cover`][]. From the first of several of its cells
-    in one persistent group, a drifter will come to the others in the long run, and they are left
-    out.
+    The cover is greedy, [`jaxcell.optimize.greedy_cover`][], or as small as can be found in some
+    time, [`jaxcell.optimize.minimum_cover`][]. From the first of several of its cells in one
+    persistent group, a drifter will come to the others in the long run, and they are left out.
 
     **Arguments:**
 
