@@ -126,6 +126,9 @@ class Result:
 
     title: ClassVar[str] = ""
     "What datasets are called."
+    brief: ClassVar[tuple[str, ...]] = ()
+    """Names of the quantities, and dimensions of the tables, that are enough for a terminal; by
+    default all."""
     tables: ClassVar[Mapping[str, str]] = {}
     """Dimensions whose quantities make a table, and the names of these tables in the summary: the
     column of a quantity `deployment_lon` in a table `deployment` is `lon`."""

@@ -1,12 +1,12 @@
 """The tables of any result in the terminal, from the descriptions of its quantities."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.quantities import Result, columns, is_single, parts, summarized
+from ..base.quantities import Quantity, Result, columns, is_single, parts, summarized
 from ..base.written import written
-from .terminal import table
+from .terminal import say, table
 
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def show(
     - `seconds`: how long it took.
     - `cells`: those on which its positions are; by default its own.
     """
-    described = summarized(result)
+    described = _brief(result)
     cells = getattr(result, "cells", None) if cells is None else cells
     # Those along the dimension of a table are columns of it.
     single = [
@@ -43,6 +43,8 @@ def show(
     if single:
         table(heading, ("quantity", "value"), single)
     _tables(result, "", cells)
+    if result.brief:
+        say("The rest is in the files of --out, and in --json.")
     for name, part in parts(result).items():
         title = name.replace("_", " ").capitalize()
         if isinstance(part, tuple):
@@ -51,10 +53,18 @@ def show(
             show(part, title, cells=cells)
 
 
+def _brief(result: Result) -> dict[str, tuple[Quantity, Any]]:
+    """The quantities that are shown."""
+    found = summarized(result)
+    return {name: found[name] for name in result.brief if name in found} or found
+
+
 def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
     """Print the tables of a result."""
     described = summarized(result)
     for dim, found in columns(result).items():
+        if result.brief and dim not in result.brief:
+            continue
         listed = {
             key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
         }
@@ -82,7 +92,7 @@ def _side_by_side(several: tuple[Result, ...], title: str) -> None:
     """Print the numbers of results of one kind, a column for each, and the tables of each."""
     rows: dict[str, list[str]] = {}
     for column, one in enumerate(several):
-        for about, value in summarized(one).values():
+        for about, value in _brief(one).values():
             if is_single(about):
                 rows.setdefault(about.meaning, [""] * len(several))[column] = written(value, about)
     numbers = map(str, range(len(several)))

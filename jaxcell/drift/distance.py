@@ -24,6 +24,8 @@ FAR = 0.2
 _DRIFTERS = 400_000
 _POINTS = 6
 _MAX_FOR_TRIALS = 100_000
+# Runge-Kutta steps in one call.
+_STEPS = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -132,7 +134,9 @@ def _shares(
     right, up = (np.tile(one.ravel(), water.cells) for one in np.meshgrid(places, places))
     origin = np.repeat(np.arange(water.cells), points**2)
     x, y = water.column[origin] + right, water.row[origin] + up
-    longest, found, now = crossing_time(water, flow), {}, 0.0
+    # Half a cell at a time, and no longer than from one record to the next.
+    between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
+    longest, found, now = _STEPS * min(crossing_time(water, flow) / 2, between), {}, 0.0
     for time in times:
         moves = math.ceil((time - now) / longest)
         for start in np.linspace(now, time, moves, endpoint=False).tolist():
@@ -144,7 +148,7 @@ def _shares(
                 (time - now) / moves,
                 start=start,
                 method="rk4",
-                steps=8,
+                steps=_STEPS,
             )
             x, y = (np.where(on, moved, here) for moved, here in zip(after, (x, y), strict=True))
         now = time

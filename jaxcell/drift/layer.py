@@ -51,7 +51,7 @@ class Ends(Result):
     def distance_6h(self) -> float:
         return max(float(one.distance.total_variation[0]) for one in self._layers)
 
-    @derived("", "and after about 24 h", kind="share")
+    @derived("", "drifters that it has there after about 24 h", kind="share")
     def distance_24h(self) -> float:
         return max(float(one.distance.total_variation[-1]) for one in self._layers)
 
@@ -59,7 +59,7 @@ class Ends(Result):
     def drifters_left(self) -> float:
         return self._mean([float(one.distance.drifters_left[-1]) for one in self._layers])
 
-    @derived("", "and by the map of cells", kind="share")
+    @derived("", "and that left by the map of cells", kind="share")
     def map_left(self) -> float:
         return self._mean([float(one.distance.map_left[-1]) for one in self._layers])
 
@@ -128,6 +128,10 @@ class Layer(Ends):
         (538, 3, 1.0)
     """
 
+    brief: ClassVar[tuple[str, ...]] = (
+        *("depth", "cells", "persistent_groups", "distance_24h", "drifters_left", "median_hours"),
+        *("self_image_share", "almost_for_ever_cells"),
+    )
     tables: ClassVar[Mapping[str, str]] = {"group_index": "groups", "transient": "transients"}
 
     water: Water

@@ -54,6 +54,12 @@ class SeaDrift(SeaLayers):
         "view": "views",
     }
 
+    brief: ClassVar[tuple[str, ...]] = (
+        *("cells", "persistent_groups", "distance_6h", "distance_24h", "drifters_left", "map_left"),
+        *("mean_leaving", "median_hours", "drifter_count", "fewest_count", "step"),
+        *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
+    )
+
     start: int | None = None
     "The cell of the surface where a drifter is dropped."
     reach: float | None = None
