@@ -115,13 +115,22 @@ def _legend(layers: Sequence[Layer]) -> list[tuple[str, Color]]:
 def _text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
+    distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
+    hours = f"**{drift.step / 3600:.3g} hours**"
+    if drift.layers[0].options.get("spread") == "sampled":
+        step = f"""In one step of {hours} points of a cell move to
+where the mean current takes them, and as large as their share that ends in a cell is the chance of
+a drifter to be there."""
+    else:
+        step = f"""In one step of {hours} a drifter moves from its
+cell to where the mean current takes it, or, as the current is not known exactly, to a cell beside
+that."""
     warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
     return f"""# Where drifters end up
 
-{currents_of(drift)} The water is cut into cells. In one step of **{drift.step / 3600:.3g} hours** a
-drifter moves from its cell to where the mean current takes it, or, as the current is not known
-exactly, to a cell beside that. So the sea is a *Markov chain*.
+{currents_of(drift)} The water is cut into cells. {step}
+So the sea is a *Markov chain*.
 
 Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
 map. All other cells are *transient*.
@@ -131,6 +140,11 @@ map. All other cells are *transient*.
 - **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
   group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
   read in which.
+How far that is from drifters in the current as it changes, released everywhere alike: the share
+that it has in a wrong cell, and the shares that left the map in a day.
+
+{described(drift.layers, "depth", *distance)}
+
 - **Black dots** are drifters, released everywhere alike, that the current itself carries while it
   changes, without cells or disturbances: press play, and watch whether they gather as predicted.
 
