@@ -9,9 +9,12 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.certificate import Certificate
 from ..base.connected import check_connected
+from ..base.limits import MAX_VERTICES
 from ..base.threads import one_blas_thread
 from .graph import Graph
 from .interior_point import predictor_corrector
+from .laplacian import pseudo_inverse
+from .multiplicative import least_resistance
 from .tour import on_walk, shortest_tour
 
 
@@ -22,6 +25,8 @@ _NOTHING = 1e-12
 _LARGE = 2000
 # Below this, the distance from the central path is rounding.
 _ROUNDING = 1e-16
+# With more vertices, a method of first order closes the gap this far, in so many inversions.
+_COARSE, _INVERSIONS = 1e-2, 300
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,13 +64,16 @@ def minimum_commute(
     the first one on each graph, and do not close the gap for a share of almost 1; the rows `walk
     with the least commute time` of the benchmarks are of this function.
 
+    On more than 2,000 vertices that Hessian is too large, and steps of first order are taken, with
+    one inverse of the vertices by vertices Laplacian each.
+
     **Arguments:**
 
     - `graph`: a connected graph.
     - `emphasis`: vertices to be visited more often, two or more. The shortest closed tour through
         them is that of [`jaxcell.optimize.shortest_tour`][].
     - `share`: the least sum of the weights on the edges of that tour, 0 to 1.
-    - `tolerance`: of the relative gap.
+    - `tolerance`: of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
@@ -109,18 +117,25 @@ def minimum_commute(
                 "ever visit; expected less than 1"
             )
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
-    problem = _Problem(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)])
-    with one_blas_thread() if len(edges) <= _LARGE else contextlib.nullcontext():
-        if on_tour.all() or share <= _NOTHING:
-            found, design, iterations = _interior_point(problem, tolerance)
-            gap = _gap(design, problem.blocks)
-        else:
-            found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
+    if graph.vertices > MAX_VERTICES:
+        tolerance, bound = max(tolerance, _COARSE), 0.0 if on_tour.all() else share
+        found, resistance, gap, iterations = least_resistance(
+            graph.vertices, edges, on_tour, bound, tolerance, _INVERSIONS
+        )
+    else:
+        problem = _Problem(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)])
+        with one_blas_thread() if len(edges) <= _LARGE else contextlib.nullcontext():
+            if on_tour.all() or share <= _NOTHING:
+                found, design, iterations = _interior_point(problem, tolerance)
+                gap = _gap(design, problem.blocks)
+            else:
+                found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
+        resistance = design.resistance
     weights = np.zeros(len(graph.edges))
     weights[allowed] = found
     certificate = Certificate(iterations, gap, tolerance)
     certificate.check("minimum_commute", throw)
-    return MinimumCommute(weights, 4 * design.resistance / (graph.vertices - 1), tour, certificate)
+    return MinimumCommute(weights, 4 * resistance / (graph.vertices - 1), tour, certificate)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,20 +168,8 @@ class _Design:
     """The sum of the reciprocal eigenvalues of the Laplacian, and its derivatives."""
 
     def __init__(self, problem: _Problem, weights: Float[np.ndarray, "edges"]) -> None:
-        n = problem.vertices
         self.tail, self.head = problem.edges.T
-        laplacian = np.zeros((n, n))
-        laplacian[self.tail, self.head] = laplacian[self.head, self.tail] = -weights
-        degree = -laplacian.sum(axis=0)
-        laplacian[np.diag_indices(n)] = degree
-        # A constant turns the eigenvalue 0 into one within the range of the others.
-        shift = degree.mean()
-        factor, info = scipy.linalg.lapack.dpotrf(laplacian + shift / n, lower=1)
-        if info == 0:
-            factor, info = scipy.linalg.lapack.dpotri(factor, lower=1)
-        if info:
-            raise np.linalg.LinAlgError("the Laplacian is singular to rounding")
-        inverse = np.tril(factor) + np.tril(factor, -1).T - 1 / (shift * n)
+        inverse = pseudo_inverse(problem.vertices, problem.edges, weights)
         self.resistance = float(np.trace(inverse))
         self.columns = inverse[self.tail] - inverse[self.head]
         self.gain = np.einsum("en,en->e", self.columns, self.columns)

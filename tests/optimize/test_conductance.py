@@ -134,6 +134,30 @@ def test_equals_cvxpy(program, vertices, more, seed, share):
     assert found.commute_time == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("share", [None, 0.1, 0.9, 1.0])
+def test_steps_of_first_order_on_large_graphs(monkeypatch, share):
+    """They come as near to the least as their gap says, and nearer than is asked for."""
+    network = nx.convert_node_labels_to_integers(nx.grid_2d_graph(5, 6))
+    network.add_edge(0, 29)
+    graph, stops = graph_of(network), range(30) if share == 1.0 else [0, 14, 29]
+    asked = (graph,) if share is None else (graph, stops, share)
+    exact = minimum_commute(*asked)
+    monkeypatch.setattr(conductance, "MAX_VERTICES", 20)
+    found = minimum_commute(*asked)
+    gap = found.certificate.residual
+    assert found.weights.min() >= 0
+    assert found.weights.sum() == pytest.approx(1, abs=1e-12)
+    if share is not None:
+        assert found.weights[on_walk(graph, found.tour)].sum() >= share - 1e-12
+    assert found.commute_time == pytest.approx(commute_time(graph, found.weights), rel=1e-9)
+    assert (1 - gap) * found.commute_time <= exact.commute_time * (1 + 1e-9)
+    assert exact.commute_time <= found.commute_time * (1 + 1e-9)
+    assert found.commute_time <= 1.002 * exact.commute_time
+    assert gap <= 0.01 == found.certificate.tolerance
+    # A looser one is not ignored.
+    assert minimum_commute(*asked, tolerance=0.3).certificate.tolerance == 0.3
+
+
 @given(st.integers(2, 40), st.integers(0, 1000))
 def test_trees(n, seed):
     network = nx.random_labeled_tree(n, seed=seed)

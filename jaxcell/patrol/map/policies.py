@@ -6,7 +6,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...mapping import Chain
-from ...optimize import Graph, greedy_cover, minimum_commute
+from ...optimize import Graph, MinimumCommute, greedy_cover, minimum_commute, shortest_tour
 from ..walks.walk import random_walk
 from .regions import Regions, check_visible
 
@@ -79,7 +79,9 @@ def distributed_policies(
             f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
         )
     cells = np.arange(graph.vertices, dtype=np.int32)
-    return tuple(_policy(graph, cells, visible, share, choice=i) for i in range(robots))
+    # Without an emphasis the walk does not depend on the cover.
+    walk = minimum_commute(graph) if share == 0 else None
+    return tuple(_policy(graph, cells, visible, share, choice=i, walk=walk) for i in range(robots))
 
 
 def centralized_policies(
@@ -135,6 +137,7 @@ def _policy(
     *,
     choice: int = 0,
     view: Bool[np.ndarray, "cells"] | None = None,
+    walk: MinimumCommute | None = None,
 ) -> Policy:
     """The policy on some cells, with a contact cell if there is a view to report in."""
     number = np.full(graph.vertices, -1, np.int32)
@@ -147,7 +150,11 @@ def _policy(
     if view is not None:
         contact = _contact(part, stops, view[cells])
         stops = np.union1d(stops, contact)
-    walk = minimum_commute(part, stops.tolist() if stops.size > 1 else None, share)
+    through = stops.tolist() if stops.size > 1 else None
+    if walk is None:
+        walk = minimum_commute(part, through, share)
+    elif through is not None:
+        walk = dataclasses.replace(walk, tour=shortest_tour(part, through))
     weights = np.zeros(len(graph.edges))
     weights[inside] = walk.weights
     return Policy(
