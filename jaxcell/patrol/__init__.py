@@ -65,6 +65,9 @@ Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=
 """
 
 from ..optimize import Graph as Graph
+from .files.graph_files import has_weights as has_weights, load_graph as load_graph
+from .files.graph_saving import save_graph as save_graph
+from .files.values import load_values as load_values
 from .law.distribution import Gld as Gld
 from .law.fit import GldFit as GldFit, fit_gld as fit_gld
 from .map.attack import (
@@ -123,16 +126,10 @@ from .walks.entropy import (
     return_time_law as return_time_law,
 )
 from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
-from .walks.graph_files import (
-    has_weights as has_weights,
-    load_graph as load_graph,
-    save_graph as save_graph,
-)
 from .walks.graph_patrol import GraphPatrol as GraphPatrol
 from .walks.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.measures import Measures as Measures, measure as measure
 from .walks.paths import toward as toward
-from .walks.values import load_values as load_values
 from .walks.walk import (
     edge_shares as edge_shares,
     random_walk as random_walk,

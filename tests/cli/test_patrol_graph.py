@@ -12,7 +12,8 @@ import xarray as xr
 from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import random_walk, walk_hitting_times
-from jaxcell.patrol.walks.graph_files import load_graph, save_graph
+from jaxcell.patrol.files.graph_files import load_graph
+from jaxcell.patrol.files.graph_saving import save_graph
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
