@@ -113,6 +113,7 @@ from .perimeter import (
     mean_hitting_times as mean_hitting_times,
     simulate as simulate,
 )
+from .team.idleness import Idleness as Idleness, simulate_idleness as simulate_idleness
 from .walks.capture import (
     MaximinCapture as MaximinCapture,
     maximin_capture as maximin_capture,

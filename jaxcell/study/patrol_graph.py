@@ -10,8 +10,9 @@ from .study import Say, Study, require, silent
 
 
 if TYPE_CHECKING:
+    from ..mapping import Chain
     from ..optimize import Graph
-    from ..patrol import GraphPatrol
+    from ..patrol import GraphPatrol, Idleness
     from ..verify import Comparison
 
 
@@ -22,8 +23,8 @@ class PatrolGraph(Study):
     name: ClassVar[str] = "patrol"
 
     file: tyro.conf.Positional[Path]
-    """Graph file: node-link .json, .graphml, .gml, .adjlist, or a list of vertices and edges .edges
-    or .txt. Vertices may have no positions; edges are then alike."""
+    """Graph file: node-link .json, .graphml, .gml, .adjlist, .graph of patrolling_sim, or a list of
+    vertices and edges .edges or .txt. Vertices may have no positions; edges are then alike."""
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
@@ -54,8 +55,11 @@ class PatrolGraph(Study):
     """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
+    baselines: bool = False
+    """Also simulate how long vertices wait for a visit, by this walk, by robots on a tour, by those
+    that go anywhere and by those that go where nobody was for longest."""
     seed: int = 0
-    """Seed of the walk that is recorded."""
+    """Seed of the walk that is recorded, and of simulations."""
 
     def __post_init__(self) -> None:
         require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
@@ -112,6 +116,9 @@ class PatrolGraph(Study):
                 graph, emphasis, self.share, paths=self.paths, names=names, values=values
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
+        if self.baselines:
+            say("simulating patrols")
+            options["idleness"] = self._simulated(graph, walk["chain"])
         options["weights_unused"] = has_weights(self.file)
         return GraphPatrol.of(graph, **walk, game=game, **options)
 
@@ -152,6 +159,16 @@ class PatrolGraph(Study):
                 f"attack_time: {self.attack_time} steps are over before a patroller comes from "
                 f"vertex {start!r} to {end!r}, which takes {hops.max():g}"
             )
+
+    def _simulated(self, graph: "Graph", chain: "Chain") -> "Idleness":
+        import numpy as np
+
+        from ..patrol import simulate_idleness
+
+        matrices = np.stack([chain.to_scipy().toarray()] * self.robots)
+        return simulate_idleness(
+            graph, matrices, attack_time=self.attack_time, seed=self.seed
+        )
 
     def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
         """The numbers of vertices that a parameter names."""

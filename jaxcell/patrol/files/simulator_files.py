@@ -79,6 +79,6 @@ def parse_simulator_graph(text: str) -> SimulatorGraph:
     edges = [
         (field, name, other, length)
         for (name, other), (field, length) in ways.items()
-        if (other, name) not in ways or int(name) < int(other)
+        if (other, name) not in ways or int(name) <= int(other)
     ]
     return SimulatorGraph(vertices, edges)

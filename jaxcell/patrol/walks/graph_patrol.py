@@ -9,6 +9,7 @@ from ...base.certificate import Certificate, Outcome
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...optimize import Graph
+from ..team.idleness import Idleness
 from .game import StrategyGame
 from .measures import Measures, measure
 
@@ -38,6 +39,8 @@ class GraphPatrol(Measures):
     local: bool = False
     "Whether it is only a local optimum, because the problem is not convex."
     game: StrategyGame | None = None
+    idleness: Idleness | None = None
+    "How long vertices wait for visits, beside three other patrols."
     weights_unused: bool = False
     "Whether the file of the graph has weights on edges, which a walk has of its own."
     robots: int = 1
@@ -165,6 +168,20 @@ class GraphPatrol(Measures):
     @derived("", "steps of the solver", kind="count")
     def iterations(self) -> int | None:
         return None if self.certificate is None else int(self.certificate.iterations)
+
+    @derived("vertex", "steps between visits by any robot, mean", "steps", kind="time")
+    def mean_idleness(self) -> Float[np.ndarray, "vertices"]:
+        away = (1 - self.stationary) ** self.robots
+        with np.errstate(divide="ignore"):
+            return 1 / (1 - away)
+
+    @derived("", "steps between visits, mean over vertices", "steps", kind="time")
+    def mean_idleness_of_vertices(self) -> float:
+        return float(self.mean_idleness.mean())
+
+    @derived("", "steps between visits at the vertex with most of them", "steps", kind="time")
+    def worst_mean_idleness(self) -> float:
+        return float(self.mean_idleness.max())
 
     @property
     def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:

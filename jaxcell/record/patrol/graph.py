@@ -231,6 +231,21 @@ starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats)
 ones. The mixing time, until total variation is within 1/4, is *never* if the walk is
 periodic: it does not forget its start.
 
-{described(patrol, "vertex", "stationary", "mean_time_to")}
-
+{described(patrol, "vertex", "stationary", "mean_time_to", "mean_idleness")}
+{_compared(patrol)}
 {made_with(spec)}"""
+
+
+def _compared(patrol: GraphPatrol) -> str:
+    """How long vertices wait, beside other patrols."""
+    found = patrol.idleness
+    if found is None:
+        return ""
+    columns = ["patrol", "mean", "worst", "longest"]
+    columns += [] if found.least_capture is None else ["least_capture"]
+    return f"""
+By simulation, beside robots on a tour, those that go anywhere, and those that go where nobody was
+for longest:
+
+{described(found, *columns)}
+"""
