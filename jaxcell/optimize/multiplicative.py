@@ -28,6 +28,7 @@ class Found(NamedTuple):
 def least_resistance(
     vertices: int,
     edges: Int[np.ndarray, "edges 2"],
+    durations: Float[np.ndarray, "edges"],
     on_tour: Bool[np.ndarray, "edges"],
     share: float,
     tolerance: float,
@@ -35,15 +36,16 @@ def least_resistance(
 ) -> Found:
     """Weights of the edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
-    With `g_e = |X b_e|^2`, by how much each weight lowers the sum, `sum_e g_e w_e^2 / u_e` bounds
-    it at other weights `u` and touches it at `u = w`. The least of the bound is at weights in
-    proportion to `w_e sqrt(g_e)`, within the share on the tour and elsewhere where that is short.
+    With `g_e = |X b_e|^2 / t_e`, by how much each weight lowers the sum, `sum_e g_e w_e^2 / u_e`
+    bounds it at other weights `u` and touches it at `u = w`. The least of the bound is at weights
+    in proportion to `w_e sqrt(g_e)`, within the share on the tour and elsewhere if that is short.
     Each such step lowers the sum; two of them are extrapolated (Varadhan and Roland 2008), as far
     as the sum falls.
 
     **Arguments:**
 
     - `vertices`, `edges`: a connected graph.
+    - `durations`: `t_e`, with which the Laplacian is `sum_e (w_e / t_e) b_e b_e'`.
     - `on_tour`, `share`: edges on which there is at least this share of the weight.
     - `tolerance`: of the relative gap.
     - `evaluations`: how often the Laplacian is inverted, at most.
@@ -55,7 +57,8 @@ def least_resistance(
     def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
         nonlocal best, count
         count += 1
-        resistance, gain = _gains(vertices, edges, weights)
+        resistance, gain = _gains(vertices, edges, weights / durations)
+        gain /= durations
         most = (1 - share) * gain.max() + share * gain[on_tour].max(initial=0.0)
         gap = max(0.0, 1 - resistance / float(most))
         if gap < best.gap:

@@ -113,6 +113,13 @@ from .perimeter import (
     mean_hitting_times as mean_hitting_times,
     simulate as simulate,
 )
+from .team.division import (
+    Division as Division,
+    divide_graph as divide_graph,
+    part_of_graph as part_of_graph,
+    walk_in_part as walk_in_part,
+)
+from .team.durations import Timed as Timed, timed as timed, whole_times as whole_times
 from .team.idleness import Idleness as Idleness, simulate_idleness as simulate_idleness
 from .walks.capture import (
     MaximinCapture as MaximinCapture,

@@ -166,9 +166,7 @@ class PatrolGraph(Study):
         from ..patrol import simulate_idleness
 
         matrices = np.stack([chain.to_scipy().toarray()] * self.robots)
-        return simulate_idleness(
-            graph, matrices, attack_time=self.attack_time, seed=self.seed
-        )
+        return simulate_idleness(graph, matrices, attack_time=self.attack_time, seed=self.seed)
 
     def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
         """The numbers of vertices that a parameter names."""

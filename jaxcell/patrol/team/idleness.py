@@ -4,9 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import scipy.sparse
 from jaxtyping import Float, Int
 
 from ...base.quantities import Result, quantity
+from ...mapping import Chain, persistent_groups
+from ...markov import limiting_distribution
 from ...optimize import Graph, shortest_tour
 
 
@@ -44,6 +47,26 @@ class Idleness(Result):
         quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
     ] = None
     "The attack does not wait for the robots to be far away."
+
+
+def long_run(
+    matrices: Float[np.ndarray, "robots vertices vertices"],
+) -> Float[np.ndarray, "robots vertices"]:
+    """The share of its time that each robot spends at each vertex, wherever it starts."""
+    chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix)) for matrix in matrices]
+    limits = [limiting_distribution(chain, persistent_groups(chain)).value for chain in chains]
+    return np.stack([np.asarray(limit) for limit in limits])
+
+
+def steps_between_visits(
+    shares: Float[np.ndarray, "robots vertices"],
+) -> Float[np.ndarray, "vertices"]:
+    """The mean time between steps at which a robot is at a vertex, by their shares of time.
+
+    Robots are independent, and some are there at once; such visits count as one.
+    """
+    with np.errstate(divide="ignore"):
+        return 1 / (1 - (1 - shares).prod(axis=0))
 
 
 def simulate_idleness(

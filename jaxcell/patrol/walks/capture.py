@@ -10,12 +10,14 @@ from jaxtyping import Array, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
+from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...optimize import Graph
-from .ascent import ascend
+from .ascent import Ascent, late_gain
 from .descent import descend
 from .polytope import ChainPolytope
 from .sequential_lp import maximize_least_capture
+from .steps import Steps, chances
 
 
 # Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
@@ -27,6 +29,9 @@ _MORE, _QUICK = 8, 7200
 _POLISHED = 100_000
 # Of the value, by the last quarter of the gradient steps.
 _LATE = 0.02
+# Gradient steps from each start, the hardness of the minimum at their end, and the least
+# probability of a step.
+_STEPS, _HARD, _FLOOR = 600, 200.0, 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -126,7 +131,7 @@ def maximin_capture(
         # A step is quick on small graphs, and more starts find more than more steps.
         count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2)))
         begin = among.starts(count, robots, seed)
-        found, best, steps, late = ascend(
+        found, best, steps, late = _ascend(
             graph,
             int(attack[0]),
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
@@ -199,6 +204,32 @@ def walk_capture_probabilities(
     return np.asarray(
         _compiled(jnp.asarray(given), jnp.asarray(delays), jnp.asarray(attack), *slots)
     )
+
+
+@one_blas_thread()
+def _ascend(
+    graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
+) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int, float]:
+    """Follow the gradient in the logits of steps from matrices, where all edges take one step.
+
+    **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
+    share of the value that the last quarter of them added.
+    """
+    steps, here = Steps.of(graph), np.arange(graph.vertices)
+    image = np.asarray(steps.image)
+    away = 1 - np.eye(graph.vertices, dtype=np.float32)
+    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _HARD)
+    progress = np.arange(_STEPS) / _STEPS
+    found = [
+        ascent.climb(np.log(np.maximum(start[:, here, image], 1e-3)), progress) for start in starts
+    ]
+    first = int(np.argmax([value for _, value, _, _ in found]))
+    best, _, _, course = found[first]
+    drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
+    matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
+    for matrix, chance in zip(matrices, drawn, strict=True):
+        np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)
+    return matrices, first, _STEPS * len(starts), late_gain(course)
 
 
 def _captured(

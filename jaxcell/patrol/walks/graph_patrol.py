@@ -9,7 +9,9 @@ from ...base.certificate import Certificate, Outcome
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...optimize import Graph
-from ..team.idleness import Idleness
+from ..team.division import Division
+from ..team.durations import Timed
+from ..team.idleness import Idleness, long_run, steps_between_visits
 from .game import StrategyGame
 from .measures import Measures, measure
 
@@ -39,6 +41,12 @@ class GraphPatrol(Measures):
     local: bool = False
     "Whether it is only a local optimum, because the problem is not convex."
     game: StrategyGame | None = None
+    team: Float[np.ndarray, "robots vertices vertices"] | None = None
+    "The transition matrix of each robot, where they differ; the measures are those of the first."
+    timed: Timed | None = None
+    "The walk in seconds, if edges have travel times."
+    division: Division | None = None
+    "What robots achieve that share the graph, and that divide it."
     idleness: Idleness | None = None
     "How long vertices wait for visits, beside three other patrols."
     weights_unused: bool = False
@@ -92,12 +100,21 @@ class GraphPatrol(Measures):
             raise ValueError(
                 f"game: expected walks on {len(graph.edges)} edges, got {self.game.weight.shape[1]}"
             )
+        if self.team is not None and self.team.shape != (self.robots, vertices, vertices):
+            raise ValueError(f"team: expected {self.robots} matrices, got {self.team.shape}")
         if self.robots < 1:
             raise ValueError(f"robots: expected at least 1, got {self.robots}")
 
     @property
+    def matrices(self) -> Float[np.ndarray, "robots vertices vertices"]:
+        """The transition matrix of each robot."""
+        return np.stack([self.transition] * self.robots) if self.team is None else self.team
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         found = []
+        if self.team is not None:
+            found.append("robots walk differently; times and entropy are those of robot 0")
         if self.weights_unused:
             found.append("the weights of edges in the file are not used; the walk has its own")
         if self.local:
@@ -169,11 +186,13 @@ class GraphPatrol(Measures):
     def iterations(self) -> int | None:
         return None if self.certificate is None else int(self.certificate.iterations)
 
+    @derived("robot vertex", "share of time in the long run of each robot", "1", kind="share")
+    def shares(self) -> Float[np.ndarray, "robots vertices"]:
+        return long_run(self.matrices)
+
     @derived("vertex", "steps between visits by any robot, mean", "steps", kind="time")
     def mean_idleness(self) -> Float[np.ndarray, "vertices"]:
-        away = (1 - self.stationary) ** self.robots
-        with np.errstate(divide="ignore"):
-            return 1 / (1 - away)
+        return steps_between_visits(self.shares)
 
     @derived("", "steps between visits, mean over vertices", "steps", kind="time")
     def mean_idleness_of_vertices(self) -> float:
