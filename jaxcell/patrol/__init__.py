@@ -113,6 +113,7 @@ from .perimeter import (
     mean_hitting_times as mean_hitting_times,
     simulate as simulate,
 )
+from .team.charging import Charged as Charged, charged as charged
 from .team.division import (
     Division as Division,
     divide_graph as divide_graph,
@@ -120,7 +121,13 @@ from .team.division import (
     walk_in_part as walk_in_part,
 )
 from .team.durations import Timed as Timed, timed as timed, whole_times as whole_times
-from .team.idleness import Idleness as Idleness, simulate_idleness as simulate_idleness
+from .team.idleness import (
+    Idleness as Idleness,
+    long_run as long_run,
+    simulate_idleness as simulate_idleness,
+    steps_between_visits as steps_between_visits,
+)
+from .team.news import News as News, age_of_news as age_of_news
 from .walks.capture import (
     MaximinCapture as MaximinCapture,
     maximin_capture as maximin_capture,

@@ -10,10 +10,14 @@ from .study import Say, Study, require, silent
 
 
 if TYPE_CHECKING:
-    from ..mapping import Chain
+    import numpy as np
+
     from ..optimize import Graph
-    from ..patrol import GraphPatrol, Idleness
+    from ..patrol import Division, GraphPatrol
     from ..verify import Comparison
+
+
+_CHANCE = "least chance that"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,12 +46,19 @@ class PatrolGraph(Study):
     """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
     the dissertation's table, the walk goes straight there."""
     attack_time: int | None = None
-    """Steps that an attack takes, for "capture", which is by one patroller."""
+    """Steps that an attack takes, or seconds with a speed, for "capture", which is by all."""
     robots: int = 1
     """How many patrollers walk, each by itself."""
+    division: Literal["shared", "partition"] | None = None
+    """Whether robots share the graph or have a part of it each; both are then compared. Without it
+    they share it."""
+    speed: float | None = None
+    """Metres a second, by which edges take as long as their lengths say; without it, a step."""
+    time_unit: float = 1.0
+    """Seconds to which the times of edges are rounded."""
     attack_times: Path | None = None
-    """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, for
-    "capture"."""
+    """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, or
+    seconds with a speed, for "capture"."""
     visits: Path | None = None
     """File of a line "vertex share" for each vertex: how often the walk is there, relative to the
     others, for mixing, kemeny, entropy and return-time."""
@@ -55,6 +66,12 @@ class PatrolGraph(Study):
     """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
+    base: str | None = None
+    """A vertex where robots tell what they saw; how old news are there."""
+    charger: str | None = None
+    """A vertex where a robot must be every so many steps; what becomes of the walk."""
+    every: int | None = None
+    """The most steps between two times at the charger."""
     baselines: bool = False
     """Also simulate how long vertices wait for a visit, by this walk, by robots on a tour, by those
     that go anywhere and by those that go where nobody was for longest."""
@@ -65,6 +82,18 @@ class PatrolGraph(Study):
         require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
         require("paths", self.paths, "at least 1", lambda x: x >= 1)
         require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        for name in ("speed", "time_unit"):
+            require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
+        if (self.charger is None) != (self.every is None):
+            raise ValueError("every: expected with a charger, and only then")
+        if self.charger is not None and (self.speed is not None or self.robots > 1):
+            raise ValueError("charger has no meaning with a speed, or for more than one robot")
+        if self.division is not None:
+            if self.robots == 1:
+                raise ValueError("division has no meaning for one robot")
+            for name in ("vertex", "emphasis", "visits", "attack_times"):
+                if getattr(self, name):
+                    raise ValueError(f"division has no meaning with {name}, which is for all")
         if self.emphasis and not (self.strategy == "commute" or self.game):
             raise ValueError(f"emphasis has no meaning for {self.strategy!r} without a game")
         if len(self.emphasis) == 1:
@@ -107,8 +136,10 @@ class PatrolGraph(Study):
         graph, names = load_graph(self.file)
         self._check(graph, names)
         emphasis = self._vertices(names, "emphasis", *self.emphasis) or None
+        for name, vertex in (("base", self.base), ("charger", self.charger)):
+            self._vertices(names, name, *([] if vertex is None else [vertex]))
         say(f"seeking a walk on {graph.vertices:,} vertices")
-        walk, game = self._walk(graph, names, emphasis), None
+        walk, game = self._walks(graph, names, emphasis, say), None
         if self.game:
             say("mixing strategies")
             values = None if self.values is None else load_values(self.values, names)
@@ -116,11 +147,53 @@ class PatrolGraph(Study):
                 graph, emphasis, self.share, paths=self.paths, names=names, values=values
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
+        options["weights_unused"] = has_weights(self.file)
+        found = GraphPatrol.of(graph, **walk, game=game, **options)
+        return dataclasses.replace(found, **self._more(found, say))
+
+    def _more(self, found: "GraphPatrol", say: Say) -> dict[str, Any]:
+        """What else was asked of the walks."""
+        from .. import patrol
+
+        more: dict[str, Any] = {}
+        times = self._times(found.graph)
+        seconds = None if times is None else times * self.time_unit
+        if seconds is not None:
+            walks = found.matrices, found.shares
+            more["timed"] = patrol.timed(found.graph, *walks, seconds, self.time_unit)
+            more["by_steps"] = self.strategy in ("mixing", "kemeny", "entropy", "return-time")
+        if self.base is not None:
+            say("following news")
+            (base,) = self._vertices(found.names, "base", self.base)
+            more["news"] = patrol.age_of_news(
+                found.graph,
+                found.matrices,
+                base,
+                times=times,
+                unit=1.0 if times is None else self.time_unit,
+                name=self.base,
+            )
+        if self.charger is not None:
+            (charger,) = self._vertices(found.names, "charger", self.charger)
+            attack = {"attack_time": self.attack_time, "name": self.charger}
+            walk = found.graph, found.transition, charger, self.every
+            more["charged"] = patrol.charged(*walk, **attack)
         if self.baselines:
             say("simulating patrols")
-            options["idleness"] = self._simulated(graph, walk["chain"])
-        options["weights_unused"] = has_weights(self.file)
-        return GraphPatrol.of(graph, **walk, game=game, **options)
+            more["idleness"] = patrol.simulate_idleness(
+                found.graph,
+                found.matrices,
+                times=seconds,
+                attack_time=self.attack_time,
+                seed=self.seed,
+            )
+        return more
+
+    def _times(self, graph: "Graph") -> Any:
+        """How many units of time each edge takes, if that is asked for."""
+        from ..patrol import whole_times
+
+        return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
 
     def heading(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
@@ -129,7 +202,7 @@ class PatrolGraph(Study):
         from ..verify import compare_commute, compare_game, compare_walk
 
         found = compare_walk(result)
-        if self.strategy == "commute":
+        if self.strategy == "commute" and self.division != "partition":
             emphasis = self._vertices(result.names, "emphasis", *self.emphasis)
             found += compare_commute(result, emphasis, self.share)
         return found if result.game is None else [*found, *compare_game(result.game)]
@@ -144,29 +217,34 @@ class PatrolGraph(Study):
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {MAX_VERTICES:,}"
             )
-        hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
-        apart = np.flatnonzero(np.isinf(hops[0]))
+        apart = np.flatnonzero(np.isinf(shortest_path(graph.matrix(graph.lengths + 1.0))[0]))
         if apart.size:
             raise ValueError(
                 f"{self.file}: no walk leads from vertex {names[0]!r} to {names[apart[0]]!r}; "
                 "expected a connected graph"
             )
-        # To a vertex and back it takes two steps.
-        np.fill_diagonal(hops, 2)
-        if self.attack_time is not None and self.attack_time < hops.max():
-            start, end = (names[v] for v in np.unravel_index(hops.argmax(), hops.shape))
-            raise ValueError(
-                f"attack_time: {self.attack_time} steps are over before a patroller comes from "
-                f"vertex {start!r} to {end!r}, which takes {hops.max():g}"
-            )
+        if self.division != "partition":
+            self._check_reach(graph, names)
 
-    def _simulated(self, graph: "Graph", chain: "Chain") -> "Idleness":
+    def _check_reach(self, graph: "Graph", names: Sequence[str]) -> None:
+        """Refuse an attack that is over before a robot can come."""
         import numpy as np
+        from scipy.sparse.csgraph import shortest_path
 
-        from ..patrol import simulate_idleness
-
-        matrices = np.stack([chain.to_scipy().toarray()] * self.robots)
-        return simulate_idleness(graph, matrices, attack_time=self.attack_time, seed=self.seed)
+        if self.attack_time is None:
+            return
+        times = self._times(graph)
+        taken = graph.matrix(np.ones(len(graph.edges)) if times is None else times.astype(float))
+        away = shortest_path(taken)
+        # To a vertex and back it takes two steps.
+        np.fill_diagonal(away, 2 * taken.min(axis=1).toarray() if times is not None else 2)
+        unit, of = (1.0, "steps") if times is None else (self.time_unit, "s")
+        if self.attack_time < away.max() * unit:
+            start, end = (names[v] for v in np.unravel_index(away.argmax(), away.shape))
+            raise ValueError(
+                f"attack_time: {self.attack_time} {of} are over before a patroller comes from "
+                f"vertex {start!r} to {end!r}, which takes {away.max() * unit:g}"
+            )
 
     def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
         """The numbers of vertices that a parameter names."""
@@ -176,8 +254,50 @@ class PatrolGraph(Study):
                 raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
         return [names.index(name) for name in wanted]
 
+    def _walks(
+        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
+    ) -> dict[str, Any]:
+        """The walks of all robots, and what comes of sharing and of dividing the graph."""
+        import numpy as np
+        import scipy.sparse
+
+        from .. import patrol
+        from ..mapping import Chain
+
+        if self.division is None:
+            return self._walk(graph, names, emphasis, self.robots)
+        try:
+            region = patrol.divide_graph(graph, self.robots)
+        except ValueError as error:
+            raise ValueError(f"robots: {error}") from None
+        parts, matrices = [], []
+        for robot in range(self.robots):
+            say(f"seeking a walk on part {robot + 1} of {self.robots}")
+            inside = np.flatnonzero(region == robot)
+            part, called = patrol.part_of_graph(graph, inside), [names[v] for v in inside]
+            self._check_reach(part, called)
+            parts.append(self._walk(part, called, None, 1))
+            within = parts[-1]["chain"].to_scipy().toarray()
+            matrices.append(patrol.walk_in_part(graph, inside, within))
+        worst = min(parts, key=lambda one: one["value"] or 0.0)
+        divided = worst | {
+            "chain": Chain.from_scipy(scipy.sparse.csr_array(matrices[0])),
+            "team": np.stack(matrices),
+        }
+        shared = None
+        try:
+            self._check_reach(graph, names)
+        except ValueError:
+            if self.division == "shared":
+                raise
+        else:
+            say(f"seeking walks of {self.robots} robots on the whole graph")
+            shared = self._walk(graph, names, emphasis, self.robots)
+        walks = divided if shared is None or self.division == "partition" else shared
+        return walks | {"division": _compared(shared, divided, region, self.robots)}
+
     def _walk(
-        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None
+        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
         """The chain that the strategy finds, with its certificate, goal and value."""
         import numpy as np
@@ -186,7 +306,7 @@ class PatrolGraph(Study):
 
         if self.strategy == "toward":
             (vertex,) = self._vertices(names, "vertex", str(self.vertex))
-            return {"chain": patrol.toward(graph, vertex, self.paths)}
+            return {"chain": patrol.toward(graph, vertex, self.paths), "value": None}
         # Without given shares of time, the best walks leave some vertices out.
         even = np.full(graph.vertices, 1 / graph.vertices)
         visits = None
@@ -194,20 +314,26 @@ class PatrolGraph(Study):
             visits = patrol.load_values(self.visits, names)
             visits = even = visits / visits.sum()
         best: Any
+        team = None
+        who = "one patroller captures" if robots == 1 else f"{robots} patrollers capture"
         goal = {
             "return-time": "return-time entropy, in nats",
-            "capture": "least chance that one patroller captures within "
-            + ("its attack time" if self.attack_time is None else f"{self.attack_time} steps"),
+            "capture": f"{_CHANCE} {who} within {self._within}",
         }.get(self.strategy)
         if self.strategy == "commute":
-            best = optimize.minimum_commute(graph, emphasis, self.share)
+            durations = self._times(graph)
+            best = optimize.minimum_commute(graph, emphasis, self.share, durations=durations)
             chain = patrol.random_walk(graph, best.weights)
         elif self.strategy == "capture":
             times: Any = self.attack_time
             if self.attack_times is not None:
-                times = np.rint(patrol.load_values(self.attack_times, names)).astype(np.int64)
-            best = patrol.maximin_capture(graph, times, throw=False)
-            chain = best.chains[0]
+                times = np.rint(patrol.load_values(self.attack_times, names))
+            unit = 1.0 if self.speed is None else self.time_unit
+            times = np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
+            best = patrol.maximin_capture(
+                graph, times, travel_times=self._times(graph), robots=robots, throw=False
+            )
+            chain, team = best.chains[0], best.matrices if robots > 1 else None
         else:
             seek: Any = {
                 "mixing": lambda: optimize.fastest_mixing(graph, even),
@@ -224,8 +350,38 @@ class PatrolGraph(Study):
         value = None if goal is None else best.value
         return {
             "chain": chain,
+            "team": team,
             "certificate": best.certificate,
             "goal": goal,
             "value": value,
             "local": self.strategy in ("kemeny", "return-time", "capture"),
         }
+
+    @property
+    def _within(self) -> str:
+        if self.attack_time is None:
+            return "its attack time"
+        return f"{self.attack_time} {'steps' if self.speed is None else 's'}"
+
+
+def _compared(
+    shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
+) -> "Division":
+    """What robots achieve that share the graph, if they can, and that divide it."""
+    import numpy as np
+
+    from ..patrol import Division, long_run, steps_between_visits
+
+    rows, nothing = [], np.full(region.size, np.nan)
+    for found in (shared, divided):
+        visits = nothing
+        if found is not None:
+            team = found["team"]
+            if team is None:
+                team = np.stack([found["chain"].to_scipy().toarray()] * robots)
+            visits = steps_between_visits(long_run(team))
+        value = np.nan if found is None or found["value"] is None else found["value"]
+        rows.append((visits.mean(), visits.max(), value))
+    mean, worst, value = np.array(rows).T
+    caught = value if str(divided["goal"]).startswith(_CHANCE) else None
+    return Division(["shared", "partition"], mean, worst, caught, region)

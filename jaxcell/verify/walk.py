@@ -32,8 +32,8 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     found = patrol.hitting_time[:, targets].T
     entropy = share @ scipy.special.entr(P).sum(axis=1)
     about = "hitting times of some vertices, by spsolve", found, again
-    to_visited = patrol.hitting_time[:, visited] @ share[visited]
-    kemeny = np.full(vertices, patrol.kemeny_constant), to_visited
+    to_visited = patrol.hitting_time[np.ix_(visited, visited)] @ share[visited]
+    kemeny = np.full(visited.size, patrol.kemeny_constant), to_visited
     what = "Kemeny constant, by the hitting times from each start"
     return [
         Comparison.close(*about, _TIME, relative=True),

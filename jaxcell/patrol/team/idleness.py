@@ -1,6 +1,6 @@
 import dataclasses
 import heapq
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -49,10 +49,13 @@ class Idleness(Result):
     "The attack does not wait for the robots to be far away."
 
 
-def long_run(
-    matrices: Float[np.ndarray, "robots vertices vertices"],
-) -> Float[np.ndarray, "robots vertices"]:
-    """The share of its time that each robot spends at each vertex, wherever it starts."""
+def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
+    """The share of its time that each robot spends at each vertex, wherever it starts.
+
+    **Arguments:**
+
+    - `matrices`: the transition matrix of each, dense or sparse.
+    """
     chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix)) for matrix in matrices]
     limits = [limiting_distribution(chain, persistent_groups(chain)).value for chain in chains]
     return np.stack([np.asarray(limit) for limit in limits])

@@ -90,8 +90,8 @@ def maximin_capture(
         vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `starts`: how many chains to start from. The first goes along a short closed tour. Where all
-        edges and attacks take as long, up to eight times as many are tried on a small graph, and
-        fewer on one of more than 84 vertices.
+        edges and attacks take as long, one robot has up to eight times as many on a small graph,
+        and fewer on one of more than 84 vertices; several robots have fewer by their number.
     - `seed`: of the other starts, which are random.
     - `tolerance`: of the residual.
     - `throw`: whether to raise when the answer is not good enough.
@@ -129,7 +129,7 @@ def maximin_capture(
     plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
     if plain:
         # A step is quick on small graphs, and more starts find more than more steps.
-        count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2)))
+        count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2) / robots))
         begin = among.starts(count, robots, seed)
         found, best, steps, late = _ascend(
             graph,

@@ -9,9 +9,11 @@ from ...base.certificate import Certificate, Outcome
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...optimize import Graph
+from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
 from ..team.idleness import Idleness, long_run, steps_between_visits
+from ..team.news import News
 from .game import StrategyGame
 from .measures import Measures, measure
 
@@ -45,8 +47,14 @@ class GraphPatrol(Measures):
     "The transition matrix of each robot, where they differ; the measures are those of the first."
     timed: Timed | None = None
     "The walk in seconds, if edges have travel times."
+    by_steps: bool = False
+    "Whether the walk was chosen by steps although they take times that differ."
     division: Division | None = None
     "What robots achieve that share the graph, and that divide it."
+    news: News | None = None
+    "How old news are at a base."
+    charged: Charged | None = None
+    "The walk of the first robot, kept near enough to a charger."
     idleness: Idleness | None = None
     "How long vertices wait for visits, beside three other patrols."
     weights_unused: bool = False
@@ -117,6 +125,8 @@ class GraphPatrol(Measures):
             found.append("robots walk differently; times and entropy are those of robot 0")
         if self.weights_unused:
             found.append("the weights of edges in the file are not used; the walk has its own")
+        if self.by_steps:
+            found.append("the walk is chosen by steps; the times in seconds are those it then has")
         if self.local:
             found.append(
                 "the walk is a local optimum, the best that several starts lead to; another may be "
@@ -165,9 +175,9 @@ class GraphPatrol(Measures):
     def probabilities(self) -> Float[np.ndarray, "edges 2"]:
         return np.stack([self.transition[i, j] for i, j in self._directions], axis=1)
 
-    @derived("edge", "share of steps along it", "1", kind="share")
+    @derived("edge", "share of steps along it, mean over robots", "1", kind="share")
     def weight(self) -> Float[np.ndarray, "edges"]:
-        flow = self.stationary[:, None] * self.transition
+        flow = (self.shares[:, :, None] * self.matrices).mean(axis=0)
         return sum(flow[i, j] for i, j in self._directions)
 
     @derived("", "largest share of the steps on one edge", kind="share")
