@@ -3,10 +3,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import tyro
-
 from ..base.limits import MAX_VERTICES
-from .study import Say, Study, require, silent
+from .graph_study import GraphStudy
+from .study import Say, require, silent
 
 
 if TYPE_CHECKING:
@@ -21,14 +20,11 @@ _CHANCE = "least chance that"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PatrolGraph(Study):
+class PatrolGraph(GraphStudy):
     """Find a random walk with which to patrol a graph, and play against an adversary."""
 
     name: ClassVar[str] = "patrol"
 
-    file: tyro.conf.Positional[Path]
-    """Graph file: node-link .json, .graphml, .gml, .adjlist, .graph of patrolling_sim, or a list of
-    vertices and edges .edges or .txt. Vertices may have no positions; edges are then alike."""
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
@@ -45,17 +41,6 @@ class PatrolGraph(Study):
     paths: int = 1
     """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
     the dissertation's table, the walk goes straight there."""
-    attack_time: int | None = None
-    """Steps that an attack takes, or seconds with a speed, for "capture", which is by all."""
-    robots: int = 1
-    """How many patrollers walk, each by itself."""
-    division: Literal["shared", "partition"] | None = None
-    """Whether robots share the graph or have a part of it each; both are then compared. Without it
-    they share it."""
-    speed: float | None = None
-    """Metres a second, by which edges take as long as their lengths say; without it, a step."""
-    time_unit: float = 1.0
-    """Seconds to which the times of edges are rounded."""
     attack_times: Path | None = None
     """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, or
     seconds with a speed, for "capture"."""
@@ -66,31 +51,12 @@ class PatrolGraph(Study):
     """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
-    base: str | None = None
-    """A vertex where robots tell what they saw; how old news are there."""
-    charger: str | None = None
-    """A vertex where a robot must be every so many steps; what becomes of the walk."""
-    every: int | None = None
-    """The most steps between two times at the charger."""
-    baselines: bool = False
-    """Also simulate how long vertices wait for a visit, by this walk, by robots on a tour, by those
-    that go anywhere and by those that go where nobody was for longest."""
-    seed: int = 0
-    """Seed of the walk that is recorded, and of simulations."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
         require("paths", self.paths, "at least 1", lambda x: x >= 1)
-        require("robots", self.robots, "at least 1", lambda x: x >= 1)
-        for name in ("speed", "time_unit"):
-            require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
-        if (self.charger is None) != (self.every is None):
-            raise ValueError("every: expected with a charger, and only then")
-        if self.charger is not None and (self.speed is not None or self.robots > 1):
-            raise ValueError("charger has no meaning with a speed, or for more than one robot")
         if self.division is not None:
-            if self.robots == 1:
-                raise ValueError("division has no meaning for one robot")
             for name in ("vertex", "emphasis", "visits", "attack_times"):
                 if getattr(self, name):
                     raise ValueError(f"division has no meaning with {name}, which is for all")
@@ -135,9 +101,9 @@ class PatrolGraph(Study):
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
-        emphasis = self._vertices(names, "emphasis", *self.emphasis) or None
+        emphasis = self.vertices(names, "emphasis", *self.emphasis) or None
         for name, vertex in (("base", self.base), ("charger", self.charger)):
-            self._vertices(names, name, *([] if vertex is None else [vertex]))
+            self.vertices(names, name, *([] if vertex is None else [vertex]))
         say(f"seeking a walk on {graph.vertices:,} vertices")
         walk, game = self._walks(graph, names, emphasis, say), None
         if self.game:
@@ -148,52 +114,10 @@ class PatrolGraph(Study):
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
         options["weights_unused"] = has_weights(self.file)
+        by_steps = ("mixing", "kemeny", "entropy", "return-time")
+        options["by_steps"] = self.speed is not None and self.strategy in by_steps
         found = GraphPatrol.of(graph, **walk, game=game, **options)
-        return dataclasses.replace(found, **self._more(found, say))
-
-    def _more(self, found: "GraphPatrol", say: Say) -> dict[str, Any]:
-        """What else was asked of the walks."""
-        from .. import patrol
-
-        more: dict[str, Any] = {}
-        times = self._times(found.graph)
-        seconds = None if times is None else times * self.time_unit
-        if seconds is not None:
-            walks = found.matrices, found.shares
-            more["timed"] = patrol.timed(found.graph, *walks, seconds, self.time_unit)
-            more["by_steps"] = self.strategy in ("mixing", "kemeny", "entropy", "return-time")
-        if self.base is not None:
-            say("following news")
-            (base,) = self._vertices(found.names, "base", self.base)
-            more["news"] = patrol.age_of_news(
-                found.graph,
-                found.matrices,
-                base,
-                times=times,
-                unit=1.0 if times is None else self.time_unit,
-                name=self.base,
-            )
-        if self.charger is not None:
-            (charger,) = self._vertices(found.names, "charger", self.charger)
-            attack = {"attack_time": self.attack_time, "name": self.charger}
-            walk = found.graph, found.transition, charger, self.every
-            more["charged"] = patrol.charged(*walk, **attack)
-        if self.baselines:
-            say("simulating patrols")
-            more["idleness"] = patrol.simulate_idleness(
-                found.graph,
-                found.matrices,
-                times=seconds,
-                attack_time=self.attack_time,
-                seed=self.seed,
-            )
-        return more
-
-    def _times(self, graph: "Graph") -> Any:
-        """How many units of time each edge takes, if that is asked for."""
-        from ..patrol import whole_times
-
-        return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
+        return dataclasses.replace(found, **self.more(found, say))
 
     def heading(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
@@ -203,7 +127,7 @@ class PatrolGraph(Study):
 
         found = compare_walk(result)
         if self.strategy == "commute" and self.division != "partition":
-            emphasis = self._vertices(result.names, "emphasis", *self.emphasis)
+            emphasis = self.vertices(result.names, "emphasis", *self.emphasis)
             found += compare_commute(result, emphasis, self.share)
         return found if result.game is None else [*found, *compare_game(result.game)]
 
@@ -233,7 +157,7 @@ class PatrolGraph(Study):
 
         if self.attack_time is None:
             return
-        times = self._times(graph)
+        times = self.times(graph)
         taken = graph.matrix(np.ones(len(graph.edges)) if times is None else times.astype(float))
         away = shortest_path(taken)
         # To a vertex and back it takes two steps.
@@ -245,14 +169,6 @@ class PatrolGraph(Study):
                 f"attack_time: {self.attack_time} {of} are over before a patroller comes from "
                 f"vertex {start!r} to {end!r}, which takes {away.max() * unit:g}"
             )
-
-    def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
-        """The numbers of vertices that a parameter names."""
-        for name in wanted:
-            if name not in names:
-                listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
-        return [names.index(name) for name in wanted]
 
     def _walks(
         self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
@@ -274,7 +190,7 @@ class PatrolGraph(Study):
         for robot in range(self.robots):
             say(f"seeking a walk on part {robot + 1} of {self.robots}")
             inside = np.flatnonzero(region == robot)
-            part, called = patrol.part_of_graph(graph, inside), [names[v] for v in inside]
+            part, called = patrol.part_of_graph(graph, inside), [names[v] for v in inside.tolist()]
             self._check_reach(part, called)
             parts.append(self._walk(part, called, None, 1))
             within = parts[-1]["chain"].to_scipy().toarray()
@@ -305,7 +221,7 @@ class PatrolGraph(Study):
         from .. import optimize, patrol
 
         if self.strategy == "toward":
-            (vertex,) = self._vertices(names, "vertex", str(self.vertex))
+            (vertex,) = self.vertices(names, "vertex", str(self.vertex))
             return {"chain": patrol.toward(graph, vertex, self.paths), "value": None}
         # Without given shares of time, the best walks leave some vertices out.
         even = np.full(graph.vertices, 1 / graph.vertices)
@@ -321,7 +237,7 @@ class PatrolGraph(Study):
             "capture": f"{_CHANCE} {who} within {self._within}",
         }.get(self.strategy)
         if self.strategy == "commute":
-            durations = self._times(graph)
+            durations = self.times(graph)
             best = optimize.minimum_commute(graph, emphasis, self.share, durations=durations)
             chain = patrol.random_walk(graph, best.weights)
         elif self.strategy == "capture":
@@ -331,7 +247,7 @@ class PatrolGraph(Study):
             unit = 1.0 if self.speed is None else self.time_unit
             times = np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
             best = patrol.maximin_capture(
-                graph, times, travel_times=self._times(graph), robots=robots, throw=False
+                graph, times, travel_times=self.times(graph), robots=robots, throw=False
             )
             chain, team = best.chains[0], best.matrices if robots > 1 else None
         else:

@@ -58,7 +58,8 @@ def parse_simulator_graph(text: str) -> SimulatorGraph:
     if scale <= 0:
         raise refused(f"word {at}", "more than 0 metres a pixel", words[at - 1])
     right, up = number("an offset in metres"), number("an offset in metres")
-    vertices, ways = [], {}
+    vertices: list[tuple[str, str, float, float]] = []
+    ways: dict[tuple[str, str], tuple[str, float]] = {}
     for _ in range(total):
         name, field = str(count("the number of a vertex")), f"word {at}"
         x, y = number("a coordinate in pixels"), number("a coordinate in pixels")

@@ -107,11 +107,10 @@ def charged(
     hops = scipy.sparse.csgraph.shortest_path(
         graph.matrix(np.ones(len(graph.edges))), unweighted=True, indices=charger
     )
-    far = int(hops.argmax())
-    if not every >= 2 * hops[far]:
+    if not every >= 2 * hops.max():
         raise ValueError(
-            f"every: expected at least {2 * hops[far]:.0f} steps, to vertex {far} and back, got "
-            f"{every}"
+            f"every: expected at least {2 * hops.max():.0f} steps, to the farthest vertex and "
+            f"back, got {every}"
         )
     beside = graph.matrix(np.ones(len(graph.edges))).toarray()
     chance = np.zeros((every, vertices, vertices))

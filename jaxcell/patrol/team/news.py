@@ -106,9 +106,10 @@ def age_of_news(
     delays = graph.matrix(taken).toarray().astype(np.int64) + np.eye(graph.vertices, dtype=np.int64)
     laws = [_Backward.of(matrix, delays, base, graph.vertices) for matrix in matrices]
     heard = np.any([law.heard for law in laws], axis=0)
-    missed, unheard = [], []
+    missed: list[float] = []
+    unheard: list[Float[np.ndarray, vertices]] = []
     while len(missed) < _LONGEST:
-        missed.append(np.prod([law.away for law in laws]))
+        missed.append(float(np.prod([law.away for law in laws])))
         unheard.append(np.prod([law.unheard for law in laws], axis=0))
         if unheard[-1][heard].max(initial=0) < _REST:
             break

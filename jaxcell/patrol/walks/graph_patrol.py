@@ -200,17 +200,13 @@ class GraphPatrol(Measures):
     def shares(self) -> Float[np.ndarray, "robots vertices"]:
         return long_run(self.matrices)
 
-    @derived("vertex", "steps between visits by any robot, mean", "steps", kind="time")
-    def mean_idleness(self) -> Float[np.ndarray, "vertices"]:
-        return steps_between_visits(self.shares)
-
     @derived("", "steps between visits, mean over vertices", "steps", kind="time")
-    def mean_idleness_of_vertices(self) -> float:
-        return float(self.mean_idleness.mean())
+    def mean_idleness(self) -> float:
+        return float(steps_between_visits(self.shares).mean())
 
     @derived("", "steps between visits at the vertex with most of them", "steps", kind="time")
-    def worst_mean_idleness(self) -> float:
-        return float(self.mean_idleness.max())
+    def worst_idleness(self) -> float:
+        return float(steps_between_visits(self.shares).max())
 
     @property
     def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:

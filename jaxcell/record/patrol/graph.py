@@ -234,7 +234,7 @@ starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats)
 ones. The mixing time, until total variation is within 1/4, is *never* if the walk is
 periodic: it does not forget its start.
 
-{described(patrol, "vertex", "stationary", "mean_time_to", "mean_idleness")}
+{described(patrol, "vertex", "stationary", "mean_time_to")}
 {_team(patrol)}
 {made_with(spec)}"""
 
