@@ -35,6 +35,15 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.
 
+**Teams and time.** Robots walk each by itself, by the `long_run` shares of time of their chains.
+`divide_graph` gives each a part of the graph, `part_of_graph`, where it stays, `walk_in_part`;
+`Division` puts that beside sharing. Where edges take `whole_times`, `timed` gives the hitting times
+of a walk in seconds, a semi-Markov process; `minimum_commute` and `maximin_capture` take such times
+too. *Idleness* is the time between visits: `steps_between_visits` exactly, and `simulate_idleness`
+beside a tour, random robots and reactive ones, the baselines of patrolling_sim. `age_of_news` is
+the law of the age of what a base knows, which robots tell as they pass; `charged` is a walk that is
+back at a charger every so many steps.
+
 **Games.** In `strategy_game` the patroller commits to a mixture of walks and the adversary, who
 knows it, attacks a vertex (Eq. 4.6, 4.7). The `k`-th closest vertex of a walk is worth `1/2^(k-1)`
 as a probability of capture, as in Table 4.2 (Alg. 4.2 prints another exponent).

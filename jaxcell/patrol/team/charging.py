@@ -100,7 +100,7 @@ def charged(
         >>> line = patrol.Graph([[0, 1], [1, 2]])
         >>> walk = np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
         >>> found = patrol.charged(line, walk, 0, 4)
-        >>> found.interval.tolist(), found.share.round(3).tolist()
+        >>> found.interval.round(3).tolist(), found.share.round(3).tolist()
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """
     vertices = graph.vertices

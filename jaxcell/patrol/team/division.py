@@ -87,7 +87,23 @@ def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
 
 
 def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
-    """The graph of some vertices and the edges between them, which number anew in their order."""
+    """The graph of some vertices and the edges between them, which are numbered anew in order.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `vertices`: their numbers in it.
+
+    **Returns:** the part.
+
+    The last three of a line of four vertices:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> line = patrol.Graph([(i, i + 1) for i in range(3)])
+        >>> patrol.part_of_graph(line, np.array([1, 2, 3])).edges.tolist()
+        [[0, 1], [1, 2]]
+    """
     number = np.full(graph.vertices, -1)
     number[vertices] = np.arange(vertices.size)
     ends = number[graph.edges]
@@ -100,7 +116,24 @@ def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
 def walk_in_part(
     graph: Graph, vertices: Int[np.ndarray, "some"], matrix: Float[np.ndarray, "some some"]
 ) -> Float[np.ndarray, "vertices vertices"]:
-    """A walk in a part of a graph as one on all of it, that goes there on a shortest way."""
+    """A walk in a part of a graph as one on all of it, that goes there on a shortest way.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `vertices`: those of the part.
+    - `matrix`: the transition matrix of the walk between them.
+
+    **Returns:** array `[vertices, vertices]`, the transition matrix between all.
+
+    To and fro at one end of a line of four vertices:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> line = patrol.Graph([(i, i + 1) for i in range(3)])
+        >>> patrol.walk_in_part(line, np.array([0, 1]), np.array([[0, 1.0], [1, 0]])).argmax(axis=1)
+        array([1, 0, 1, 2])
+    """
     lengths = graph.matrix(np.maximum(graph.lengths, np.finfo(np.float64).tiny))
     _, before, _ = scipy.sparse.csgraph.dijkstra(
         lengths, directed=False, indices=vertices, min_only=True, return_predecessors=True

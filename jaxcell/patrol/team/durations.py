@@ -94,7 +94,7 @@ def timed(
         >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
         >>> found = patrol.timed(graph, walk, np.array([[0.25, 0.5, 0.25]]), [1, 10], 1.0)
         >>> found.hitting_time.round(6).tolist()
-        [[0.0, 1.0, 22.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
+        [[0.0, 1.0, 13.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
     """
     durations = np.array(durations, np.float64)
     taken = graph.matrix(durations).toarray() + wait * np.eye(graph.vertices)
@@ -139,6 +139,8 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
     - `graph`: the graph, whose edges have lengths in metres.
     - `speed`: in metres per second.
     - `unit`: in seconds.
+
+    **Returns:** the times, rounded.
 
     Two edges of 1 and 2.6 m at 0.5 m/s, in seconds:
 

@@ -55,8 +55,16 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
     **Arguments:**
 
     - `matrices`: the transition matrix of each, dense or sparse.
+
+    **Returns:** array `[robots, vertices]`.
+
+    A robot that goes to and fro at one end of a line of three vertices:
+
+        >>> from jaxcell import patrol
+        >>> patrol.long_run([[[0, 1, 0], [1, 0, 0], [0, 1, 0]]]).tolist()
+        [[0.5, 0.5, 0.0]]
     """
-    chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix)) for matrix in matrices]
+    chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix, dtype=float)) for matrix in matrices]
     limits = [limiting_distribution(chain, persistent_groups(chain)).value for chain in chains]
     return np.stack([np.asarray(limit) for limit in limits])
 
@@ -67,6 +75,19 @@ def steps_between_visits(
     """The mean time between steps at which a robot is at a vertex, by their shares of time.
 
     Robots are independent, and some are there at once; such visits count as one.
+
+    **Arguments:**
+
+    - `shares`: how often each robot is at each vertex, [`long_run`][].
+
+    **Returns:** the times, in steps; infinite where nobody comes.
+
+    Two robots that are each at the first of two vertices half of the time:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> patrol.steps_between_visits(np.array([[0.5, 0.5], [0.5, 0.5]])).round(3).tolist()
+        [1.333, 1.333]
     """
     with np.errstate(divide="ignore"):
         return 1 / (1 - (1 - shares).prod(axis=0))
