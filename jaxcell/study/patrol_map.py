@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..optimize import Graph
     from ..patrol import PatrolledMap, Policy, Regions
     from ..space import CellSpace
+    from ..space.extent import Extent
     from ..verify import Comparison
 
 
@@ -23,9 +24,6 @@ _MAX_RUNS = 10_000_000
 _SHARES = (0.0, 0.2, 0.5, 0.8)
 # So many robots are tried.
 _MAX_ROBOTS = 20
-# The smallest cover of more cells may take too long.
-_MAX_COVERED = 500
-_COVER_SECONDS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -117,10 +115,16 @@ class PatrolMap(CellStudy):
         if self.robots == 1:
             raise ValueError("lost: robot 0 is the only one; none would be left to patrol")
 
+    def needed(self, extent: "Extent") -> float | int:
+        from ..space import estimates
+
+        return estimates.patrol(extent)
+
     def run(self, say: Say = silent) -> "PatrolledMap":
         import jax
 
         from .. import patrol
+        from ..patrol.map.policies import smallest_covers
         from ..space import visible_cells
 
         cells = self.cells()
@@ -166,7 +170,7 @@ class PatrolMap(CellStudy):
             capture=capture,
             regions=regions,
             start=self.start,
-            smallest_covers=_smallest_covers(visible, policies),
+            smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,
             **found,
         )
@@ -177,29 +181,32 @@ class PatrolMap(CellStudy):
         """The policies of as many robots as are asked for, or as the wanted capture takes."""
         import numpy as np
 
+        most = min(_MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
+        made = {}
+        if self.strategy != "capture":
+            made = self._emphasised(graph, visible, most, regions, say)
         reached: list[float] = []
-        for robots in range(1, min(_MAX_ROBOTS, graph.vertices) + 1):
-            if self.capture is None or self.robots != "auto":
-                return self._policies(graph, visible, int(self.robots), regions, say)
-            found = self._policies(graph, visible, robots, regions, say)
-            reached.append(self._least(graph, visible, found["policies"], regions))
-            say(f"a team of {robots} captures {reached[-1]:.3f} at least")
-            if reached[-1] >= self.capture:
-                break
-        return found | {"size_capture": np.array(reached), "wanted": self.capture}
+        for robots in range(most if self.capture is None else 1, most + 1):
+            if made:
+                some = {share: policies[:robots] for share, policies in made.items()}
+                found, least = self._chosen(graph, visible, some, regions)
+            else:
+                found, least = self._searched(graph, visible, robots, say)
+            reached.append(least)
+            if self.capture is not None:
+                say(f"a team of {robots} captures {least:.3f} at least")
+                if least >= self.capture:
+                    break
+        if self.capture is not None:
+            found |= {"size_capture": np.array(reached), "wanted": self.capture}
+        return found
 
-    def _policies(
-        self,
-        graph: "Graph",
-        visible: "np.ndarray",
-        robots: int,
-        regions: "Regions | None",
-        say: Say,
-    ) -> dict[str, Any]:
+    def _searched(
+        self, graph: "Graph", visible: "np.ndarray", robots: int, say: Say
+    ) -> tuple[dict[str, Any], float]:
+        """The policies that capture most, and the least probability of capture."""
         from .. import patrol
 
-        if self.strategy != "capture":
-            return self._emphasised(graph, visible, robots, regions, say)
         say(f"searching for the patrol of {robots} robots that captures most")
         search = patrol.capture_policies(
             graph,
@@ -211,22 +218,7 @@ class PatrolMap(CellStudy):
             starts=self.starts,
             seed=self.seed,
         )
-        return {"policies": search.policies, "search": search}
-
-    def _least(
-        self,
-        graph: "Graph",
-        visible: "np.ndarray",
-        policies: "Sequence[Policy]",
-        regions: "Regions | None",
-    ) -> float:
-        """The least probability of capture in the first of the attack times."""
-        from .. import patrol
-
-        (caught,) = patrol.capture_probabilities(
-            graph, visible, policies, [self.attack_times[0]], self.start
-        )
-        return float(caught[patrol.contested(visible, policies, regions)].min(initial=1.0))
+        return {"policies": search.policies, "search": search}, search.value
 
     def _emphasised(
         self,
@@ -235,35 +227,53 @@ class PatrolMap(CellStudy):
         robots: int,
         regions: "Regions | None",
         say: Say,
-    ) -> dict[str, Any]:
-        """The policies of the share that is asked for, or of the one that captures most."""
-        import numpy as np
-
+    ) -> "dict[float, tuple[Policy, ...]]":
+        """The policies of the share that is asked for, or of those among which one is chosen."""
         from .. import patrol
 
         tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
         if graph.vertices > MAX_VERTICES:
             # One search takes a minute and more.
             tried = (0.0,) if self.share == "auto" else (self.share,)
-        least, policies = [], []
+        made = {}
         for share in tried:
             say(f"making policies for {robots} robots, with a share of {share:g}")
             if regions is None:
-                made = patrol.distributed_policies(graph, visible, robots, share)
+                made[share] = patrol.distributed_policies(graph, visible, robots, share)
             else:
-                made = patrol.centralized_policies(graph, visible, regions, share)
-            policies.append(made)
-            least.append(self._least(graph, visible, made, regions))
+                made[share] = patrol.centralized_policies(graph, visible, regions, share)
+        return made
+
+    def _chosen(
+        self,
+        graph: "Graph",
+        visible: "np.ndarray",
+        made: "dict[float, tuple[Policy, ...]]",
+        regions: "Regions | None",
+    ) -> tuple[dict[str, Any], float]:
+        """The policies of the best share, or of that asked for, and what they capture at least."""
+        import numpy as np
+
+        from .. import patrol
+
+        least = []
+        for policies in made.values():
+            (caught,) = patrol.capture_probabilities(
+                graph, visible, policies, [self.attack_times[0]], self.start
+            )
+            least.append(caught[patrol.contested(visible, policies, regions)].min(initial=1.0))
+        tried = list(made)
         # Shares that differ by rounding count as equal, and the first of them is taken.
         best = (
             int(np.argmax(np.round(least, 9))) if self.share == "auto" else tried.index(self.share)
         )
-        return {
-            "policies": policies[best],
+        found = {
+            "policies": made[tried[best]],
             "chosen_share": tried[best],
             "shares": np.array(tried),
             "share_capture": np.array(least),
         }
+        return found, float(least[best])
 
     def spec(self, result: Result) -> dict[str, Any]:
         spec = super().spec(result)
@@ -364,25 +374,6 @@ class PatrolMap(CellStudy):
         else:
             why = "no robot ever sees it, so that any attack succeeds"
         raise ValueError(f"target {self.target!r}: {why}")
-
-
-def _smallest_covers(visible: "np.ndarray", policies: "Sequence[Policy]") -> "np.ndarray":
-    """The size of the smallest cover of each robot's cells; NaN where that takes too long."""
-    import numpy as np
-
-    from ..optimize import minimum_cover
-
-    found: dict[bytes, float] = {}
-    for policy in policies:
-        key = policy.cells.tobytes()
-        if policy.cells.size > _MAX_COVERED:
-            found[key] = np.nan
-        elif key not in found:
-            sets = visible[np.ix_(policy.cells, policy.cells)]
-            cover = minimum_cover(sets, time_limit=_COVER_SECONDS, throw=False)
-            proven = 0 < cover.bound == cover.chosen.size
-            found[key] = cover.chosen.size if proven else np.nan
-    return np.array([found[policy.cells.tobytes()] for policy in policies], float)
 
 
 def _position(cells: "CellSpace", text: str, parameter: str) -> int:

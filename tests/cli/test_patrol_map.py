@@ -179,7 +179,7 @@ def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
         os.write(1, b"the solver writes\n")
         return minimum_cover(*args, **options)
 
-    monkeypatch.setattr("jaxcell.optimize.minimum_cover", speaks)
+    monkeypatch.setattr("jaxcell.patrol.map.policies.minimum_cover", speaks)
     assert main(["patrol", "map", str(LAB), *map_args(NEAR), "--json"]) == 0
     captured = capfd.readouterr()
     assert json.loads(captured.out)["positions"] == 19

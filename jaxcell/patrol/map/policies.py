@@ -1,4 +1,5 @@
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse.csgraph
@@ -6,9 +7,21 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...mapping import Chain
-from ...optimize import Graph, MinimumCommute, greedy_cover, minimum_commute, shortest_tour
+from ...optimize import (
+    Graph,
+    MinimumCommute,
+    greedy_cover,
+    minimum_commute,
+    minimum_cover,
+    shortest_tour,
+)
 from ..walks.walk import random_walk
 from .regions import Regions, check_visible
+
+
+# The smallest cover of more cells may take too long.
+_MAX_COVERED = 500
+_COVER_SECONDS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -127,6 +140,23 @@ def centralized_policies(
         _policy(graph, regions.cells(k), visible, share, view=regions.view)
         for k in range(regions.count)
     )
+
+
+def smallest_covers(
+    visible: Bool[np.ndarray, "cells cells"], policies: Sequence[Policy]
+) -> Float[np.ndarray, "robots"]:
+    """The size of the smallest cover of each robot's cells; NaN where that takes too long."""
+    found: dict[bytes, float] = {}
+    for policy in policies:
+        key = policy.cells.tobytes()
+        if policy.cells.size > _MAX_COVERED:
+            found[key] = np.nan
+        elif key not in found:
+            sets = visible[np.ix_(policy.cells, policy.cells)]
+            cover = minimum_cover(sets, time_limit=_COVER_SECONDS, throw=False)
+            proven = 0 < cover.bound == cover.chosen.size
+            found[key] = cover.chosen.size if proven else np.nan
+    return np.array([found[policy.cells.tobytes()] for policy in policies], float)
 
 
 def _policy(
