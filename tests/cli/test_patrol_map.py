@@ -274,6 +274,7 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     assert error == "jaxcell patrol map: the residual stayed above the tolerance\n"
 
 
+@pytest.mark.slow
 def test_the_fewest_robots_for_a_capture(capsys):
     wanted = ("--robots", "auto", "--capture", 0.6, "--share", 0)
     status, found, _ = run(capsys, *NEAR, *wanted)
