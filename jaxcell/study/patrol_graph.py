@@ -136,6 +136,10 @@ class PatrolGraph(GraphStudy):
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
+        if self.speed is not None and graph.xy is None and graph.ways is None:
+            raise ValueError(
+                f"speed: edges of {self.file} have no lengths, and its vertices no positions"
+            )
         if graph.vertices > MAX_VERTICES:
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "

@@ -366,3 +366,18 @@ def test_steps_that_take_seconds_are_chosen_by_steps(capsys, line):
     _, found, said = run(capsys, "--strategy", "entropy", "--speed", 1, file=line)
     assert "the walk is chosen by steps; the times in seconds are those it then has" in said
     assert found["timed"]["mean_step"] > 2
+
+
+def test_a_speed_needs_lengths(capsys, tmp_path):
+    path = tmp_path / "line.adjlist"
+    path.write_text("a b\nb c\n")
+    status, found, error = run(capsys, "--speed", 1, file=path)
+    assert (status, found) == (2, None)
+    assert "line.adjlist have no lengths, and its vertices no positions" in error
+
+
+def test_the_game_is_in_steps(capsys, line):
+    status, found, said = run(capsys, "--game", "--speed", 1, file=line)
+    assert status == 0
+    assert found["game"]
+    assert "the game counts steps, not seconds" in said

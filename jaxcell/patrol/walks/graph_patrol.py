@@ -127,6 +127,8 @@ class GraphPatrol(Measures):
             found.append("the weights of edges in the file are not used; the walk has its own")
         if self.by_steps:
             found.append("the walk is chosen by steps; the times in seconds are those it then has")
+        if self.timed is not None and self.game is not None:
+            found.append("the game counts steps, not seconds")
         if self.local:
             found.append(
                 "the walk is a local optimum, the best that several starts lead to; another may be "
