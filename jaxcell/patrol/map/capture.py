@@ -308,7 +308,8 @@ class _Problem:
             weights = edge_shares(self.graph, chain)
             cover = greedy_cover(self.visible, robot)
             times = np.asarray(dense.hitting(jnp.asarray(chain.to_scipy().toarray())))
-            commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
+            with np.errstate(invalid="ignore"):
+                commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
             policies.append(
                 Policy(
                     cells=cells,
