@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks.graph_files import save_graph
+from jaxcell.patrol.files.graph_saving import save_graph
 
 
 def eight() -> Graph:

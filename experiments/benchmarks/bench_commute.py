@@ -212,7 +212,7 @@ def sweep(name: str, graph: Graph, problems: dict[str, Any], repeats: int) -> Ro
 
 
 def main() -> None:
-    full = "what takes a solver a minute, and 2,000 vertices with 8,000 edges"
+    full = "what takes a solver a minute, 2,000 vertices with 8,000 edges, and 2,800 by first order"
     arguments = options(__doc__, repeats=5, full=full).parse_args()
     begin("jax", "numpy", "scipy", "cvxpy")
     line("vertices", "edges", "program", "min, s", "median, s", "above the optimum", "steps")
@@ -222,6 +222,7 @@ def main() -> None:
         rows += side_by_side(side, blocked, arguments.repeats, arguments.full)
     if arguments.full:
         rows.append(alone(neighbours(2000, 8000)))
+        rows.append(alone(neighbours(2800, 10_400)))
     print()
     line("problems", "vertices", "edges", "program", "first, s", "min, s", "median, s", "differ by")
     line("---", "--:", "--:", "---", *["--:"] * 4)

@@ -1,4 +1,7 @@
 """How large the problems are that dense matrices serve."""
 
 MAX_VERTICES = 2_000
-"Vertices of a graph, or cells of a map, whose walks are optimised and measured."
+"Vertices of a graph whose walks are optimised and measured."
+
+MAX_CELLS = 5_000
+"Cells of a map whose patrols are optimised; above `MAX_VERTICES` by steps of first order."

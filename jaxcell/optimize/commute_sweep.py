@@ -121,7 +121,8 @@ def _on_tour(
     edges = graph.edges[allowed]
     if vertices_apart(graph.vertices, edges) is not None:
         return allowed
-    part = Graph(edges, graph.vertices, graph.xy)
+    ways = None if graph.ways is None else graph.ways[allowed]
+    part = Graph(edges, graph.vertices, graph.xy, ways)
     try:
         tour = shortest_tour(part, stops)
     except ValueError as error:

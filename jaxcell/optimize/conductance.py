@@ -2,6 +2,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -9,9 +10,12 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.certificate import Certificate
 from ..base.connected import check_connected
+from ..base.limits import MAX_VERTICES
 from ..base.threads import one_blas_thread
 from .graph import Graph
 from .interior_point import predictor_corrector
+from .laplacian import pseudo_inverse
+from .multiplicative import least_resistance
 from .tour import on_walk, shortest_tour
 
 
@@ -22,6 +26,8 @@ _NOTHING = 1e-12
 _LARGE = 2000
 # Below this, the distance from the central path is rounding.
 _ROUNDING = 1e-16
+# With more vertices, a method of first order closes the gap this far, in so many inversions.
+_COARSE, _INVERSIONS = 1e-2, 300
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,7 +37,7 @@ class MinimumCommute:
     weights: Float[np.ndarray, "edges"]
     "The weight of each edge; they are not negative and sum to 1."
     commute_time: float
-    "The mean over pairs of vertices of the expected number of steps there and back."
+    "The mean over pairs of vertices of the expected time there and back, in steps or as given."
     tour: Int[np.ndarray, "steps"] | None
     "The closed walk whose edges are emphasised, in order."
     certificate: Certificate
@@ -42,6 +48,7 @@ def minimum_commute(
     emphasis: Sequence[int] | None = None,
     share: float = 0.8,
     *,
+    durations: Any = None,
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> MinimumCommute:
@@ -59,13 +66,20 @@ def minimum_commute(
     the first one on each graph, and do not close the gap for a share of almost 1; the rows `walk
     with the least commute time` of the benchmarks are of this function.
 
+    On more than 2,000 vertices that Hessian is too large, and steps of first order are taken, with
+    one inverse of the vertices by vertices Laplacian each.
+
     **Arguments:**
 
     - `graph`: a connected graph.
     - `emphasis`: vertices to be visited more often, two or more. The shortest closed tour through
         them is that of [`jaxcell.optimize.shortest_tour`][].
     - `share`: the least sum of the weights on the edges of that tour, 0 to 1.
-    - `tolerance`: of the relative gap.
+    - `durations`: array `[edges]`, how long each edge takes, positive; by default 1. The commute
+        time is then in their unit, and `share` one of the time. With `t_e` these durations, a walk
+        there and back takes `sum_e w_e t_e` times as long as its steps, so that `w_e t_e` are the
+        weights of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
+    - `tolerance`: of the relative gap; on more than 2,000 vertices at least 0.01.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
@@ -74,7 +88,8 @@ def minimum_commute(
     `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008).
 
     **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part; for an
-    emphasis that is not two or more different vertices of the graph; for a share that is not 0 to
+    emphasis that is not two or more different vertices of the graph; for durations that are not
+    positive; for a share that is not 0 to
     1, or that leaves nothing but rounding to vertices that are not on the tour.
     `RuntimeError` if the gap does not close.
 
@@ -109,18 +124,40 @@ def minimum_commute(
                 "ever visit; expected less than 1"
             )
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
-    problem = _Problem(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)])
-    with one_blas_thread() if len(edges) <= _LARGE else contextlib.nullcontext():
-        if on_tour.all() or share <= _NOTHING:
-            found, design, iterations = _interior_point(problem, tolerance)
-            gap = _gap(design, problem.blocks)
-        else:
-            found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
+    times = _durations(graph, durations)[allowed]
+    if graph.vertices > MAX_VERTICES:
+        tolerance, bound = max(tolerance, _COARSE), 0.0 if on_tour.all() else share
+        found, resistance, gap, iterations = least_resistance(
+            graph.vertices, edges, times, on_tour, bound, tolerance, _INVERSIONS
+        )
+    else:
+        problem = _Problem(graph.vertices, edges, times, [(np.ones_like(on_tour), 1.0)])
+        with one_blas_thread() if len(edges) <= _LARGE else contextlib.nullcontext():
+            if on_tour.all() or share <= _NOTHING:
+                found, design, iterations = _interior_point(problem, tolerance)
+                gap = _gap(design, problem.blocks)
+            else:
+                found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
+        resistance = design.resistance
     weights = np.zeros(len(graph.edges))
-    weights[allowed] = found
+    weights[allowed] = found / times / (found / times).sum()
     certificate = Certificate(iterations, gap, tolerance)
     certificate.check("minimum_commute", throw)
-    return MinimumCommute(weights, 4 * design.resistance / (graph.vertices - 1), tour, certificate)
+    return MinimumCommute(weights, 4 * resistance / (graph.vertices - 1), tour, certificate)
+
+
+def _durations(graph: Graph, given: Any) -> Float[np.ndarray, "edges"]:
+    times = np.ones(len(graph.edges)) if given is None else np.array(given, np.float64)
+    if times.shape != (len(graph.edges),):
+        raise ValueError(
+            f"durations: expected {len(graph.edges)} numbers, one an edge, got {list(times.shape)}"
+        )
+    wrong = np.flatnonzero(~((times > 0) & np.isfinite(times)))
+    if wrong.size:
+        raise ValueError(
+            f"durations[{wrong[0]}] is {times[wrong[0]]}; expected a positive finite number"
+        )
+    return times
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,6 +166,7 @@ class _Problem:
 
     vertices: int
     edges: Int[np.ndarray, "edges 2"]
+    durations: Float[np.ndarray, "edges"]
     blocks: list[tuple[Bool[np.ndarray, "edges"], float]]
 
     def scaled(self, weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "edges"]:
@@ -153,22 +191,11 @@ class _Design:
     """The sum of the reciprocal eigenvalues of the Laplacian, and its derivatives."""
 
     def __init__(self, problem: _Problem, weights: Float[np.ndarray, "edges"]) -> None:
-        n = problem.vertices
         self.tail, self.head = problem.edges.T
-        laplacian = np.zeros((n, n))
-        laplacian[self.tail, self.head] = laplacian[self.head, self.tail] = -weights
-        degree = -laplacian.sum(axis=0)
-        laplacian[np.diag_indices(n)] = degree
-        # A constant turns the eigenvalue 0 into one within the range of the others.
-        shift = degree.mean()
-        factor, info = scipy.linalg.lapack.dpotrf(laplacian + shift / n, lower=1)
-        if info == 0:
-            factor, info = scipy.linalg.lapack.dpotri(factor, lower=1)
-        if info:
-            raise np.linalg.LinAlgError("the Laplacian is singular to rounding")
-        inverse = np.tril(factor) + np.tril(factor, -1).T - 1 / (shift * n)
+        self.root = np.sqrt(problem.durations)[:, None]
+        inverse = pseudo_inverse(problem.vertices, problem.edges, weights / problem.durations)
         self.resistance = float(np.trace(inverse))
-        self.columns = inverse[self.tail] - inverse[self.head]
+        self.columns = (inverse[self.tail] - inverse[self.head]) / self.root
         self.gain = np.einsum("en,en->e", self.columns, self.columns)
 
     def hessian(self, kind: type[np.floating]) -> Float[np.ndarray, "edges edges"]:
@@ -176,6 +203,7 @@ class _Design:
         rows = np.ascontiguousarray(columns.T)
         matrix = rows[self.tail]
         matrix -= rows[self.head]
+        matrix /= self.root.astype(kind)
         matrix *= columns @ columns.T
         matrix *= kind(2)
         return matrix

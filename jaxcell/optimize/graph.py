@@ -25,14 +25,19 @@ class Graph:
     "The two ends of each edge."
     xy: Float[np.ndarray, "vertices 2"] | None
     "The position of each vertex, in metres, if the graph lies in the plane."
+    ways: Float[np.ndarray, "edges"] | None
+    "How long each edge is, in metres, where that is more than the distance of its ends."
 
-    def __init__(self, edges: Any, vertices: int | None = None, xy: Any = None) -> None:
+    def __init__(
+        self, edges: Any, vertices: int | None = None, xy: Any = None, ways: Any = None
+    ) -> None:
         """**Arguments:**
 
         - `edges`: integer array `[edges, 2]`, the two ends of each edge.
         - `vertices`: how many there are; by default as many as `xy` has rows, and without `xy` as
             many as the edges name.
         - `xy`: array `[vertices, 2]`, the positions, in metres.
+        - `ways`: array `[edges]`, the lengths of the edges, in metres; by default the distances.
 
         **Raises:** `ValueError` for fewer than 2 vertices, and one that names the edge for an end
         that does not exist, a loop, and an edge that was there before, in either direction;
@@ -56,13 +61,25 @@ class Graph:
             if not np.isfinite(places).all():
                 v, axis = np.argwhere(~np.isfinite(places))[0]
                 raise ValueError(f"xy[{v}, {axis}] is {places[v, axis]}; expected a finite number")
+        lengths = None if ways is None else np.array(ways, np.float64)
+        if lengths is not None:
+            if lengths.shape != (len(ends),):
+                raise ValueError(f"ways: expected {len(ends)} lengths, got {list(lengths.shape)}")
+            wrong = np.flatnonzero(~((lengths > 0) & np.isfinite(lengths)))
+            if wrong.size:
+                raise ValueError(
+                    f"ways[{wrong[0]}] is {lengths[wrong[0]]}; expected a positive finite number"
+                )
+        object.__setattr__(self, "ways", lengths)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "edges", ends.astype(np.int32))
         object.__setattr__(self, "xy", places)
 
     @property
     def lengths(self) -> Float[np.ndarray, "edges"]:
-        """The Euclidean length of each edge, in metres; 1 where the vertices have no positions."""
+        """The length of each edge, in metres: that given, else the distance of its ends, else 1."""
+        if self.ways is not None:
+            return self.ways
         if self.xy is None:
             return np.ones(len(self.edges))
         tail, head = self.edges.T

@@ -35,6 +35,15 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.
 
+**Teams and time.** Robots walk each by itself, by the `long_run` shares of time of their chains.
+`divide_graph` gives each a part of the graph, `part_of_graph`, where it stays, `walk_in_part`;
+`Division` puts that beside sharing. Where edges take `whole_times`, `timed` gives the hitting times
+of a walk in seconds, a semi-Markov process; `minimum_commute` and `maximin_capture` take such times
+too. *Idleness* is the time between visits: `steps_between_visits` exactly, and `simulate_idleness`
+beside a tour, random robots and reactive ones, the baselines of patrolling_sim. `age_of_news` is
+the law of the age of what a base knows, which robots tell as they pass; `charged` is a walk that is
+back at a charger every so many steps.
+
 **Games.** In `strategy_game` the patroller commits to a mixture of walks and the adversary, who
 knows it, attacks a vertex (Eq. 4.6, 4.7). The `k`-th closest vertex of a walk is worth `1/2^(k-1)`
 as a probability of capture, as in Table 4.2 (Alg. 4.2 prints another exponent).
@@ -65,6 +74,9 @@ Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=
 """
 
 from ..optimize import Graph as Graph
+from .files.graph_files import has_weights as has_weights, load_graph as load_graph
+from .files.graph_saving import save_graph as save_graph
+from .files.values import load_values as load_values
 from .law.distribution import Gld as Gld
 from .law.fit import GldFit as GldFit, fit_gld as fit_gld
 from .map.attack import (
@@ -110,6 +122,21 @@ from .perimeter import (
     mean_hitting_times as mean_hitting_times,
     simulate as simulate,
 )
+from .team.charging import Charged as Charged, charged as charged
+from .team.division import (
+    Division as Division,
+    divide_graph as divide_graph,
+    part_of_graph as part_of_graph,
+    walk_in_part as walk_in_part,
+)
+from .team.durations import Timed as Timed, timed as timed, whole_times as whole_times
+from .team.idleness import (
+    Idleness as Idleness,
+    long_run as long_run,
+    simulate_idleness as simulate_idleness,
+    steps_between_visits as steps_between_visits,
+)
+from .team.news import News as News, age_of_news as age_of_news
 from .walks.capture import (
     MaximinCapture as MaximinCapture,
     maximin_capture as maximin_capture,
@@ -123,16 +150,10 @@ from .walks.entropy import (
     return_time_law as return_time_law,
 )
 from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
-from .walks.graph_files import (
-    has_weights as has_weights,
-    load_graph as load_graph,
-    save_graph as save_graph,
-)
 from .walks.graph_patrol import GraphPatrol as GraphPatrol
 from .walks.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.measures import Measures as Measures, measure as measure
 from .walks.paths import toward as toward
-from .walks.values import load_values as load_values
 from .walks.walk import (
     edge_shares as edge_shares,
     random_walk as random_walk,

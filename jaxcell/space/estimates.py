@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
 from ..base import memory
+from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .extent import Extent
 from .occupancy import cutting_bytes
 
@@ -93,6 +94,12 @@ def walk(vertices: int, edges: int, weighted: bool) -> float | int:
         of edges.
     """
     return 200 * vertices**2 + (20 * edges**2 if weighted else 0)
+
+
+def patrol(extent: Extent) -> float | int:
+    """Bytes of the patrol of a map: matrices of cells by cells, and of edges by edges on few."""
+    cells = min(extent.positions, MAX_CELLS)
+    return cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
 
 def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:

@@ -3,27 +3,28 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import tyro
-
 from ..base.limits import MAX_VERTICES
-from .study import Say, Study, require, silent
+from .graph_study import GraphStudy
+from .study import Say, require, silent
 
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..optimize import Graph
-    from ..patrol import GraphPatrol
+    from ..patrol import Division, GraphPatrol
     from ..verify import Comparison
 
 
+_CHANCE = "least chance that"
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class PatrolGraph(Study):
+class PatrolGraph(GraphStudy):
     """Find a random walk with which to patrol a graph, and play against an adversary."""
 
     name: ClassVar[str] = "patrol"
 
-    file: tyro.conf.Positional[Path]
-    """Graph file: node-link .json, .graphml, .gml, .adjlist, or a list of vertices and edges .edges
-    or .txt. Vertices may have no positions; edges are then alike."""
     strategy: Literal[
         "commute", "toward", "mixing", "kemeny", "entropy", "return-time", "capture"
     ] = "commute"
@@ -40,13 +41,9 @@ class PatrolGraph(Study):
     paths: int = 1
     """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
     the dissertation's table, the walk goes straight there."""
-    attack_time: int | None = None
-    """Steps that an attack takes, for "capture", which is by one patroller."""
-    robots: int = 1
-    """How many patrollers walk, each by itself."""
     attack_times: Path | None = None
-    """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, for
-    "capture"."""
+    """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, or
+    seconds with a speed, for "capture"."""
     visits: Path | None = None
     """File of a line "vertex share" for each vertex: how often the walk is there, relative to the
     others, for mixing, kemeny, entropy and return-time."""
@@ -54,13 +51,15 @@ class PatrolGraph(Study):
     """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
-    seed: int = 0
-    """Seed of the walk that is recorded."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
         require("paths", self.paths, "at least 1", lambda x: x >= 1)
-        require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        if self.division is not None:
+            for name in ("vertex", "emphasis", "visits", "attack_times"):
+                if getattr(self, name):
+                    raise ValueError(f"division has no meaning with {name}, which is for all")
         if self.emphasis and not (self.strategy == "commute" or self.game):
             raise ValueError(f"emphasis has no meaning for {self.strategy!r} without a game")
         if len(self.emphasis) == 1:
@@ -102,9 +101,11 @@ class PatrolGraph(Study):
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
-        emphasis = self._vertices(names, "emphasis", *self.emphasis) or None
+        emphasis = self.vertices(names, "emphasis", *self.emphasis) or None
+        for name, vertex in (("base", self.base), ("charger", self.charger)):
+            self.vertices(names, name, *([] if vertex is None else [vertex]))
         say(f"seeking a walk on {graph.vertices:,} vertices")
-        walk, game = self._walk(graph, names, emphasis), None
+        walk, game = self._walks(graph, names, emphasis, say), None
         if self.game:
             say("mixing strategies")
             values = None if self.values is None else load_values(self.values, names)
@@ -113,7 +114,10 @@ class PatrolGraph(Study):
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
         options["weights_unused"] = has_weights(self.file)
-        return GraphPatrol.of(graph, **walk, game=game, **options)
+        by_steps = ("mixing", "kemeny", "entropy", "return-time")
+        options["by_steps"] = self.speed is not None and self.strategy in by_steps
+        found = GraphPatrol.of(graph, **walk, game=game, **options)
+        return dataclasses.replace(found, **self.more(found, say))
 
     def heading(self, spec: dict[str, Any]) -> str:
         return f"{self.file}: {self.strategy}"
@@ -122,8 +126,8 @@ class PatrolGraph(Study):
         from ..verify import compare_commute, compare_game, compare_walk
 
         found = compare_walk(result)
-        if self.strategy == "commute":
-            emphasis = self._vertices(result.names, "emphasis", *self.emphasis)
+        if self.strategy == "commute" and self.division != "partition":
+            emphasis = self.vertices(result.names, "emphasis", *self.emphasis)
             found += compare_commute(result, emphasis, self.share)
         return found if result.game is None else [*found, *compare_game(result.game)]
 
@@ -132,37 +136,88 @@ class PatrolGraph(Study):
         import numpy as np
         from scipy.sparse.csgraph import shortest_path
 
+        if self.speed is not None and graph.xy is None and graph.ways is None:
+            raise ValueError(
+                f"speed: edges of {self.file} have no lengths, and its vertices no positions"
+            )
         if graph.vertices > MAX_VERTICES:
             raise ValueError(
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {MAX_VERTICES:,}"
             )
-        hops = shortest_path(graph.matrix(np.ones(len(graph.edges))), unweighted=True)
-        apart = np.flatnonzero(np.isinf(hops[0]))
+        apart = np.flatnonzero(np.isinf(shortest_path(graph.matrix(graph.lengths + 1.0))[0]))
         if apart.size:
             raise ValueError(
                 f"{self.file}: no walk leads from vertex {names[0]!r} to {names[apart[0]]!r}; "
                 "expected a connected graph"
             )
+        if self.division != "partition":
+            self._check_reach(graph, names)
+
+    def _check_reach(self, graph: "Graph", names: Sequence[str]) -> None:
+        """Refuse an attack that is over before a robot can come."""
+        import numpy as np
+        from scipy.sparse.csgraph import shortest_path
+
+        if self.attack_time is None:
+            return
+        times = self.times(graph)
+        taken = graph.matrix(np.ones(len(graph.edges)) if times is None else times.astype(float))
+        away = shortest_path(taken)
         # To a vertex and back it takes two steps.
-        np.fill_diagonal(hops, 2)
-        if self.attack_time is not None and self.attack_time < hops.max():
-            start, end = (names[v] for v in np.unravel_index(hops.argmax(), hops.shape))
+        np.fill_diagonal(away, 2 * taken.min(axis=1).toarray() if times is not None else 2)
+        unit, of = (1.0, "steps") if times is None else (self.time_unit, "s")
+        if self.attack_time < away.max() * unit:
+            start, end = (names[v] for v in np.unravel_index(away.argmax(), away.shape))
             raise ValueError(
-                f"attack_time: {self.attack_time} steps are over before a patroller comes from "
-                f"vertex {start!r} to {end!r}, which takes {hops.max():g}"
+                f"attack_time: {self.attack_time} {of} are over before a patroller comes from "
+                f"vertex {start!r} to {end!r}, which takes {away.max() * unit:g}"
             )
 
-    def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
-        """The numbers of vertices that a parameter names."""
-        for name in wanted:
-            if name not in names:
-                listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
-        return [names.index(name) for name in wanted]
+    def _walks(
+        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, say: Say
+    ) -> dict[str, Any]:
+        """The walks of all robots, and what comes of sharing and of dividing the graph."""
+        import numpy as np
+        import scipy.sparse
+
+        from .. import patrol
+        from ..mapping import Chain
+
+        if self.division is None:
+            return self._walk(graph, names, emphasis, self.robots)
+        try:
+            region = patrol.divide_graph(graph, self.robots)
+        except ValueError as error:
+            raise ValueError(f"robots: {error}") from None
+        parts, matrices = [], []
+        for robot in range(self.robots):
+            say(f"seeking a walk on part {robot + 1} of {self.robots}")
+            inside = np.flatnonzero(region == robot)
+            part, called = patrol.part_of_graph(graph, inside), [names[v] for v in inside.tolist()]
+            self._check_reach(part, called)
+            parts.append(self._walk(part, called, None, 1))
+            within = parts[-1]["chain"].to_scipy().toarray()
+            matrices.append(patrol.walk_in_part(graph, inside, within))
+        worst = min(parts, key=lambda one: one["value"] or 0.0)
+        divided = worst | {
+            "chain": Chain.from_scipy(scipy.sparse.csr_array(matrices[0])),
+            "team": np.stack(matrices),
+        }
+        shared = None
+        try:
+            self._check_reach(graph, names)
+        except ValueError:
+            if self.division == "shared":
+                raise
+        else:
+            say(f"seeking walks of {self.robots} robots on the whole graph")
+            shared = self._walk(graph, names, emphasis, self.robots)
+        walks = divided if shared is None or self.division == "partition" else shared
+        return walks | {"division": _compared(shared, divided, region, self.robots)}
 
     def _walk(
-        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None
+        self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
         """The chain that the strategy finds, with its certificate, goal and value."""
         import numpy as np
@@ -170,8 +225,8 @@ class PatrolGraph(Study):
         from .. import optimize, patrol
 
         if self.strategy == "toward":
-            (vertex,) = self._vertices(names, "vertex", str(self.vertex))
-            return {"chain": patrol.toward(graph, vertex, self.paths)}
+            (vertex,) = self.vertices(names, "vertex", str(self.vertex))
+            return {"chain": patrol.toward(graph, vertex, self.paths), "value": None}
         # Without given shares of time, the best walks leave some vertices out.
         even = np.full(graph.vertices, 1 / graph.vertices)
         visits = None
@@ -179,20 +234,26 @@ class PatrolGraph(Study):
             visits = patrol.load_values(self.visits, names)
             visits = even = visits / visits.sum()
         best: Any
+        team = None
+        who = "one patroller captures" if robots == 1 else f"{robots} patrollers capture"
         goal = {
             "return-time": "return-time entropy, in nats",
-            "capture": "least chance that one patroller captures within "
-            + ("its attack time" if self.attack_time is None else f"{self.attack_time} steps"),
+            "capture": f"{_CHANCE} {who} within {self._within}",
         }.get(self.strategy)
         if self.strategy == "commute":
-            best = optimize.minimum_commute(graph, emphasis, self.share)
+            durations = self.times(graph)
+            best = optimize.minimum_commute(graph, emphasis, self.share, durations=durations)
             chain = patrol.random_walk(graph, best.weights)
         elif self.strategy == "capture":
             times: Any = self.attack_time
             if self.attack_times is not None:
-                times = np.rint(patrol.load_values(self.attack_times, names)).astype(np.int64)
-            best = patrol.maximin_capture(graph, times, throw=False)
-            chain = best.chains[0]
+                times = np.rint(patrol.load_values(self.attack_times, names))
+            unit = 1.0 if self.speed is None else self.time_unit
+            times = np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
+            best = patrol.maximin_capture(
+                graph, times, travel_times=self.times(graph), robots=robots, throw=False
+            )
+            chain, team = best.chains[0], best.matrices if robots > 1 else None
         else:
             seek: Any = {
                 "mixing": lambda: optimize.fastest_mixing(graph, even),
@@ -209,8 +270,38 @@ class PatrolGraph(Study):
         value = None if goal is None else best.value
         return {
             "chain": chain,
+            "team": team,
             "certificate": best.certificate,
             "goal": goal,
             "value": value,
             "local": self.strategy in ("kemeny", "return-time", "capture"),
         }
+
+    @property
+    def _within(self) -> str:
+        if self.attack_time is None:
+            return "its attack time"
+        return f"{self.attack_time} {'steps' if self.speed is None else 's'}"
+
+
+def _compared(
+    shared: dict[str, Any] | None, divided: dict[str, Any], region: "np.ndarray", robots: int
+) -> "Division":
+    """What robots achieve that share the graph, if they can, and that divide it."""
+    import numpy as np
+
+    from ..patrol import Division, long_run, steps_between_visits
+
+    rows, nothing = [], np.full(region.size, np.nan)
+    for found in (shared, divided):
+        visits = nothing
+        if found is not None:
+            team = found["team"]
+            if team is None:
+                team = np.stack([found["chain"].to_scipy().toarray()] * robots)
+            visits = steps_between_visits(long_run(team))
+        value = np.nan if found is None or found["value"] is None else found["value"]
+        rows.append((visits.mean(), visits.max(), value))
+    mean, worst, value = np.array(rows).T
+    caught = value if str(divided["goal"]).startswith(_CHANCE) else None
+    return Division(["shared", "partition"], mean, worst, caught, region)

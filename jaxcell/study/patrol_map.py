@@ -3,7 +3,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from ..base.limits import MAX_VERTICES
+from ..base.limits import MAX_CELLS, MAX_VERTICES
 from ..base.quantities import Result
 from .map_study import CellStudy
 from .study import Metres, Say, require, silent
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from ..optimize import Graph
     from ..patrol import PatrolledMap, Policy, Regions
     from ..space import CellSpace
+    from ..space.extent import Extent
     from ..verify import Comparison
 
 
 _MAX_RUNS = 10_000_000
 # The emphases among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
-# The smallest cover of more cells may take too long.
-_MAX_COVERED = 500
-_COVER_SECONDS = 5.0
+# So many robots are tried.
+_MAX_ROBOTS = 20
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,8 +32,11 @@ class PatrolMap(CellStudy):
 
     name: ClassVar[str] = "patrol_map"
 
-    robots: int = 2
-    """How many robots patrol."""
+    robots: int | Literal["auto"] = 2
+    """How many robots patrol; "auto" takes the fewest, up to 20, that reach --capture."""
+    capture: float | None = None
+    """The least probability of capture in the first of the attack times that is wanted, with as
+    many robots as that takes."""
     range: Metres = 6.0
     """How far a robot sees, in metres; walls are in the way."""
     strategy: Literal["commute", "capture"] = "commute"
@@ -41,7 +44,8 @@ class PatrolMap(CellStudy):
     probability of capture in the first of the attack times (capture), a local optimum."""
     share: float | Literal["auto"] = "auto"
     """Least share of steps on the shortest closed tour through the cells from which all is seen,
-    for "commute"; "auto" takes the one of 0, 0.2, 0.5 and 0.8 that captures most."""
+    for "commute"; "auto" takes the one of 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more
+    than 2,000 cells."""
     start: Literal["uniform", "stationary", "worst"] = "uniform"
     """Where robots are, out of view, as an attack begins: anywhere alike (uniform), as often as in
     the long run (stationary), or where an adversary who sees them likes it best (worst)."""
@@ -72,7 +76,13 @@ class PatrolMap(CellStudy):
         super().__post_init__()
         for name in ("range", "base_range"):
             require(name, getattr(self, name), "more than 0 m, and finite", lambda x: x > 0)
-        require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        if self.robots != "auto":
+            require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        require("capture", self.capture, "more than 0 and less than 1", lambda x: 0 < x < 1)
+        if (self.robots == "auto") != (self.capture is not None):
+            raise ValueError('robots: expected "auto" with a wanted capture, and only then')
+        if self.robots == "auto" and self.base is not None:
+            raise ValueError('robots: "auto" has no meaning with a base')
         if self.share != "auto":
             require("share", self.share, "0 or more and less than 1", lambda x: 0 <= x < 1)
         require("starts", self.starts, "at least 1", lambda x: x >= 1)
@@ -96,17 +106,25 @@ class PatrolMap(CellStudy):
         for name in ("base_range", "lost"):
             if self.base is None and getattr(self, name) is not None:
                 raise ValueError(f"{name} has no meaning without a base")
-        if self.lost is not None and not 0 <= self.lost < self.robots:
+        if self.robots == "auto" or self.lost is None:
+            return
+        if not 0 <= self.lost < self.robots:
             raise ValueError(
                 f"lost: there is no robot {self.lost}; robots are 0 to {self.robots - 1}"
             )
-        if self.lost is not None and self.robots == 1:
+        if self.robots == 1:
             raise ValueError("lost: robot 0 is the only one; none would be left to patrol")
+
+    def needed(self, extent: "Extent") -> float | int:
+        from ..space import estimates
+
+        return estimates.patrol(extent)
 
     def run(self, say: Say = silent) -> "PatrolledMap":
         import jax
 
         from .. import patrol
+        from ..patrol.map.policies import smallest_covers
         from ..space import visible_cells
 
         cells = self.cells()
@@ -116,12 +134,12 @@ class PatrolMap(CellStudy):
         target = None if self.target is None else _position(cells, self.target, "target")
         regions = self._regions(cells, graph)
 
-        found: dict[str, Any]
-        if self.strategy == "capture":
-            found = self._searched(graph, visible, say)
-        else:
-            found = self._emphasised(graph, visible, regions, say)
+        found = self._patrolled(graph, visible, regions, say)
         policies = found["policies"]
+        if self.frontier:
+            say(f"searching at {len(self.frontier)} floors of randomness")
+            problem = graph, visible, len(policies), self.attack_times[0], self.frontier
+            found["frontier"] = patrol.capture_frontier(*problem, start=self.start, seed=self.seed)
         if self.lost is not None and regions is not None:
             found["reassignment"] = patrol.reassign(
                 graph, visible, regions, policies, self.lost, share=found["chosen_share"]
@@ -152,63 +170,110 @@ class PatrolMap(CellStudy):
             capture=capture,
             regions=regions,
             start=self.start,
-            smallest_covers=_smallest_covers(visible, policies),
+            smallest_covers=smallest_covers(visible, policies),
             seed=self.seed,
             **found,
         )
 
-    def _searched(self, graph: "Graph", visible: "np.ndarray", say: Say) -> dict[str, Any]:
-        """The policies that capture most, and what randomness costs."""
+    def _patrolled(
+        self, graph: "Graph", visible: "np.ndarray", regions: "Regions | None", say: Say
+    ) -> dict[str, Any]:
+        """The policies of as many robots as are asked for, or as the wanted capture takes."""
+        import numpy as np
+
+        most = min(_MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
+        made = {}
+        if self.strategy != "capture":
+            made = self._emphasised(graph, visible, most, regions, say)
+        reached: list[float] = []
+        for robots in range(most if self.capture is None else 1, most + 1):
+            if made:
+                some = {share: policies[:robots] for share, policies in made.items()}
+                found, least = self._chosen(graph, visible, some, regions)
+            else:
+                found, least = self._searched(graph, visible, robots, say)
+            reached.append(least)
+            if self.capture is not None:
+                say(f"a team of {robots} captures {least:.3f} at least")
+                if least >= self.capture:
+                    break
+        if self.capture is not None:
+            found |= {"size_capture": np.array(reached), "wanted": self.capture}
+        return found
+
+    def _searched(
+        self, graph: "Graph", visible: "np.ndarray", robots: int, say: Say
+    ) -> tuple[dict[str, Any], float]:
+        """The policies that capture most, and the least probability of capture."""
         from .. import patrol
 
-        say(f"searching for the patrol of {self.robots} robots that captures most")
-        problem = graph, visible, self.robots, self.attack_times[0]
+        say(f"searching for the patrol of {robots} robots that captures most")
         search = patrol.capture_policies(
-            *problem,
+            graph,
+            visible,
+            robots,
+            self.attack_times[0],
             randomness=self.randomness,
             start=self.start,
             starts=self.starts,
             seed=self.seed,
         )
-        frontier = None
-        if self.frontier:
-            say(f"searching at {len(self.frontier)} floors of randomness")
-            frontier = patrol.capture_frontier(
-                *problem, self.frontier, start=self.start, seed=self.seed
-            )
-        return {"policies": search.policies, "search": search, "frontier": frontier}
+        return {"policies": search.policies, "search": search}, search.value
 
     def _emphasised(
-        self, graph: "Graph", visible: "np.ndarray", regions: "Regions | None", say: Say
-    ) -> dict[str, Any]:
-        """The policies of the share that is asked for, or of the one that captures most."""
+        self,
+        graph: "Graph",
+        visible: "np.ndarray",
+        robots: int,
+        regions: "Regions | None",
+        say: Say,
+    ) -> "dict[float, tuple[Policy, ...]]":
+        """The policies of the share that is asked for, or of those among which one is chosen."""
+        from .. import patrol
+
+        tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
+        if graph.vertices > MAX_VERTICES:
+            # One search takes a minute and more.
+            tried = (0.0,) if self.share == "auto" else (self.share,)
+        made = {}
+        for share in tried:
+            say(f"making policies for {robots} robots, with a share of {share:g}")
+            if regions is None:
+                made[share] = patrol.distributed_policies(graph, visible, robots, share)
+            else:
+                made[share] = patrol.centralized_policies(graph, visible, regions, share)
+        return made
+
+    def _chosen(
+        self,
+        graph: "Graph",
+        visible: "np.ndarray",
+        made: "dict[float, tuple[Policy, ...]]",
+        regions: "Regions | None",
+    ) -> tuple[dict[str, Any], float]:
+        """The policies of the best share, or of that asked for, and what they capture at least."""
         import numpy as np
 
         from .. import patrol
 
-        tried = _SHARES if self.share == "auto" else tuple(sorted({0.0, self.share}))
-        least, policies = [], []
-        for share in tried:
-            say(f"making policies for {self.robots} robots, with a share of {share:g}")
-            if regions is None:
-                made = patrol.distributed_policies(graph, visible, self.robots, share)
-            else:
-                made = patrol.centralized_policies(graph, visible, regions, share)
-            caught = patrol.capture_probabilities(
-                graph, visible, made, [self.attack_times[0]], self.start
-            )[0]
-            policies.append(made)
-            least.append(caught[patrol.contested(visible, made, regions)].min(initial=1.0))
+        least = []
+        for policies in made.values():
+            (caught,) = patrol.capture_probabilities(
+                graph, visible, policies, [self.attack_times[0]], self.start
+            )
+            least.append(caught[patrol.contested(visible, policies, regions)].min(initial=1.0))
+        tried = list(made)
         # Shares that differ by rounding count as equal, and the first of them is taken.
         best = (
             int(np.argmax(np.round(least, 9))) if self.share == "auto" else tried.index(self.share)
         )
-        return {
-            "policies": policies[best],
+        found = {
+            "policies": made[tried[best]],
             "chosen_share": tried[best],
             "shares": np.array(tried),
             "share_capture": np.array(least),
         }
+        return found, float(least[best])
 
     def spec(self, result: Result) -> dict[str, Any]:
         spec = super().spec(result)
@@ -252,12 +317,12 @@ class PatrolMap(CellStudy):
 
         from ..patrol import cell_graph
 
-        if cells.positions > MAX_VERTICES:
+        if cells.positions > MAX_CELLS:
             raise ValueError(
                 f"{self.map}: cells of {cells.cell:g} m are {cells.positions:,}; policies are "
-                f"computed for at most {MAX_VERTICES:,}; expected larger cells"
+                f"computed for at most {MAX_CELLS:,}; expected larger cells"
             )
-        if self.robots > cells.positions:
+        if self.robots != "auto" and self.robots > cells.positions:
             raise ValueError(
                 f"robots: {self.robots} robots are more than the {cells.positions} cells of "
                 f"{self.map}"
@@ -283,7 +348,7 @@ class PatrolMap(CellStudy):
         base = None if self.base == "auto" else _position(cells, self.base, "base")
         try:
             base = base_station(graph, seen) if base is None else base
-            return angular_regions(graph, base, seen[base], self.robots)
+            return angular_regions(graph, base, seen[base], int(self.robots))
         except ValueError as error:
             raise ValueError(f"base: {error}") from None
 
@@ -309,25 +374,6 @@ class PatrolMap(CellStudy):
         else:
             why = "no robot ever sees it, so that any attack succeeds"
         raise ValueError(f"target {self.target!r}: {why}")
-
-
-def _smallest_covers(visible: "np.ndarray", policies: "Sequence[Policy]") -> "np.ndarray":
-    """The size of the smallest cover of each robot's cells; NaN where that takes too long."""
-    import numpy as np
-
-    from ..optimize import minimum_cover
-
-    found: dict[bytes, float] = {}
-    for policy in policies:
-        key = policy.cells.tobytes()
-        if policy.cells.size > _MAX_COVERED:
-            found[key] = np.nan
-        elif key not in found:
-            sets = visible[np.ix_(policy.cells, policy.cells)]
-            cover = minimum_cover(sets, time_limit=_COVER_SECONDS, throw=False)
-            proven = 0 < cover.bound == cover.chosen.size
-            found[key] = cover.chosen.size if proven else np.nan
-    return np.array([found[policy.cells.tobytes()] for policy in policies], float)
 
 
 def _position(cells: "CellSpace", text: str, parameter: str) -> int:

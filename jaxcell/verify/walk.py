@@ -32,8 +32,8 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     found = patrol.hitting_time[:, targets].T
     entropy = share @ scipy.special.entr(P).sum(axis=1)
     about = "hitting times of some vertices, by spsolve", found, again
-    to_visited = patrol.hitting_time[:, visited] @ share[visited]
-    kemeny = np.full(vertices, patrol.kemeny_constant), to_visited
+    to_visited = patrol.hitting_time[np.ix_(visited, visited)] @ share[visited]
+    kemeny = np.full(visited.size, patrol.kemeny_constant), to_visited
     what = "Kemeny constant, by the hitting times from each start"
     return [
         Comparison.close(*about, _TIME, relative=True),
@@ -64,12 +64,15 @@ def compare_commute(patrol: GraphPatrol, emphasis: Sequence[int], share: float) 
         pairs = {frozenset(pair) for pair in zip(tour, np.roll(tour, -1), strict=True)}
         on_tour = [i for i, edge in enumerate(graph.edges) if frozenset(edge) in pairs]
         rules.append(cvxpy.sum(weight[on_tour]) >= share)
-    energy = cvxpy.sum([cvxpy.quad_over_lin(flow[:, e], weight[e]) for e in range(edges)])
+    times = np.ones(edges) if patrol.timed is None else patrol.timed.duration
+    energy = cvxpy.sum(
+        [cvxpy.quad_over_lin(flow[:, e], weight[e]) * times[e] for e in range(edges)]
+    )
     with warnings.catch_warnings():
         # The comparison says whether it is accurate enough.
         warnings.simplefilter("ignore")
         least = cvxpy.Problem(cvxpy.Minimize(energy), rules).solve(solver="CLARABEL")
-    found = [patrol.mean_commute_time]
+    found = [(patrol if patrol.timed is None else patrol.timed).mean_commute_time]
     return [Comparison.close(what, found, [4 * least / (vertices - 1)], _TIME, relative=True)]
 
 

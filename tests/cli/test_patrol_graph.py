@@ -12,7 +12,8 @@ import xarray as xr
 from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import random_walk, walk_hitting_times
-from jaxcell.patrol.walks.graph_files import load_graph, save_graph
+from jaxcell.patrol.files.graph_files import load_graph
+from jaxcell.patrol.files.graph_saving import save_graph
 
 
 GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
@@ -264,3 +265,119 @@ def test_help_of_the_group(capsys):
         main(["patrol", "--help"])
     assert stopped.value.code == 0
     assert "patrol graph" in capsys.readouterr().out
+
+
+LINE = {
+    "nodes": [{"id": name, "x": x, "y": 0} for x, name in enumerate("abcd")],
+    "edges": [
+        {"source": "a", "target": "b", "length": 2},
+        {"source": "b", "target": "c", "length": 6},
+        {"source": "c", "target": "d", "length": 2},
+    ],
+}
+
+
+@pytest.fixture
+def line(tmp_path):
+    """Four places in a row, with a long way in the middle."""
+    path = tmp_path / "line.json"
+    path.write_text(json.dumps(LINE))
+    return path
+
+
+def test_seconds_and_news_and_what_others_do(capsys, line, tmp_path):
+    out = tmp_path / "out"
+    asked = ("--speed", 0.5, "--time-unit", 2, "--base", "b", "--robots", 2, "--baselines")
+    status, found, _ = run(capsys, *asked, "--out", out, "--verify", file=line)
+    assert status == 0
+    # In a tree the time there and back is by the number of ways, and each takes twice its seconds.
+    assert [one["duration"] for one in found["timed"]["edges"]] == [4, 12, 4]
+    there = np.array([[4, 3], [12, 4], [4, 3]])
+    # The shares of time on edges that are passed by k and n - k pairs are as sqrt(t k (n - k)).
+    root = np.sqrt(there[:, 0] * there[:, 1])
+    assert found["timed"]["mean_commute_time"] == pytest.approx(4 / 3 * root.sum() ** 2 / 4)
+    rows = found["idleness"]["patrols"]
+    assert [one["patrol"] for one in rows] == ["walk", "tour", "random", "reactive"]
+    assert rows[1]["longest"] < rows[2]["longest"]
+    assert found["news"]["base"] == "b"
+    ages = [one["mean_age"] for one in found["news"]["vertices"]]
+    assert ages[1] == pytest.approx(found["news"]["mean_since_passed"])
+    assert ages[3] == max(ages)
+    with xr.open_dataset(out / "patrol.nc") as data:
+        assert float(data.timed_duration[1]) == 12
+        assert "vertex" in data.news_told.dims
+        np.testing.assert_allclose(data.news_told[-1], 1, atol=1e-8)
+
+
+def test_sharing_against_dividing(capsys, line):
+    status, found, said = run(capsys, "--robots", 2, "--division", "partition", file=line)
+    assert status == 0
+    shared, divided = found["division"]["divisions"]
+    assert divided["mean_idleness"] == divided["worst_idleness"] == 2
+    assert shared["worst_idleness"] > 2
+    assert "robots walk differently" in said
+    _, kept, _ = run(capsys, "--robots", 2, "--division", "shared", file=line)
+    assert kept["division"] == found["division"]
+    assert kept["worst_idleness"] == pytest.approx(shared["worst_idleness"])
+
+
+@pytest.mark.slow
+def test_a_team_captures_in_seconds_what_its_law_says(capsys, line):
+    asked = ("--strategy", "capture", "--speed", 1, "--robots", 2, "--attack-time", 11)
+    status, found, _ = run(capsys, *asked, "--division", "shared", file=line)
+    assert status == 0
+    assert "2 patrollers capture within 11 s" in found["goal"]
+    # One at each end goes to and fro.
+    assert found["value"] == pytest.approx(1, abs=1e-4)
+    assert [one["least_capture"] for one in found["division"]["divisions"]][1] == 1
+
+
+def test_a_charger(capsys, line):
+    status, found, _ = run(capsys, "--charger", "b", "--every", 4, file=line)
+    assert status == 0
+    assert found["charged"]["mean_interval"] <= 4
+    assert found["charged"]["charger"] == "b"
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--speed", 0), "--speed: expected more than 0"),
+        (("--base", "z"), "base: there is no vertex 'z'"),
+        (("--charger", "b"), "--every: expected with a charger, and only then"),
+        (("--charger", "b", "--every", 3), "every: expected at least 4 steps"),
+        (("--charger", "b", "--every", 9, "--robots", 2), "charger has no meaning with a speed"),
+        (("--division", "shared"), "division has no meaning for one robot"),
+        (("--division", "shared", "--robots", 3), "robots: expected 1 to 2 parts of 4 vertices"),
+        (
+            ("--strategy", "capture", "--attack-time", 9, "--speed", 1),
+            "9 s are over before a patroller comes from vertex 'a' to 'd', which takes 10",
+        ),
+    ],
+)
+def test_teams_that_cannot_be_are_refused(capsys, line, args, message):
+    status, found, error = run(capsys, *args, file=line)
+    assert (status, found) == (2, None)
+    assert message in error, error
+    assert error.count("\n") <= 2
+
+
+def test_steps_that_take_seconds_are_chosen_by_steps(capsys, line):
+    _, found, said = run(capsys, "--strategy", "entropy", "--speed", 1, file=line)
+    assert "the walk is chosen by steps; the times in seconds are those it then has" in said
+    assert found["timed"]["mean_step"] > 2
+
+
+def test_a_speed_needs_lengths(capsys, tmp_path):
+    path = tmp_path / "line.adjlist"
+    path.write_text("a b\nb c\n")
+    status, found, error = run(capsys, "--speed", 1, file=path)
+    assert (status, found) == (2, None)
+    assert "line.adjlist have no lengths, and its vertices no positions" in error
+
+
+def test_the_game_is_in_steps(capsys, line):
+    status, found, said = run(capsys, "--game", "--speed", 1, file=line)
+    assert status == 0
+    assert found["game"]
+    assert "the game counts steps, not seconds" in said

@@ -179,7 +179,7 @@ def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
         os.write(1, b"the solver writes\n")
         return minimum_cover(*args, **options)
 
-    monkeypatch.setattr("jaxcell.optimize.minimum_cover", speaks)
+    monkeypatch.setattr("jaxcell.patrol.map.policies.minimum_cover", speaks)
     assert main(["patrol", "map", str(LAB), *map_args(NEAR), "--json"]) == 0
     captured = capfd.readouterr()
     assert json.loads(captured.out)["positions"] == 19
@@ -258,7 +258,7 @@ def test_bad_maps_are_one_line_and_status_2(capsys, tmp_path, monkeypatch):
         status, found, error = run(capsys, map=tmp_path / name)
         assert (status, found) == (2, None)
         assert re.fullmatch(rf"jaxcell patrol map: .*{name}: .*{message}.*\n", error), error
-    monkeypatch.setattr("jaxcell.study.patrol_map.MAX_VERTICES", 18)
+    monkeypatch.setattr("jaxcell.study.patrol_map.MAX_CELLS", 18)
     status, _, error = run(capsys)
     assert status == 2
     assert "cells of 1 m are 19; policies are computed for at most 18" in error
@@ -272,3 +272,41 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     status, found, error = run(capsys, *NEAR)
     assert (status, found) == (1, None)
     assert error == "jaxcell patrol map: the residual stayed above the tolerance\n"
+
+
+@pytest.mark.slow
+def test_the_fewest_robots_for_a_capture(capsys):
+    wanted = ("--robots", "auto", "--capture", 0.6, "--share", 0)
+    status, found, _ = run(capsys, *NEAR, *wanted)
+    assert status == 0
+    cells = CellSpace.of(Workspace.load(LAB), 1.0, 8)
+    graph, visible = cell_graph(cells), visible_cells(cells, 2.5)
+    reached = [one["size_capture"] for one in found["team_sizes"]]
+    for robots, least in enumerate(reached, 1):
+        policies = distributed_policies(graph, visible, robots, 0.0)
+        assert least == pytest.approx(capture_probabilities(graph, visible, policies, [4]).min())
+    assert found["robots"] == len(found["policies"]) == len(reached) > 1
+    assert reached[-2] < 0.6 <= reached[-1]
+
+
+def test_more_robots_than_are_tried(capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.study.patrol_map._MAX_ROBOTS", 2)
+    status, found, error = run(capsys, *NEAR, "--robots", "auto", "--capture", 0.999, "--share", 0)
+    assert status == 1
+    assert len(found["team_sizes"]) == 2
+    assert re.search(r"2 robots capture with a probability of 0\.\d+ at least; 0.999 is not", error)
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--robots", "auto"), '"auto" with a wanted capture, and only then'),
+        (("--capture", 0.5), '"auto" with a wanted capture, and only then'),
+        (("--robots", "auto", "--capture", 1.5), "expected more than 0 and less than 1"),
+        (("--robots", "auto", "--capture", 0.5, "--base", "auto"), "has no meaning with a base"),
+    ],
+)
+def test_teams_of_unknown_size_are_refused_where_nothing_is_wanted(capsys, args, message):
+    status, found, error = run(capsys, *args)
+    assert (status, found) == (2, None)
+    assert message in error

@@ -134,6 +134,70 @@ def test_equals_cvxpy(program, vertices, more, seed, share):
     assert found.commute_time == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("share", [None, 0.1, 0.9, 1.0])
+def test_steps_of_first_order_on_large_graphs(monkeypatch, share):
+    """They come as near to the least as their gap says, and nearer than is asked for."""
+    network = nx.convert_node_labels_to_integers(nx.grid_2d_graph(5, 6))
+    network.add_edge(0, 29)
+    graph, stops = graph_of(network), range(30) if share == 1.0 else [0, 14, 29]
+    asked = (graph,) if share is None else (graph, stops, share)
+    exact = minimum_commute(*asked)
+    monkeypatch.setattr(conductance, "MAX_VERTICES", 20)
+    found = minimum_commute(*asked)
+    gap = found.certificate.residual
+    assert found.weights.min() >= 0
+    assert found.weights.sum() == pytest.approx(1, abs=1e-12)
+    if share is not None:
+        assert found.weights[on_walk(graph, found.tour)].sum() >= share - 1e-12
+    assert found.commute_time == pytest.approx(commute_time(graph, found.weights), rel=1e-9)
+    assert (1 - gap) * found.commute_time <= exact.commute_time * (1 + 1e-9)
+    assert exact.commute_time <= found.commute_time * (1 + 1e-9)
+    assert found.commute_time <= 1.002 * exact.commute_time
+    assert gap <= 0.01 == found.certificate.tolerance
+    # A looser one is not ignored.
+    assert minimum_commute(*asked, tolerance=0.3).certificate.tolerance == 0.3
+
+
+def seconds_there_and_back(graph, weights, durations):
+    """The mean over pairs, from the linear equations of hitting times with time at each step."""
+    P = np.zeros((graph.vertices, graph.vertices))
+    taken = P.copy()
+    for (i, j), weight, time in zip(graph.edges, weights, durations, strict=True):
+        P[i, j] = P[j, i] = weight
+        taken[i, j] = taken[j, i] = time
+    P /= P.sum(axis=1, keepdims=True)
+    step, total = (P * taken).sum(axis=1), 0.0
+    for target in range(graph.vertices):
+        others = np.arange(graph.vertices) != target
+        Q = P[np.ix_(others, others)]
+        total += np.linalg.solve(np.eye(len(Q)) - Q, step[others]).sum()
+    return 2 * total / (graph.vertices * (graph.vertices - 1))
+
+
+@pytest.mark.parametrize("limit", [2_000, 5])
+def test_edges_that_take_time(monkeypatch, limit):
+    """Against the definition, and other weights; by the interior point and by first order."""
+    monkeypatch.setattr(conductance, "MAX_VERTICES", limit)
+    random = np.random.default_rng(1)
+    network = nx.convert_node_labels_to_integers(nx.grid_2d_graph(3, 4))
+    graph = graph_of(network)
+    durations = random.uniform(0.5, 20, len(graph.edges))
+    found = minimum_commute(graph, durations=durations)
+    assert found.weights.sum() == pytest.approx(1)
+    exact = seconds_there_and_back(graph, found.weights, durations)
+    assert found.commute_time == pytest.approx(exact, rel=1e-9)
+    least = (1 - found.certificate.residual) * exact
+    for step in (1e-3, 0.03, 0.3):
+        for _ in range(10):
+            other = found.weights * np.exp(step * random.normal(size=found.weights.size))
+            assert seconds_there_and_back(graph, other, durations) >= least * (1 - 1e-9)
+    # Long edges are worth less than without their times.
+    plain = minimum_commute(graph).weights
+    assert seconds_there_and_back(graph, plain, durations) > 1.02 * exact
+    with pytest.raises(ValueError, match=r"durations\[3\] is 0.0; expected a positive"):
+        minimum_commute(graph, durations=np.where(np.arange(durations.size) == 3, 0, durations))
+
+
 @given(st.integers(2, 40), st.integers(0, 1000))
 def test_trees(n, seed):
     network = nx.random_labeled_tree(n, seed=seed)

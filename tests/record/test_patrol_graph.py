@@ -10,8 +10,8 @@ import xarray as xr
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import GraphPatrol, random_walk, walk_hitting_times
+from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.walks.game import strategy_game
-from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.record.canvas.matrix import log_matrix
 from jaxcell.record.canvas.palette import ramp
 from jaxcell.record.data.described import dataset, summary

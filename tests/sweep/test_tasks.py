@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from jaxcell import bounce, drift, optimize
 from jaxcell.automata import minimize
-from jaxcell.patrol.walks.graph_files import load_graph
+from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.space.maps.random_rooms import place, random_room
 from jaxcell.sweep.tasks import TASKS

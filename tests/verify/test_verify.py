@@ -22,9 +22,9 @@ from jaxcell.bounce import (
 from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
 from jaxcell.optimize import minimum_commute
+from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.map.vulnerability import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
-from jaxcell.patrol.walks.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 

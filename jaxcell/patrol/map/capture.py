@@ -1,10 +1,9 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.certificate import Certificate
@@ -14,24 +13,22 @@ from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, minimum_commute
+from ..walks.ascent import Ascent, late_gain
 from ..walks.steps import Steps, chances
 from ..walks.walk import edge_shares, random_walk
 from .attack import capture_probabilities, check_attack_times, check_start
 from .policies import Policy
 from .regions import check_visible
-from .survival import follow, least
 
 
 # Gradient steps that try a start, and those that then improve the best one.
 _TRIAL, _STEPS = 150, 450
-# Steps between two looks at all targets; in between, only those that are caught least count.
-_BLOCK, _ACTIVE = 25, 80
+# Steps are made in blocks of so many.
+_BLOCK = 25
 # On more cells fewer steps are made, which take longer.
 _CELLS = 500
-# Numbers that one step keeps for its gradient.
-_KEPT = 5e7
-# Of the steps on the logits, and of the soft minimum of the logarithms of capture.
-_RATE, _SOFT, _HARD = 0.1, 30.0, 100.0
+# Of the soft minimum of the logarithms of capture at the end.
+_HARD = 100.0
 # Of every step: so that the robot comes to all cells, and its share of time is unique.
 _LEAST = 1e-5
 # On more cells the walk with the least commute time takes longer than the search that begins there.
@@ -281,52 +278,23 @@ class _Problem:
         trial, steps = (_BLOCK * max(1, round(scale * n / _BLOCK)) for n in (_TRIAL, _STEPS))
         if self.unseen.shape[1] == 0:
             trial = steps = 0
-        tries = [self._climb(begin, floor, np.zeros(trial)) for begin in begins]
+        ascent = Ascent(
+            self.steps, self.unseen, self.unseen, self.attack_time, self.start, floor, _HARD
+        )
+        tries = [ascent.climb(begin, np.zeros(trial)) for begin in begins]
         best, _, state, _ = max(tries, key=lambda one: one[1])
-        best, _, _, course = self._climb(state, floor, np.arange(steps) / max(1, steps), best)
+        best, _, _, course = ascent.climb(state, np.arange(steps) / max(1, steps), best)
         policies = self.policies(best, floor)
         caught = capture_probabilities(
             self.graph, self.visible, policies, [self.attack_time], self.start
         )[0]
         value = float(caught[self.visible.any(axis=1)].min(initial=1.0))
-        late = 1 - course[-max(1, len(course) // 4)] / max(course[-1], 1e-12) if course else 0.0
-        certificate = Certificate(trial * len(begins) + steps, max(0.0, late), _TOLERANCE)
+        certificate = Certificate(trial * len(begins) + steps, late_gain(course), _TOLERANCE)
         values = np.array([one[1] for one in tries])
         found = CaptureSearch(
             policies, self.attack_time, randomness, self.start, values, value, certificate
         )
         return found, best
-
-    def _climb(
-        self,
-        begin: Any,
-        floor: float,
-        progress: Float[np.ndarray, "steps"],
-        best: Any = None,
-    ) -> tuple[Any, float, Any, list[float]]:
-        """Follow the gradient: the best logits, their value, the last state, the course."""
-        fixed = self.steps, self.attack_time, self.start
-        if not isinstance(begin, tuple):
-            logits = jnp.asarray(begin, jnp.float32)
-            begin = logits, optax.scale_by_adam().init(logits)
-        unseen = jnp.asarray(self.unseen)
-        kept = _KEPT / (self.graph.vertices * self.attack_time * self.robots)
-        active = min(unseen.shape[1], max(8, min(_ACTIVE, int(kept))))
-        rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
-        hardness = _SOFT * (_HARD / _SOFT) ** progress
-        best = begin[0] if best is None else best
-        value, course = float(least(best, *fixed[:1], unseen, floor, *fixed[1:])[0]), []
-        missed = least(begin[0], *fixed[:1], unseen, floor, *fixed[1:])[1]
-        for first in range(0, progress.size, _BLOCK):
-            weak = np.argsort(-np.asarray(missed))[:active]
-            block = slice(first, first + _BLOCK)
-            schedule = jnp.asarray(rate[block], jnp.float32), jnp.asarray(hardness[block], "f4")
-            begin = follow(*begin, fixed[0], unseen[:, weak], floor, schedule, *fixed[1:])
-            now, missed = least(begin[0], *fixed[:1], unseen, floor, *fixed[1:])
-            if now > value:
-                best, value = begin[0], float(now)
-            course.append(value)
-        return best, value, begin, course
 
     def policies(
         self, logits: Float[Array, "robots branches cells"], floor: float
@@ -340,7 +308,8 @@ class _Problem:
             weights = edge_shares(self.graph, chain)
             cover = greedy_cover(self.visible, robot)
             times = np.asarray(dense.hitting(jnp.asarray(chain.to_scipy().toarray())))
-            commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
+            with np.errstate(invalid="ignore"):
+                commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
             policies.append(
                 Policy(
                     cells=cells,

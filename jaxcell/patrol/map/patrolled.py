@@ -42,6 +42,7 @@ class PatrolledMap(Result):
         "robot": "policies",
         "attack_time": "attacks",
         "share": "shares",
+        "size": "team_sizes",
         "phase": "when_a_robot_is_lost",
     }
 
@@ -84,6 +85,14 @@ class PatrolledMap(Result):
     chosen_share: Annotated[
         float | None, quantity("", "share of steps on the tours", "1", kind="share")
     ] = None
+    wanted: Annotated[
+        float | None, quantity("", "least probability of capture that is wanted", "1", kind="share")
+    ] = None
+    size_capture: Annotated[
+        Float[np.ndarray, "sizes"] | None,
+        quantity("size", "capture at the weakest cell, first attack time", "1", kind="share"),
+    ] = None
+    "What one robot, two and so on reach, up to those that patrol."
     seed: int = 0
     "Of the patrol that a recording shows."
 
@@ -118,6 +127,13 @@ class PatrolledMap(Result):
         return contested(self.visible, self.policies, self.regions)
 
     @property
+    def answered(self) -> bool:
+        """Whether robots reach the capture that is wanted."""
+        if self.wanted is None or self.size_capture is None:
+            return True
+        return float(self.size_capture[-1]) >= self.wanted
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         found = []
         if self.search is not None:
@@ -130,6 +146,11 @@ class PatrolledMap(Result):
                     f"the last quarter of the steps still added {self.search.late_gain:.1%} to its "
                     "least probability of capture"
                 )
+        if not self.answered and self.size_capture is not None:
+            found.append(
+                f"{self.robots} robots capture with a probability of {self.size_capture[-1]:.3f} "
+                f"at least; {self.wanted:g} is not reached"
+            )
         if self.share_capture is not None:
             least, chosen = self.share_capture, self.chosen_share
             plain = float(least[self.share == 0].max(initial=0))
@@ -154,6 +175,10 @@ class PatrolledMap(Result):
     @derived("share", "share of steps on the tours", "1", kind="coordinate")
     def share(self) -> Float[np.ndarray, "shares"] | None:
         return self.shares
+
+    @derived("size", "robots", kind="coordinate")
+    def size(self) -> Int[np.ndarray, "sizes"] | None:
+        return None if self.size_capture is None else np.arange(1, self.size_capture.size + 1)
 
     @derived("", "edges between cells", kind="count")
     def edges(self) -> int:

@@ -1,4 +1,5 @@
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse.csgraph
@@ -6,9 +7,21 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...mapping import Chain
-from ...optimize import Graph, greedy_cover, minimum_commute
+from ...optimize import (
+    Graph,
+    MinimumCommute,
+    greedy_cover,
+    minimum_commute,
+    minimum_cover,
+    shortest_tour,
+)
 from ..walks.walk import random_walk
 from .regions import Regions, check_visible
+
+
+# The smallest cover of more cells may take too long.
+_MAX_COVERED = 500
+_COVER_SECONDS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,7 +92,9 @@ def distributed_policies(
             f"robots: expected 1 to {graph.vertices}, the number of cells, got {robots}"
         )
     cells = np.arange(graph.vertices, dtype=np.int32)
-    return tuple(_policy(graph, cells, visible, share, choice=i) for i in range(robots))
+    # Without an emphasis the walk does not depend on the cover.
+    walk = minimum_commute(graph) if share == 0 else None
+    return tuple(_policy(graph, cells, visible, share, choice=i, walk=walk) for i in range(robots))
 
 
 def centralized_policies(
@@ -127,6 +142,23 @@ def centralized_policies(
     )
 
 
+def smallest_covers(
+    visible: Bool[np.ndarray, "cells cells"], policies: Sequence[Policy]
+) -> Float[np.ndarray, "robots"]:
+    """The size of the smallest cover of each robot's cells; NaN where that takes too long."""
+    found: dict[bytes, float] = {}
+    for policy in policies:
+        key = policy.cells.tobytes()
+        if policy.cells.size > _MAX_COVERED:
+            found[key] = np.nan
+        elif key not in found:
+            sets = visible[np.ix_(policy.cells, policy.cells)]
+            cover = minimum_cover(sets, time_limit=_COVER_SECONDS, throw=False)
+            proven = 0 < cover.bound == cover.chosen.size
+            found[key] = cover.chosen.size if proven else np.nan
+    return np.array([found[policy.cells.tobytes()] for policy in policies], float)
+
+
 def _policy(
     graph: Graph,
     cells: Int[np.ndarray, "visited"],
@@ -135,6 +167,7 @@ def _policy(
     *,
     choice: int = 0,
     view: Bool[np.ndarray, "cells"] | None = None,
+    walk: MinimumCommute | None = None,
 ) -> Policy:
     """The policy on some cells, with a contact cell if there is a view to report in."""
     number = np.full(graph.vertices, -1, np.int32)
@@ -147,7 +180,11 @@ def _policy(
     if view is not None:
         contact = _contact(part, stops, view[cells])
         stops = np.union1d(stops, contact)
-    walk = minimum_commute(part, stops.tolist() if stops.size > 1 else None, share)
+    through = stops.tolist() if stops.size > 1 else None
+    if walk is None:
+        walk = minimum_commute(part, through, share)
+    elif through is not None:
+        walk = dataclasses.replace(walk, tour=shortest_tour(part, through))
     weights = np.zeros(len(graph.edges))
     weights[inside] = walk.weights
     return Policy(

@@ -1,4 +1,8 @@
+"""The gradient of the least probability of capture, in the logits of the steps of all robots."""
+
+import dataclasses
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -6,103 +10,149 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from ...base.threads import one_blas_thread
-from ...optimize import Graph
+from ...markov import dense
 from .steps import Steps, chances, pull
 
 
-_STEPS, _BLOCK = 600, 25
-# Of the steps on the logits, and of the soft minimum of the logarithms of capture.
-_RATE, _SOFT, _HARD = 0.1, 30.0, 200.0
-# Least probability of a step.
-_FLOOR = 1e-6
+# Steps between two looks at all targets; in between, only those that are caught least count.
+_BLOCK, _ACTIVE = 25, 80
+# Numbers that one step keeps for its gradient.
+_KEPT = 5e7
+# Of the steps on the logits, and of the soft minimum of the logarithms of capture at first.
+_RATE, _SOFT = 0.1, 30.0
+# Of a probability whose logarithm is taken.
+_TINY = 1e-12
 
 
-@one_blas_thread()
-def ascend(
-    graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
-) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int, float]:
-    """Follow the gradient of the least probability of capture in the logits of the steps.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ascent:
+    """What is climbed: robots come from where they may be into view of a target, in time."""
 
-    Adam anneals the minimum from each start. What the best then lacks of a local optimum is left to
-    linear programs.
+    steps: Steps
+    unseen: Float[np.ndarray, "cells targets"]
+    "1 where a target is out of view, else 0."
+    begin: Float[np.ndarray, "cells targets"]
+    "1 where a robot may be as it sets out, else 0."
+    attack_time: int
+    start: str
+    "Where robots are then: `uniform`, `stationary` or `worst`."
+    floor: float
+    "The least share of a step that goes to any neighbour alike."
+    hardness: float
+    "Of the soft minimum at the end."
 
-    **Arguments:**
+    def climb(
+        self, begin: Any, progress: Float[np.ndarray, "steps"], best: Any = None
+    ) -> tuple[Any, float, Any, list[float]]:
+        """Follow the gradient with Adam.
 
-    - `graph`: a connected graph whose edges take one step each.
-    - `attack_time`: the steps that an attack takes.
-    - `starts`: transition matrices without waiting.
+        **Arguments:**
 
-    **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
-    share of the probability that the last quarter of them added.
+        - `begin`: logits, array `[robots, branches, cells]`, or a state of the optimiser.
+        - `progress`: what part of the way each step is at, from 0 to 1; steps get shorter and the
+            minimum harder.
+        - `best`: the best logits so far.
+
+        **Returns:** the best logits, their value, the last state, and the best value from block of
+        steps to block.
+        """
+        fixed = self.attack_time, self.start
+        if not isinstance(begin, tuple):
+            logits = jnp.asarray(begin, jnp.float32)
+            begin = logits, optax.scale_by_adam().init(logits)
+        robots, targets = begin[0].shape[0], self.unseen.shape[1]
+        kept = int(_KEPT / (self.unseen.shape[0] * self.attack_time * robots))
+        active = min(targets, max(8, min(_ACTIVE, kept)))
+        rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
+        hardness = _SOFT * (self.hardness / _SOFT) ** progress
+        unseen, may = jnp.asarray(self.unseen), jnp.asarray(self.begin)
+        best = begin[0] if best is None else best
+        value, course = float(_least(best, self.steps, unseen, may, self.floor, *fixed)[0]), []
+        missed = _least(begin[0], self.steps, unseen, may, self.floor, *fixed)[1]
+        for first in range(0, progress.size, _BLOCK):
+            weak = np.argsort(-np.asarray(missed))[:active]
+            block = slice(first, first + _BLOCK)
+            schedule = jnp.asarray(rate[block], "f4"), jnp.asarray(hardness[block], "f4")
+            some = unseen[:, weak], may[:, weak]
+            begin = _follow(*begin, self.steps, *some, self.floor, schedule, *fixed)
+            now, missed = _least(begin[0], self.steps, unseen, may, self.floor, *fixed)
+            if now > value:
+                best, value = begin[0], float(now)
+            course.append(value)
+        return best, value, begin, course
+
+
+def late_gain(course: list[float]) -> float:
+    """The share of the value that the last quarter of the blocks added."""
+    if not course:
+        return 0.0
+    return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))
+
+
+def _log_missed(
+    logits: Float[Array, "robots branches cells"],
+    steps: Steps,
+    unseen: Float[Array, "cells targets"],
+    begin: Float[Array, "cells targets"],
+    floor: float | Float[Array, ""],
+    hardness: Float[Array, ""] | None,
+    attack_time: int,
+    start: str,
+) -> Float[Array, "targets"]:
+    """The logarithm of the probability that no robot captures.
+
+    With a hardness, the worst start is a soft minimum of logarithms of capture: on logarithms,
+    because a probability that is a product of many would leave a gradient of almost 0.
     """
-    steps = Steps.of(graph)
-    here = np.arange(graph.vertices)
-    found = []
-    for start in starts:
-        logits = np.log(np.maximum(start[:, here, np.asarray(steps.image)], 1e-3))
-        found.append(_climb(logits, steps, attack_time))
-    first = int(np.argmax([course[-1] for _, course in found]))
-    best, course = found[first]
-    drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
-    matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
-    for matrix, chance in zip(matrices, drawn, strict=True):
-        np.add.at(matrix, (np.broadcast_to(here, chance.shape), np.asarray(steps.image)), chance)
-    late = 1 - course[-len(course) // 4] / max(course[-1], 1e-12)
-    return matrices, first, _STEPS * len(starts), late
+    total = jnp.zeros(unseen.shape[1], unseen.dtype)
+    for chance in chances(logits, steps, floor):
+
+        def step(value, _, chance=chance):  # type: ignore[no-untyped-def]
+            return unseen * pull(chance, value, steps), None
+
+        late, _ = jax.lax.scan(step, unseen, length=attack_time - 1)
+        late = pull(chance, late, steps)
+        if start == "worst":
+            caught = jnp.where(begin > 0, jnp.maximum(1 - late, _TINY), 1.0)
+            if hardness is None:
+                worst = jnp.min(caught, axis=0)
+            else:
+                soft = jnp.where(begin > 0, -hardness * jnp.log(caught), -jnp.inf)
+                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0) / hardness)
+            # Of a small probability, nothing is lost.
+            total += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
+        else:
+            share = begin
+            if start == "stationary":
+                share = begin * _share_of_time(chance, steps).astype(begin.dtype)[:, None]
+            missed = jnp.sum(share * late, axis=0) / jnp.sum(share, axis=0)
+            total += jnp.log(missed + 1e-30)
+    return total
 
 
-def _climb(logits, steps, attack_time):  # type: ignore[no-untyped-def]
-    """The best logits, and how the value rises."""
-    best = jnp.asarray(logits, jnp.float32)
-    state = best, optax.scale_by_adam().init(best)
-    course = [float(_least(best, steps, attack_time))]
-    progress = np.arange(_STEPS) / _STEPS
-    rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
-    hardness = _SOFT * (_HARD / _SOFT) ** progress
-    for first in range(0, _STEPS, _BLOCK):
-        block = slice(first, first + _BLOCK)
-        schedule = jnp.asarray(rate[block], jnp.float32), jnp.asarray(hardness[block], jnp.float32)
-        state = _follow(*state, steps, schedule, attack_time)
-        now = float(_least(state[0], steps, attack_time))
-        best = state[0] if now > course[-1] else best
-        course.append(max(now, course[-1]))
-    return best, course
+def _share_of_time(chance: Float[Array, "branches cells"], steps: Steps) -> Float[Array, "cells"]:
+    cells = chance.shape[1]
+    matrix = jnp.zeros((cells, cells))
+    here = jnp.broadcast_to(jnp.arange(cells), chance.shape)
+    return dense.stationary(matrix.at[here, steps.image].add(chance.astype(matrix.dtype)))
 
 
-def _captured(
-    logits: Float[Array, "robots branches vertices"], steps: Steps, attack_time: int
-) -> Float[Array, "robots vertices vertices"]:
-    """The probability that each robot comes from each start to each target in time."""
-    away = 1 - jnp.eye(logits.shape[2], dtype=logits.dtype)
-
-    def one(chance):  # type: ignore[no-untyped-def]
-        def step(late, _):  # type: ignore[no-untyped-def]
-            return away * pull(chance, late, steps), None
-
-        late, _ = jax.lax.scan(step, away, length=attack_time - 1)
-        return 1 - pull(chance, late, steps)
-
-    return jnp.stack([one(chance) for chance in chances(logits, steps, _FLOOR)])
+@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
+def _least(logits, steps, unseen, begin, floor, attack_time, start):  # type: ignore[no-untyped-def]
+    """The least probability of capture, and the logarithm of that of none at each target."""
+    missed = _log_missed(logits, steps, unseen, begin, floor, None, attack_time, start)
+    return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
 
 
-@functools.partial(jax.jit, static_argnames="attack_time")
-def _least(logits, steps, attack_time):  # type: ignore[no-untyped-def]
-    worst = jnp.min(_captured(logits, steps, attack_time), axis=1)
-    return jnp.min(1 - jnp.prod(1 - worst, axis=0))
-
-
-@functools.partial(jax.jit, static_argnames="attack_time")
-def _follow(logits, moments, steps, schedule, attack_time):  # type: ignore[no-untyped-def]
+@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
+def _follow(logits, moments, steps, unseen, begin, floor, schedule, attack_time, start):  # type: ignore[no-untyped-def]
+    """Some steps of Adam on the logits, for the soft minimum over some targets."""
     adam = optax.scale_by_adam()
 
     def loss(logits, hardness):  # type: ignore[no-untyped-def]
-        captured = jnp.maximum(_captured(logits, steps, attack_time), 1e-12)
-        worst = -jax.nn.logsumexp(-hardness * jnp.log(captured), axis=1) / hardness
-        if logits.shape[0] > 1:
-            missed = jnp.sum(jnp.log1p(-jnp.exp(jnp.minimum(worst, -1e-6))), axis=0)
-            worst = jnp.log(-jnp.expm1(missed))[None]
-        return jax.nn.logsumexp(-hardness * worst) / hardness
+        missed = _log_missed(logits, steps, unseen, begin, floor, hardness, attack_time, start)
+        caught = jnp.log(jnp.maximum(-jnp.expm1(missed), _TINY))
+        return jax.nn.logsumexp(-hardness * caught) / hardness
 
     def step(state, now):  # type: ignore[no-untyped-def]
         logits, moments = state

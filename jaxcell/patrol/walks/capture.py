@@ -10,12 +10,14 @@ from jaxtyping import Array, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
+from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...optimize import Graph
-from .ascent import ascend
+from .ascent import Ascent, late_gain
 from .descent import descend
 from .polytope import ChainPolytope
 from .sequential_lp import maximize_least_capture
+from .steps import Steps, chances
 
 
 # Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
@@ -27,6 +29,11 @@ _MORE, _QUICK = 8, 7200
 _POLISHED = 100_000
 # Of the value, by the last quarter of the gradient steps.
 _LATE = 0.02
+# Gradient steps from each start, the hardness of the minimum at their end, and the least
+# probability of a step.
+_STEPS, _HARD, _FLOOR = 600, 200.0, 1e-6
+# Of a value in 32 bits; and of the moves from a vertex, what is hardly ever made.
+_EQUAL, _RARE = 1e-5, 1e-5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -85,8 +92,8 @@ def maximin_capture(
         vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `starts`: how many chains to start from. The first goes along a short closed tour. Where all
-        edges and attacks take as long, up to eight times as many are tried on a small graph, and
-        fewer on one of more than 84 vertices.
+        edges and attacks take as long, one robot has up to eight times as many on a small graph,
+        and fewer on one of more than 84 vertices; several robots have fewer by their number.
     - `seed`: of the other starts, which are random.
     - `tolerance`: of the residual.
     - `throw`: whether to raise when the answer is not good enough.
@@ -124,16 +131,16 @@ def maximin_capture(
     plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
     if plain:
         # A step is quick on small graphs, and more starts find more than more steps.
-        count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2)))
+        count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2) / robots))
         begin = among.starts(count, robots, seed)
-        found, best, steps, late = ascend(
+        found, best, steps, late = _ascend(
             graph,
             int(attack[0]),
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
         moves = found[:, among.tails, among.heads]
         if robots * graph.vertices**2 * among.tails.size > _POLISHED:
-            value = _value_of(found, arguments)
+            found, value = _without_rare_moves(found, arguments)
             certificate = Certificate(steps, late, _LATE)
             certificate.check("maximin_capture", throw)
             return MaximinCapture(found, value, best, certificate)
@@ -152,6 +159,8 @@ def maximin_capture(
     certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices = np.stack([among.matrix(robot) for robot in moves])
+    if stationary is None:
+        matrices, value = _without_rare_moves(matrices, arguments)
     return MaximinCapture(matrices, value, best, certificate)
 
 
@@ -199,6 +208,34 @@ def walk_capture_probabilities(
     return np.asarray(
         _compiled(jnp.asarray(given), jnp.asarray(delays), jnp.asarray(attack), *slots)
     )
+
+
+@one_blas_thread()
+def _ascend(
+    graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
+) -> tuple[Float[np.ndarray, "robots vertices vertices"], int, int, float]:
+    """Follow the gradient in the logits of steps from matrices, where all edges take one step.
+
+    **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
+    share of the value that the last quarter of them added.
+    """
+    steps, here = Steps.of(graph), np.arange(graph.vertices)
+    image = np.asarray(steps.image)
+    away = 1 - np.eye(graph.vertices, dtype=np.float32)
+    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _HARD)
+    progress = np.arange(_STEPS) / _STEPS
+    found = [
+        ascent.climb(np.log(np.maximum(start[:, here, image], 1e-3)), progress) for start in starts
+    ]
+    values = np.array([value for _, value, _, _ in found])
+    # Values that differ by rounding count as equal, and the first of them is taken.
+    first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
+    best, _, _, course = found[first]
+    drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
+    matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
+    for matrix, chance in zip(matrices, drawn, strict=True):
+        np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)
+    return matrices, first, _STEPS * len(starts), late_gain(course)
 
 
 def _captured(
@@ -276,6 +313,23 @@ def _value_of(
 ) -> float:
     captured = np.stack([_compiled(jnp.asarray(one), *arguments) for one in matrices])
     return float((1 - (1 - captured.min(axis=1)).prod(axis=0)).min())
+
+
+def _without_rare_moves(
+    matrices: Float[np.ndarray, "robots vertices vertices"], arguments: tuple[Any, ...]
+) -> tuple[Float[np.ndarray, "robots vertices vertices"], float]:
+    """Chains of a team without moves that are hardly ever made, and what they capture at least.
+
+    A robot that leaves a part of the graph to others comes there, once in 10^6 moves, by what is
+    left of a floor; times until then are lost in rounding.
+    """
+    value = _value_of(matrices, arguments)
+    kept = np.where(matrices < _RARE, 0.0, matrices)
+    kept /= kept.sum(axis=2, keepdims=True)
+    without = _value_of(kept, arguments)
+    if len(matrices) > 1 and without >= (1 - 10 * _RARE) * value:
+        return kept, without
+    return matrices, value
 
 
 def _attack_times(graph: Graph, attack_time: Any) -> Int[np.ndarray, "vertices"]:

@@ -9,6 +9,11 @@ from ...base.certificate import Certificate, Outcome
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
 from ...optimize import Graph
+from ..team.charging import Charged
+from ..team.division import Division
+from ..team.durations import Timed
+from ..team.idleness import Idleness, long_run, steps_between_visits
+from ..team.news import News
 from .game import StrategyGame
 from .measures import Measures, measure
 
@@ -38,6 +43,20 @@ class GraphPatrol(Measures):
     local: bool = False
     "Whether it is only a local optimum, because the problem is not convex."
     game: StrategyGame | None = None
+    team: Float[np.ndarray, "robots vertices vertices"] | None = None
+    "The transition matrix of each robot, where they differ; the measures are those of the first."
+    timed: Timed | None = None
+    "The walk in seconds, if edges have travel times."
+    by_steps: bool = False
+    "Whether the walk was chosen by steps although they take times that differ."
+    division: Division | None = None
+    "What robots achieve that share the graph, and that divide it."
+    news: News | None = None
+    "How old news are at a base."
+    charged: Charged | None = None
+    "The walk of the first robot, kept near enough to a charger."
+    idleness: Idleness | None = None
+    "How long vertices wait for visits, beside three other patrols."
     weights_unused: bool = False
     "Whether the file of the graph has weights on edges, which a walk has of its own."
     robots: int = 1
@@ -89,14 +108,27 @@ class GraphPatrol(Measures):
             raise ValueError(
                 f"game: expected walks on {len(graph.edges)} edges, got {self.game.weight.shape[1]}"
             )
+        if self.team is not None and self.team.shape != (self.robots, vertices, vertices):
+            raise ValueError(f"team: expected {self.robots} matrices, got {self.team.shape}")
         if self.robots < 1:
             raise ValueError(f"robots: expected at least 1, got {self.robots}")
 
     @property
+    def matrices(self) -> Float[np.ndarray, "robots vertices vertices"]:
+        """The transition matrix of each robot."""
+        return np.stack([self.transition] * self.robots) if self.team is None else self.team
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         found = []
+        if self.team is not None:
+            found.append("robots walk differently; times and entropy are those of robot 0")
         if self.weights_unused:
             found.append("the weights of edges in the file are not used; the walk has its own")
+        if self.by_steps:
+            found.append("the walk is chosen by steps; the times in seconds are those it then has")
+        if self.timed is not None and self.game is not None:
+            found.append("the game counts steps, not seconds")
         if self.local:
             found.append(
                 "the walk is a local optimum, the best that several starts lead to; another may be "
@@ -145,9 +177,9 @@ class GraphPatrol(Measures):
     def probabilities(self) -> Float[np.ndarray, "edges 2"]:
         return np.stack([self.transition[i, j] for i, j in self._directions], axis=1)
 
-    @derived("edge", "share of steps along it", "1", kind="share")
+    @derived("edge", "share of steps along it, mean over robots", "1", kind="share")
     def weight(self) -> Float[np.ndarray, "edges"]:
-        flow = self.stationary[:, None] * self.transition
+        flow = (self.shares[:, :, None] * self.matrices).mean(axis=0)
         return sum(flow[i, j] for i, j in self._directions)
 
     @derived("", "largest share of the steps on one edge", kind="share")
@@ -165,6 +197,18 @@ class GraphPatrol(Measures):
     @derived("", "steps of the solver", kind="count")
     def iterations(self) -> int | None:
         return None if self.certificate is None else int(self.certificate.iterations)
+
+    @derived("robot vertex", "share of time in the long run of each robot", "1", kind="share")
+    def shares(self) -> Float[np.ndarray, "robots vertices"]:
+        return long_run(self.matrices)
+
+    @derived("", "steps between visits, mean over vertices", "steps", kind="time")
+    def mean_idleness(self) -> float:
+        return float(steps_between_visits(self.shares).mean())
+
+    @derived("", "steps between visits at the vertex with most of them", "steps", kind="time")
+    def worst_idleness(self) -> float:
+        return float(steps_between_visits(self.shares).max())
 
     @property
     def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:

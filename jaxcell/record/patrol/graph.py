@@ -117,8 +117,9 @@ def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     most, robots = float(patrol.weight.max()), patrol.robots
     drawing.lines("shares", drawing.ends, patrol.weight / most)
-    size = np.sqrt(patrol.stationary / patrol.stationary.max())
-    shares = [f"{100 * share:.3g} % of the time" for share in patrol.stationary.tolist()]
+    share = patrol.shares.mean(axis=0)
+    size = np.sqrt(share / share.max())
+    shares = [f"{100 * one:.3g} % of the time" for one in share.tolist()]
     drawing.discs("vertices", drawing.mark * np.maximum(size, 0.1), FREE, shares)
     for robot in range(robots):
         path, color = f"graph/patrollers/{robot}", robot_color(robot)[1]
@@ -146,10 +147,12 @@ def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
 
 def _walks(patrol: GraphPatrol) -> Int[np.ndarray, "times robots"]:
     """The vertices at which patrollers are, from starts in the stationary distribution."""
-    share, random = patrol.stationary, np.random.default_rng(patrol.seed)
-    steps = max(1, min(_STEPS, _MAX_COLORS // share.size))
-    starts = random.choice(share.size, patrol.robots, p=share / share.sum())
-    return sample_walks(Chain.from_scipy(patrol.transition), starts, steps, random)
+    random, walks = np.random.default_rng(patrol.seed), []
+    steps = max(1, min(_STEPS, _MAX_COLORS // patrol.stationary.size))
+    for matrix, share in zip(patrol.matrices, patrol.shares, strict=True):
+        start = random.choice(share.size, 1, p=share / share.sum())
+        walks.append(sample_walks(Chain.from_scipy(matrix), start, steps, random))
+    return np.concatenate(walks, axis=1)
 
 
 def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
@@ -232,5 +235,32 @@ ones. The mixing time, until total variation is within 1/4, is *never* if the wa
 periodic: it does not forget its start.
 
 {described(patrol, "vertex", "stationary", "mean_time_to")}
-
+{_team(patrol)}
 {made_with(spec)}"""
+
+
+def _team(patrol: GraphPatrol) -> str:
+    """What is known of several robots, of seconds, and of other patrols."""
+    parts = []
+    if patrol.timed is not None:
+        parts.append(f"Edges take time:\n\n{numbers(patrol.timed)}")
+    if patrol.division is not None:
+        columns = ["division", "mean_idleness", "worst_idleness"]
+        columns += [] if patrol.division.least_capture is None else ["least_capture"]
+        parts.append(
+            f"Robots that share the graph, and that divide it:\n\n"
+            f"{described(patrol.division, *columns)}"
+        )
+    if patrol.news is not None:
+        ages = described(patrol.news, "mean_age", "late_age", first={"vertex": patrol.names})
+        parts.append(f"{numbers(patrol.news)}\n\n{ages}")
+    if patrol.charged is not None:
+        parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
+    if patrol.idleness is not None:
+        columns = ["patrol", "mean", "worst", "longest"]
+        columns += [] if patrol.idleness.least_capture is None else ["least_capture"]
+        parts.append(
+            "By simulation, beside robots on a tour, those that go anywhere, and those that go "
+            f"where nobody was for longest:\n\n{described(patrol.idleness, *columns)}"
+        )
+    return "".join(f"\n{part}\n" for part in parts)

@@ -8,6 +8,7 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
 from ..canvas.palette import ramp, robot_color
+from ..canvas.prose import described
 from ..canvas.scale import ramp_legend
 from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, only_some, robot_table
@@ -56,7 +57,7 @@ all such weights these are the ones with which it takes the fewest steps from on
 and back, on average over all pairs of its cells.
 
 {robot_table(patrol, "commute_time", "tour_steps")}
-"""
+{_sizes(patrol)}"""
 
 
 def _searched(patrol: PatrolledMap, search: CaptureSearch) -> str:
@@ -70,4 +71,15 @@ cell. That is a local optimum: another patrol may capture more. At least
 {search.randomness:.0%} of the steps go to any neighbour alike.
 
 {robot_table(patrol, "entropy_rate")}
+{_sizes(patrol)}"""
+
+
+def _sizes(patrol: PatrolledMap) -> str:
+    """What smaller teams reach, if the size of the team was sought."""
+    if patrol.size_capture is None:
+        return ""
+    return f"""
+A least probability of capture of {patrol.wanted:g} is wanted, for which teams grew robot by robot:
+
+{described(patrol, "size", "size_capture")}
 """

@@ -37,6 +37,9 @@ def least_capture(matrix, visible, start):
             lazy = np.linalg.matrix_power((matrix + np.eye(len(matrix))) / 2, 4096)
             share = lazy.mean(axis=0)
         share = share * ~view
+        if not share.any():
+            # It has the target in view wherever it is.
+            continue
         least = min(least, 1 - share @ late / share.sum())
     return least
 

@@ -16,8 +16,8 @@ from jaxcell.patrol import (
     mean_hitting_times,
     random_walk,
 )
+from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.walks.game import strategy_game
-from jaxcell.patrol.walks.graph_files import load_graph
 
 
 EIGHT = Path(__file__).parents[3] / "data" / "graphs" / "eight.json"

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks.graph_files import has_weights, load_graph, save_graph
-from jaxcell.patrol.walks.values import load_values
+from jaxcell.patrol.files.graph_files import has_weights, load_graph
+from jaxcell.patrol.files.graph_saving import save_graph
+from jaxcell.patrol.files.values import load_values
 
 
 GRAPHS = Path(__file__).parents[3] / "data" / "graphs"
@@ -231,7 +232,7 @@ def test_other_files_are_refused(tmp_path, monkeypatch):
     (tmp_path / "latin.txt").write_bytes(b"\xe9 0 0\n")
     with pytest.raises(ValueError, match="expected UTF-8 text; byte 0 is not"):
         load_graph(tmp_path / "latin.txt")
-    monkeypatch.setattr("jaxcell.patrol.walks.graph_files._MAX_BYTES", 10)
+    monkeypatch.setattr("jaxcell.patrol.files.graph_files._MAX_BYTES", 10)
     with pytest.raises(ValueError, match="expected a graph of at most 10"):
         load_text(tmp_path, "a 0 0\nb 1 1\na b\n", ".txt")
 
@@ -317,3 +318,77 @@ def test_the_bundled_graphs_are_connected(name, vertices, edges):
     assert names == tuple(str(v + 1) for v in range(vertices))
     assert nx.is_connected(nx.Graph(graph.edges.tolist()))
     assert len(np.unique(graph.xy, axis=0)) == vertices
+
+
+CORRIDOR = """3
+100 50
+0.5
+1 -2
+
+0
+10 20
+1
+1 E 30
+
+1
+40 20
+2
+0 W 30
+2 N 12
+
+2
+40 30
+1
+1 S 12
+"""
+
+
+def test_graphs_of_patrolling_sim(tmp_path):
+    graph, names = load_text(tmp_path, CORRIDOR, ".graph")
+    assert names == ("0", "1", "2")
+    assert graph.edges.tolist() == [[0, 1], [1, 2]]
+    assert graph.xy.tolist() == [[6, 8], [21, 8], [21, 13]]
+    # The last way is not straight.
+    assert graph.lengths.tolist() == [15, 6]
+    assert not has_weights(tmp_path / "graph.graph")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (CORRIDOR[:-3], "it ends after 29 words"),
+        (CORRIDOR + "7", "word 31: '7' comes after the last of 3 vertices"),
+        (CORRIDOR.replace("0.5", "0"), "word 4: expected more than 0 metres a pixel"),
+        (CORRIDOR.replace("E 30", "E far"), "word 13: expected the length of a way"),
+        (CORRIDOR.replace("E 30", "E 31"), "15.5 m back; expected edges that are alike both ways"),
+        (CORRIDOR.replace("1 E 30", "0 E 30"), "it is a loop"),
+    ],
+)
+def test_bad_graphs_of_patrolling_sim_are_refused(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        load_text(tmp_path, text, ".graph")
+
+
+@pytest.mark.parametrize("suffix", [".json", ".graphml"])
+def test_lengths_are_written_and_read(tmp_path, suffix):
+    path = tmp_path / f"graph{suffix}"
+    graph = Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [2, 0]], ways=[1.5, 7])
+    save_graph(graph, path)
+    again, _ = load_graph(path)
+    ways = {frozenset(e): w for e, w in zip(again.edges.tolist(), again.lengths, strict=True)}
+    assert ways == {frozenset((0, 1)): 1.5, frozenset((1, 2)): 7.0}
+
+
+def test_lengths_that_are_none_are_refused(tmp_path):
+    lines = {"nodes": [{"id": 1}, {"id": 2}, {"id": 3}]}
+    for lengths, message in (
+        (({}, {"length": 2}), r"edges\[0\]: it has no length, as others have"),
+        (({"length": 1}, {"length": 0}), r"edges\[1\].length: expected a positive number"),
+        (({"length": 1}, {"length": "far"}), r"edges\[1\].length"),
+    ):
+        ends = ({"source": 1, "target": 2}, {"source": 2, "target": 3})
+        edges = [one | more for one, more in zip(ends, lengths, strict=True)]
+        with pytest.raises(ValueError, match=message):
+            load_text(tmp_path, json.dumps(lines | {"edges": edges}))
+    with pytest.raises(ValueError, match="an edge list has no place for lengths"):
+        save_graph(Graph([[0, 1]], xy=[[0, 0], [1, 0]], ways=[2]), tmp_path / "a.edges")

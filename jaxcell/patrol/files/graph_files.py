@@ -1,13 +1,15 @@
 """Graph files: networkx's node-link JSON, GraphML, and our own lists of vertices and edges.
 
 Every vertex has a name, and either all have a position or none has. Every edge joins two different
-vertices, once, and can be walked both ways. Other attributes in a file are ignored.
+vertices, once, and can be walked both ways. Edges may have a `length` in metres, if all have one;
+otherwise they are straight. Other attributes in a file are ignored.
 
 **Node-link JSON** (`.json`) is an object with a list `nodes`, whose members have an `id` and `x`
 and `y`, or a pair `pos`; and a list `edges` (or `links`), whose members have a `source` and a
 `target`. In **GraphML** (`.graphml`) and **GML** (`.gml`) the vertices have attributes `x` and `y`.
-An **adjacency list** (`.adjlist`) has a line for each vertex, its name and those of neighbours. An
-**edge list** (`.edges`, `.txt`) is text; `#` begins a comment:
+A **patrolling_sim graph** (`.graph`) is of the ROS simulator of that name. An **adjacency list**
+(`.adjlist`) has a line for each vertex, its name and those of neighbours. An **edge list**
+(`.edges`, `.txt`) is text; `#` begins a comment:
 
 ```
 # A line of three is a vertex and its position in metres.
@@ -18,12 +20,11 @@ hall yard
 ```
 """
 
-import json
 import os
 import re
 import reprlib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 from xml.etree.ElementTree import ParseError
@@ -39,12 +40,12 @@ from ...base.documents import (
     read_text,
     refused,
 )
-from ...base.files import replacing
 from ...optimize import Graph
+from .simulator_files import parse_simulator_graph
 
 
-_LIST_SUFFIXES = (".edges", ".txt")
-_SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .edges or .txt (edge list)"
+LIST_SUFFIXES = (".edges", ".txt")
+SUFFIXES = ".json (node-link), .graphml, .gml, .adjlist, .graph, .edges or .txt (edge list)"
 _WEIGHT = re.compile(r"""["\s]weight["\s]""")
 _MAX_BYTES = 64 * 1024**2
 _DIRECTED = (
@@ -53,7 +54,7 @@ _DIRECTED = (
 )
 
 
-class _Vertex(NamedTuple):
+class Vertex(NamedTuple):
     """A vertex of a file, not yet checked."""
 
     field: str
@@ -61,12 +62,13 @@ class _Vertex(NamedTuple):
     attributes: Mapping[str, Any]
 
 
-class _Edge(NamedTuple):
+class Edge(NamedTuple):
     """An edge of a file, not yet checked."""
 
     field: str
     tail: object
     head: object
+    length: object = None
 
 
 def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
@@ -103,76 +105,18 @@ def load_graph(path: str | os.PathLike[str]) -> tuple[Graph, tuple[str, ...]]:
             found = _parse_graphml(_text(path))
         elif suffix in (".gml", ".adjlist"):
             found = _parse_networkx(_text(path), suffix)
-        elif suffix in _LIST_SUFFIXES:
+        elif suffix == ".graph":
+            found = _parse_simulator(_text(path))
+        elif suffix in LIST_SUFFIXES:
             found = _parse_list(_text(path))
         else:
-            raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
-        return _graph(*found)
+            raise ValueError(f"unknown format {suffix!r}; expected {SUFFIXES}")
+        return checked_graph(*found)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def save_graph(
-    graph: Graph, path: str | os.PathLike[str], names: Sequence[str] | None = None
-) -> None:
-    """Write a graph file, whole or not at all; reading it gives the same numbers.
-
-    **Arguments:**
-
-    - `graph`: a graph whose vertices have positions.
-    - `path`: the file to write or replace; its suffix says the format, as for [`load_graph`][].
-    - `names`: the name of each vertex; by default its number.
-
-    **Raises:** `ValueError` for an unknown suffix, a graph without positions, and names that are
-    not one a vertex, come twice, or cannot be written; `FileNotFoundError` if the folder does not
-    exist.
-
-    A line of two vertices:
-
-        >>> import pathlib, tempfile
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([[0, 1]], xy=[[0, 0], [3.5, 1]])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "line.edges")
-        ...     patrol.save_graph(graph, path, ["hall", "yard"])
-        ...     print(path.read_text())
-        hall 0.0 0.0
-        yard 3.5 1.0
-        hall yard
-    """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if names is None:
-        names = [str(vertex) for vertex in range(graph.vertices)]
-    try:
-        if graph.xy is None:
-            raise ValueError("the vertices have no positions, and a graph file has them")
-        if len(names) != graph.vertices:
-            raise ValueError(f"names: expected {graph.vertices}, one a vertex, got {len(names)}")
-        places = graph.xy.tolist()
-        pairs = graph.edges.tolist()
-        # What could not be read is not written.
-        _graph(
-            [_Vertex(f"names[{v}]", names[v], {"x": x, "y": y}) for v, (x, y) in enumerate(places)],
-            [_Edge(f"edges[{e}]", *(names[end] for end in ends)) for e, ends in enumerate(pairs)],
-        )
-        vertices = [(name, x, y) for name, (x, y) in zip(names, places, strict=True)]
-        edges = [(names[tail], names[head]) for tail, head in pairs]
-        if suffix == ".json":
-            text = _format_json(vertices, edges)
-        elif suffix == ".graphml":
-            text = _format_graphml(vertices, edges)
-        elif suffix in _LIST_SUFFIXES:
-            text = _format_list(vertices, edges)
-        else:
-            raise ValueError(f"unknown format {suffix!r}; expected {_SUFFIXES}")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def _parse_json(text: str) -> tuple[list[_Vertex], list[_Edge]]:
+def _parse_json(text: str) -> tuple[list[Vertex], list[Edge]]:
     document = decode_json(text, "a graph")
     if not isinstance(document, dict):
         raise ValueError(f"expected an object with nodes and edges, got {reprlib.repr(document)}")
@@ -183,17 +127,22 @@ def _parse_json(text: str) -> tuple[list[_Vertex], list[_Edge]]:
     fields = Fields(document)
     return (
         [
-            _Vertex(f"nodes[{i}]", node.needed("id"), node.values)
+            Vertex(f"nodes[{i}]", node.needed("id"), node.values)
             for i, node in enumerate(fields.parts("nodes"))
         ],
         [
-            _Edge(f"{key}[{i}]", edge.needed("source"), edge.needed("target"))
+            Edge(
+                f"{key}[{i}]",
+                edge.needed("source"),
+                edge.needed("target"),
+                edge.values.get("length"),
+            )
             for i, edge in enumerate(fields.parts(key))
         ],
     )
 
 
-def _parse_graphml(text: str) -> tuple[list[_Vertex], list[_Edge]]:
+def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
     import networkx as nx
 
     parser = expat.ParserCreate()
@@ -219,12 +168,12 @@ def _parse_graphml(text: str) -> tuple[list[_Vertex], list[_Edge]]:
     if graph.is_directed():
         raise ValueError(f"edgedefault: {_DIRECTED}")
     return (
-        [_Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
-        [_Edge(f"edge {tail!r} to {head!r}", tail, head) for tail, head in graph.edges()],
+        [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
+        _networkx_edges(graph),
     )
 
 
-def _parse_networkx(text: str, suffix: str) -> tuple[list[_Vertex], list[_Edge]]:
+def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
     """GML and adjacency lists, as networkx reads them."""
     import networkx as nx
 
@@ -236,8 +185,23 @@ def _parse_networkx(text: str, suffix: str) -> tuple[list[_Vertex], list[_Edge]]
     if graph.is_directed():
         raise ValueError(f"directed: {_DIRECTED}")
     return (
-        [_Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
-        [_Edge(f"edge {tail!r} to {head!r}", tail, head) for tail, head in graph.edges()],
+        [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
+        _networkx_edges(graph),
+    )
+
+
+def _networkx_edges(graph: Any) -> list[Edge]:
+    return [
+        Edge(f"edge {tail!r} to {head!r}", tail, head, length)
+        for tail, head, length in graph.edges(data="length")
+    ]
+
+
+def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:
+    found = parse_simulator_graph(text)
+    return (
+        [Vertex(field, name, {"x": x, "y": y}) for field, name, x, y in found.vertices],
+        [Edge(*edge) for edge in found.edges],
     )
 
 
@@ -256,7 +220,7 @@ def has_weights(path: str | os.PathLike[str]) -> bool:
         >>> patrol.has_weights(bundled("graphs/eight.json"))
         False
     """
-    return Path(path).suffix.lower() not in (*_LIST_SUFFIXES, ".adjlist") and bool(
+    return Path(path).suffix.lower() not in (*LIST_SUFFIXES, ".adjlist", ".graph") and bool(
         _WEIGHT.search(_text(Path(path)))
     )
 
@@ -268,22 +232,22 @@ def _refuse_doctype(*_: object) -> NoReturn:
     )
 
 
-def _parse_list(text: str) -> tuple[list[_Vertex], list[_Edge]]:
-    vertices: list[_Vertex] = []
-    edges: list[_Edge] = []
+def _parse_list(text: str) -> tuple[list[Vertex], list[Edge]]:
+    vertices: list[Vertex] = []
+    edges: list[Edge] = []
     for number, line in enumerate(text.splitlines(), 1):
         field, words = f"line {number}", line.partition("#")[0].split()
         if len(words) == 3:
             name, x, y = words
-            vertices.append(_Vertex(field, name, {"x": x, "y": y}))
+            vertices.append(Vertex(field, name, {"x": x, "y": y}))
         elif len(words) == 2:
-            edges.append(_Edge(field, *words))
+            edges.append(Edge(field, *words))
         elif words:
             raise refused(field, "a vertex (name x y) or an edge (name name)", line.strip())
     return vertices, edges
 
 
-def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[str, ...]]:
+def checked_graph(vertices: list[Vertex], edges: list[Edge]) -> tuple[Graph, tuple[str, ...]]:
     """Make a graph of the parts of a file; errors name these parts."""
     numbers: dict[str, int] = {}
     xy = []
@@ -303,7 +267,7 @@ def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[st
     if not edges:
         raise ValueError("it has no edges")
     before: dict[tuple[int, int], str] = {}
-    for field, *ends in edges:
+    for field, *ends, _ in edges:
         for name in ends:
             if str(name) not in numbers:
                 raise ValueError(f"{field}: there is no vertex {reprlib.repr(name)}")
@@ -318,7 +282,22 @@ def _graph(vertices: list[_Vertex], edges: list[_Edge]) -> tuple[Graph, tuple[st
             )
         before[tail, head] = field
     pairs = [[numbers[str(edge.tail)], numbers[str(edge.head)]] for edge in edges]
-    return Graph(pairs, len(numbers), None if None in xy else xy), tuple(numbers)
+    places = None if None in xy else xy
+    return Graph(pairs, len(numbers), places, _lengths(edges)), tuple(numbers)
+
+
+def _lengths(edges: list[Edge]) -> list[float] | None:
+    missing = [edge.field for edge in edges if edge.length is None]
+    if len(missing) == len(edges):
+        return None
+    if missing:
+        raise ValueError(f"{missing[0]}: it has no length, as others have")
+    expected = f"a positive number of at most {MAX_NUMBER:g} m"
+    lengths = [checked_number(f"{e.field}.length", e.length, expected, text=True) for e in edges]
+    for edge, length in zip(edges, lengths, strict=True):
+        if length <= 0:
+            raise refused(f"{edge.field}.length", expected, edge.length)
+    return lengths
 
 
 def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:
@@ -332,40 +311,6 @@ def _position(field: str, attributes: Mapping[str, Any]) -> tuple[float, float]:
     expected = f"a finite number of at most {MAX_NUMBER:g} m"
     x, y = (checked_number(*one, expected, text=True) for one in both)
     return x, y
-
-
-def _format_json(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
-    nodes = [json.dumps({"id": name, "x": x, "y": y}) for name, x, y in vertices]
-    pairs = [json.dumps({"source": tail, "target": head}) for tail, head in edges]
-    members = [
-        '"directed": false',
-        '"multigraph": false',
-        '"graph": {}',
-        *(
-            f'"{key}": [\n    ' + ",\n    ".join(lines) + "\n  ]"
-            for key, lines in (("nodes", nodes), ("edges", pairs))
-        ),
-    ]
-    return "{\n  " + ",\n  ".join(members) + "\n}\n"
-
-
-def _format_graphml(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
-    import networkx as nx
-
-    graph = nx.Graph()
-    for name, x, y in vertices:
-        graph.add_node(name, x=x, y=y)
-    graph.add_edges_from(edges)
-    return "\n".join(nx.generate_graphml(graph)) + "\n"
-
-
-def _format_list(vertices: list[tuple[str, float, float]], edges: list[tuple[str, str]]) -> str:
-    for name, _, _ in vertices:
-        if name.split() != [name] or "#" in name:
-            raise ValueError(f"an edge list has no place for spaces or # in a name: {name!r}")
-    lines = [f"{name} {x!r} {y!r}" for name, x, y in vertices]
-    lines += [f"{tail} {head}" for tail, head in edges]
-    return "\n".join(lines) + "\n"
 
 
 def _text(path: Path) -> str:

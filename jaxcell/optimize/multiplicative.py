@@ -1,0 +1,111 @@
+"""The walk with the least commute time on graphs too large for a Hessian of edges by edges."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..base.threads import one_blas_thread
+from .laplacian import pseudo_inverse
+
+
+# Rows of the inverse of the Laplacian whose differences are held at once.
+_ROWS = 256
+# Of a weight, so that it has a logarithm.
+_LEAST = 1e-100
+
+
+class Found(NamedTuple):
+    """Weights, what they achieve, and how far from the least that can be."""
+
+    weights: Float[np.ndarray, "edges"]
+    resistance: float
+    gap: float
+    evaluations: int
+
+
+@one_blas_thread()
+def least_resistance(
+    vertices: int,
+    edges: Int[np.ndarray, "edges 2"],
+    durations: Float[np.ndarray, "edges"],
+    on_tour: Bool[np.ndarray, "edges"],
+    share: float,
+    tolerance: float,
+    evaluations: int,
+) -> Found:
+    """Weights of the edges with the least sum of reciprocal eigenvalues of the Laplacian.
+
+    With `g_e = |X b_e|^2 / t_e`, by how much each weight lowers the sum, `sum_e g_e w_e^2 / u_e`
+    bounds it at other weights `u` and touches it at `u = w`. The least of the bound is at weights
+    in proportion to `w_e sqrt(g_e)`, within the share on the tour and elsewhere if that is short.
+    Each such step lowers the sum; two of them are extrapolated (Varadhan and Roland 2008), as far
+    as the sum falls.
+
+    **Arguments:**
+
+    - `vertices`, `edges`: a connected graph.
+    - `durations`: `t_e`, with which the Laplacian is `sum_e (w_e / t_e) b_e b_e'`.
+    - `on_tour`, `share`: edges on which there is at least this share of the weight.
+    - `tolerance`: of the relative gap.
+    - `evaluations`: how often the Laplacian is inverted, at most.
+
+    **Returns:** [`Found`][], the weights with the smallest gap.
+    """
+    best, count = Found(np.empty(0), np.inf, np.inf, 0), 0
+
+    def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
+        nonlocal best, count
+        count += 1
+        resistance, gain = _gains(vertices, edges, weights / durations)
+        gain /= durations
+        most = (1 - share) * gain.max() + share * gain[on_tour].max(initial=0.0)
+        gap = max(0.0, 1 - resistance / float(most))
+        if gap < best.gap:
+            best = Found(weights, resistance, gap, count)
+        return _shared(weights * np.sqrt(gain), on_tour, share), resistance
+
+    weights = _shared(np.ones(len(edges)), on_tour, share)
+    following, _ = step(weights)
+    while best.gap > tolerance and count < evaluations:
+        second, now = step(following)
+        logs = [np.log(one) for one in (weights, following, second)]
+        ahead, bend = logs[1] - logs[0], logs[2] - 2 * logs[1] + logs[0]
+        length = np.sqrt(following @ ahead**2 / max(following @ bend**2, _LEAST))
+        while length > 1:
+            tried = np.exp(logs[0] + 2 * length * ahead + length**2 * bend)
+            tried = _shared(tried, on_tour, share)
+            after, resistance = step(tried)
+            if resistance <= now or count >= evaluations:
+                break
+            length = (1 + length) / 2 if length > 1.5 else 0.0
+        else:
+            tried = second
+            after, _ = step(tried)
+        weights, following = tried, after
+    return best._replace(evaluations=count)
+
+
+def _shared(
+    weights: Float[np.ndarray, "edges"], on_tour: Bool[np.ndarray, "edges"], share: float
+) -> Float[np.ndarray, "edges"]:
+    """The weights with the sum 1, of which at least a share is on the tour; none is 0."""
+    weights = np.maximum(weights / weights.sum(), _LEAST)
+    there = float(weights[on_tour].sum())
+    if there >= share:
+        return weights
+    return np.where(on_tour, share / there, (1 - share) / (1 - there)) * weights
+
+
+def _gains(
+    vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
+) -> tuple[float, Float[np.ndarray, "edges"]]:
+    """The sum of the reciprocal eigenvalues, and by how much each weight lowers it."""
+    inverse = pseudo_inverse(vertices, edges, weights)
+    tail, head = edges.T
+    gain = np.empty(len(edges))
+    for first in range(0, len(edges), _ROWS):
+        some = slice(first, first + _ROWS)
+        columns = inverse[tail[some]] - inverse[head[some]]
+        gain[some] = np.einsum("en,en->e", columns, columns)
+    return float(np.trace(inverse)), gain

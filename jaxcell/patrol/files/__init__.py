@@ -1,0 +1,1 @@
+"""Files of graphs, and of numbers of their vertices."""

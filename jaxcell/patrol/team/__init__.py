@@ -1,0 +1,1 @@
+"""Several robots on a graph: idleness, news, travel times, and who walks where."""

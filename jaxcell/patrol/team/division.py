@@ -1,0 +1,145 @@
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, ClassVar
+
+import numpy as np
+import scipy.sparse.csgraph
+from jaxtyping import Float, Int
+
+from ...base.quantities import Result, quantity
+from ...optimize import Graph
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Division(Result):
+    """Robots that share a graph, and robots that have a part of it each."""
+
+    title: ClassVar[str] = "Sharing a graph against dividing it"
+    tables: ClassVar[Mapping[str, str]] = {"division": "divisions"}
+
+    division: Annotated[list[str], quantity("division", "division", kind="coordinate")]
+    mean_idleness: Annotated[
+        Float[np.ndarray, "divisions"],
+        quantity("division", "steps between visits, mean over vertices", "steps", kind="time"),
+    ]
+    worst_idleness: Annotated[
+        Float[np.ndarray, "divisions"],
+        quantity("division", "at the vertex with most of them", "steps", kind="time"),
+    ]
+    least_capture: Annotated[
+        Float[np.ndarray, "divisions"] | None,
+        quantity("division", "least chance of capture, robots where worst", "1", kind="share"),
+    ]
+    region: Annotated[
+        Int[np.ndarray, "vertices"],
+        quantity("vertex", "robot that has the vertex if it is divided", kind="index"),
+    ]
+
+
+def divide_graph(graph: Graph, parts: int) -> Int[np.ndarray, "vertices"]:
+    """Divide a graph into connected parts of nearly equally many vertices.
+
+    Parts grow from vertices that are far apart: the smallest one takes the nearest vertex next to
+    it that is free.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `parts`: how many, at most half as many as vertices.
+
+    **Returns:** the part of each vertex.
+
+    **Raises:** `ValueError` for too many parts, and where one is left with a single vertex, from
+    which a robot could not move.
+
+    A line of six vertices:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([(i, i + 1) for i in range(5)])
+        >>> patrol.divide_graph(graph, 2).tolist()
+        [0, 0, 0, 1, 1, 1]
+    """
+    if not 1 <= parts <= graph.vertices // 2:
+        raise ValueError(
+            f"expected 1 to {graph.vertices // 2} parts of {graph.vertices} vertices, got {parts}"
+        )
+    apart = scipy.sparse.csgraph.dijkstra(graph.matrix(graph.lengths), directed=False)
+    # One end of the longest way, and then what is farthest from all seeds.
+    seeds = [int(apart.max(axis=1).argmax())]
+    while len(seeds) < parts:
+        seeds.append(int(apart[seeds].min(axis=0).argmax()))
+    beside = graph.matrix(np.ones(len(graph.edges))).toarray() > 0
+    part = np.full(graph.vertices, -1, np.int64)
+    part[seeds] = np.arange(parts)
+    while (part < 0).any():
+        sizes = np.bincount(part[part >= 0], minlength=parts)
+        for smallest in np.argsort(sizes, kind="stable"):
+            free = np.flatnonzero((part < 0) & beside[part == smallest].any(axis=0))
+            if free.size:
+                part[free[apart[seeds[smallest], free].argmin()]] = smallest
+                break
+    alone = np.flatnonzero(np.bincount(part, minlength=parts) == 1)
+    if alone.size:
+        raise ValueError(
+            f"a part of {parts} would be a single vertex, number {seeds[alone[0]]}; expected fewer"
+        )
+    return part
+
+
+def part_of_graph(graph: Graph, vertices: Int[np.ndarray, "some"]) -> Graph:
+    """The graph of some vertices and the edges between them, which are numbered anew in order.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `vertices`: their numbers in it.
+
+    **Returns:** the part.
+
+    The last three of a line of four vertices:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> line = patrol.Graph([(i, i + 1) for i in range(3)])
+        >>> patrol.part_of_graph(line, np.array([1, 2, 3])).edges.tolist()
+        [[0, 1], [1, 2]]
+    """
+    number = np.full(graph.vertices, -1)
+    number[vertices] = np.arange(vertices.size)
+    ends = number[graph.edges]
+    inside = (ends >= 0).all(axis=1)
+    places = None if graph.xy is None else graph.xy[vertices]
+    ways = None if graph.ways is None else graph.ways[inside]
+    return Graph(ends[inside], vertices.size, places, ways)
+
+
+def walk_in_part(
+    graph: Graph, vertices: Int[np.ndarray, "some"], matrix: Float[np.ndarray, "some some"]
+) -> Float[np.ndarray, "vertices vertices"]:
+    """A walk in a part of a graph as one on all of it, that goes there on a shortest way.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `vertices`: those of the part.
+    - `matrix`: the transition matrix of the walk between them.
+
+    **Returns:** array `[vertices, vertices]`, the transition matrix between all.
+
+    To and fro at one end of a line of four vertices:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> line = patrol.Graph([(i, i + 1) for i in range(3)])
+        >>> patrol.walk_in_part(line, np.array([0, 1]), np.array([[0, 1.0], [1, 0]])).argmax(axis=1)
+        array([1, 0, 1, 2])
+    """
+    lengths = graph.matrix(np.maximum(graph.lengths, np.finfo(np.float64).tiny))
+    _, before, _ = scipy.sparse.csgraph.dijkstra(
+        lengths, directed=False, indices=vertices, min_only=True, return_predecessors=True
+    )
+    whole = np.zeros((graph.vertices, graph.vertices))
+    outside = np.setdiff1d(np.arange(graph.vertices), vertices)
+    whole[outside, before[outside]] = 1
+    whole[np.ix_(vertices, vertices)] = matrix
+    return whole

@@ -1,0 +1,152 @@
+import dataclasses
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...base.quantities import Checks, Result, derived, quantity
+from ...optimize import Graph
+
+
+_TIME = 1e-6
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Timed(Result):
+    """A walk in seconds: its steps take the times of edges."""
+
+    title: ClassVar[str] = "Random walk with travel times"
+    tables: ClassVar[Mapping[str, str]] = {"edge": "edges"}
+
+    duration: Annotated[
+        Float[np.ndarray, "edges"], quantity("edge", "time that it takes", "s", kind="time")
+    ]
+    wait: Annotated[float, quantity("", "time that a step without moving takes", "s", kind="time")]
+    step: Annotated[
+        Float[np.ndarray, "vertices"],
+        quantity("vertex", "mean time of a step from it", "s", kind="time"),
+    ]
+    hitting_time: Annotated[
+        Float[np.ndarray, "vertices vertices"],
+        quantity("start target", "mean time until first there", "s", kind="time"),
+    ]
+    mean_step: Annotated[float, quantity("", "mean time of a step", "s", kind="time")]
+    idleness: Annotated[
+        Float[np.ndarray, "vertices"],
+        quantity("vertex", "time between visits by any robot, mean", "s", kind="time"),
+    ]
+    transition: Float[np.ndarray, "vertices vertices"]
+
+    @derived("", "mean hitting time over pairs of vertices", "s", kind="time")
+    def mean_hitting_time(self) -> float:
+        vertices = self.step.size
+        return float(self.hitting_time.sum() / (vertices * (vertices - 1)))
+
+    @derived("", "mean commute time over pairs of vertices", "s", kind="time")
+    def mean_commute_time(self) -> float:
+        return 2 * self.mean_hitting_time
+
+    @derived("", "time between visits, mean over vertices", "s", kind="time")
+    def mean_idleness(self) -> float:
+        return float(self.idleness.mean())
+
+    @derived("", "time between visits at the vertex where it is longest", "s", kind="time")
+    def worst_idleness(self) -> float:
+        return float(self.idleness.max())
+
+    def checks(self) -> Checks:
+        times = self.hitting_time
+        there = np.flatnonzero(np.isfinite(times).all(axis=0))
+        gap = self.step[:, None] + self.transition @ times[:, there] - times[:, there]
+        gap[there, np.arange(there.size)] = 0
+        error = float(np.abs(gap).max(initial=0) / max(1.0, times[:, there].max(initial=0)))
+        return {"timed_hitting_time_residual": (error, _TIME)}
+
+
+def timed(
+    graph: Graph,
+    matrices: Float[np.ndarray, "robots vertices vertices"],
+    shares: Float[np.ndarray, "robots vertices"],
+    durations: Any,
+    wait: float,
+) -> Timed:
+    """The times of a walk whose steps take as long as their edges, a semi-Markov process.
+
+    With `s` the mean times of steps, the hitting times are those of `h = s + P h`, and a vertex is
+    left once in `pi s / pi_j`, by each robot.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `matrices`: the transition matrix of each robot; the times are those of the first.
+    - `shares`: the share of its steps that each robot begins at each vertex.
+    - `durations`: array `[edges]`, how long each edge takes, in seconds.
+    - `wait`: how long a step takes that stays.
+
+    **Returns:** [`Timed`][].
+
+    A random walk on a line of three vertices, one of whose edges takes ten times as long:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
+        >>> found = patrol.timed(graph, walk, np.array([[0.25, 0.5, 0.25]]), [1, 10], 1.0)
+        >>> found.hitting_time.round(6).tolist()
+        [[0.0, 1.0, 13.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
+    """
+    durations = np.array(durations, np.float64)
+    taken = graph.matrix(durations).toarray() + wait * np.eye(graph.vertices)
+    steps = (matrices * taken).sum(axis=2)
+    means = (shares * steps).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        idleness = 1 / (shares / means[:, None]).sum(axis=0)
+    return Timed(
+        duration=durations,
+        wait=wait,
+        step=steps[0],
+        hitting_time=_hitting(matrices[0], shares[0], steps[0]),
+        mean_step=float(means[0]),
+        idleness=idleness,
+        transition=matrices[0],
+    )
+
+
+def _hitting(
+    matrix: Float[np.ndarray, "vertices vertices"],
+    share: Float[np.ndarray, "vertices"],
+    step: Float[np.ndarray, "vertices"],
+) -> Float[np.ndarray, "vertices vertices"]:
+    """The mean times, by the fundamental matrix; infinite to what is not visited in the long run.
+
+    With `Z = (I - P + 1 pi)^-1` they are `(Z s)_i - (Z s)_j + pi s (z_jj - z_ij) / pi_j`.
+    """
+    inverse = np.linalg.inv(np.eye(share.size) - matrix + share)
+    ahead, visited = inverse @ step, share > 0
+    times = np.full(matrix.shape, np.inf)
+    own = np.diag(inverse)[visited] - inverse[:, visited]
+    times[:, visited] = ahead[:, None] - ahead[visited] + share @ step * own / share[visited]
+    np.fill_diagonal(times, 0)
+    return np.maximum(times, 0)
+
+
+def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edges"]:
+    """How long each edge takes, in whole units of time of at least 1.
+
+    **Arguments:**
+
+    - `graph`: the graph, whose edges have lengths in metres.
+    - `speed`: in metres per second.
+    - `unit`: in seconds.
+
+    **Returns:** the times, rounded.
+
+    Two edges of 1 and 2.6 m at 0.5 m/s, in seconds:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [3.6, 0]])
+        >>> patrol.whole_times(graph, 0.5, 1.0).tolist()
+        [2, 5]
+    """
+    return np.maximum(1, np.rint(graph.lengths / (speed * unit))).astype(np.int64)

@@ -1,0 +1,228 @@
+import dataclasses
+import heapq
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float, Int
+
+from ...base.quantities import Result, quantity
+from ...mapping import Chain, persistent_groups
+from ...markov import limiting_distribution
+from ...optimize import Graph, shortest_tour
+
+
+# Moves of a simulation, at least and for each vertex.
+_MOVES, _VISITS = 20_000, 50
+# Of the time, before idleness is counted: vertices are not visited as the robots start.
+_BEFORE = 0.1
+
+# Where a robot goes next: its number, its vertex, and when each vertex was last visited.
+_Next = Callable[[int, int, Float[np.ndarray, "vertices"]], int]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Idleness(Result):
+    """How long vertices wait for visits, in one simulation of each of some patrols."""
+
+    title: ClassVar[str] = "Idleness of patrols"
+    tables: ClassVar[Mapping[str, str]] = {"patrol": "patrols"}
+
+    patrol: Annotated[list[str], quantity("patrol", "patrol", kind="coordinate")]
+    mean: Annotated[
+        Float[np.ndarray, "patrols"],
+        quantity("patrol", "time between visits, mean over vertices", kind="time"),
+    ]
+    worst: Annotated[
+        Float[np.ndarray, "patrols"],
+        quantity("patrol", "at the vertex where it is longest", kind="time"),
+    ]
+    longest: Annotated[
+        Float[np.ndarray, "patrols"],
+        quantity("patrol", "longest time between two visits", kind="time"),
+    ]
+    least_capture: Annotated[
+        Float[np.ndarray, "patrols"] | None,
+        quantity("patrol", "least capture of attacks that begin at any time", "1", kind="share"),
+    ] = None
+    "The attack does not wait for the robots to be far away."
+
+
+def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
+    """The share of its time that each robot spends at each vertex, wherever it starts.
+
+    **Arguments:**
+
+    - `matrices`: the transition matrix of each, dense or sparse.
+
+    **Returns:** array `[robots, vertices]`.
+
+    A robot that goes to and fro at one end of a line of three vertices:
+
+        >>> from jaxcell import patrol
+        >>> patrol.long_run([[[0, 1, 0], [1, 0, 0], [0, 1, 0]]]).tolist()
+        [[0.5, 0.5, 0.0]]
+    """
+    chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix, dtype=float)) for matrix in matrices]
+    limits = [limiting_distribution(chain, persistent_groups(chain)).value for chain in chains]
+    return np.stack([np.asarray(limit) for limit in limits])
+
+
+def steps_between_visits(
+    shares: Float[np.ndarray, "robots vertices"],
+) -> Float[np.ndarray, "vertices"]:
+    """The mean time between steps at which a robot is at a vertex, by their shares of time.
+
+    Robots are independent, and some are there at once; such visits count as one.
+
+    **Arguments:**
+
+    - `shares`: how often each robot is at each vertex, [`long_run`][].
+
+    **Returns:** the times, in steps; infinite where nobody comes.
+
+    Two robots that are each at the first of two vertices half of the time:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> patrol.steps_between_visits(np.array([[0.5, 0.5], [0.5, 0.5]])).round(3).tolist()
+        [1.333, 1.333]
+    """
+    with np.errstate(divide="ignore"):
+        return 1 / (1 - (1 - shares).prod(axis=0))
+
+
+def simulate_idleness(
+    graph: Graph,
+    matrices: Float[np.ndarray, "robots vertices vertices"],
+    *,
+    times: Any = None,
+    attack_time: Any = None,
+    seed: int = 0,
+) -> Idleness:
+    """Simulate how long vertices wait for a visit, by robots that walk and by three others.
+
+    These are patrols with which patrolling_sim (Portugal and Rocha) compares: robots one behind the
+    other on a short closed tour through all vertices (*tour*); those that go to any neighbour alike
+    (*random*); and those that go to the neighbour whose last visit, by any robot, is longest ago
+    (*reactive*, "conscientious reactive" of Machado et al. 2003). The *walk* is that of the
+    matrices. All start on the tour.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `matrices`: the transition matrix of each robot.
+    - `times`: array `[edges]`, how long each edge takes; by default 1. Waiting takes as long as the
+        shortest.
+    - `attack_time`: how long an attack takes, one number or array `[vertices]`; by default capture
+        is not counted.
+    - `seed`: of the simulation.
+
+    **Returns:** [`Idleness`][], in the unit of `times`.
+
+    Two robots on a ring of eight follow each other, four steps apart:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> ring = patrol.Graph([(i, (i + 1) % 8) for i in range(8)])
+        >>> walk = patrol.random_walk(ring, np.ones(8)).to_scipy().toarray()
+        >>> found = patrol.simulate_idleness(ring, np.stack([walk, walk]))
+        >>> found.patrol[1], found.mean[1].item(), found.longest[1].item()
+        ('tour', 4.0, 4.0)
+    """
+    robots, vertices = matrices.shape[:2]
+    each = np.broadcast_to(np.asarray(1.0 if times is None else times, float), len(graph.edges))
+    durations = graph.matrix(each).toarray()
+    durations[durations == 0] = each.min()
+    tour = shortest_tour(graph, range(vertices))
+    spaced = _spaced(tour, durations, robots)
+    neighbours = [np.flatnonzero(row) for row in graph.matrix(each).toarray()]
+    random = np.random.default_rng(seed)
+    total = matrices.cumsum(axis=2)
+    place = list(spaced)
+
+    def walk(robot, here, last):  # type: ignore[no-untyped-def]
+        row = total[robot, here]
+        return int(np.searchsorted(row, random.random() * row[-1], side="right"))
+
+    def follow(robot, here, last):  # type: ignore[no-untyped-def]
+        place[robot] = (place[robot] + 1) % tour.size
+        return int(tour[place[robot]])
+
+    def anywhere(robot, here, last):  # type: ignore[no-untyped-def]
+        return int(neighbours[here][int(random.random() * neighbours[here].size)])
+
+    def reactive(robot, here, last):  # type: ignore[no-untyped-def]
+        near = neighbours[here]
+        longest = near[last[near] == last[near].min()]
+        return int(longest[int(random.random() * longest.size)])
+
+    rules: dict[str, _Next] = {
+        "walk": walk,
+        "tour": follow,
+        "random": anywhere,
+        "reactive": reactive,
+    }
+    starts = tour[spaced]
+    moves = max(_MOVES, _VISITS * vertices)
+    gaps = [_gaps(rule, durations, starts, moves) for rule in rules.values()]
+    means = [np.array([one.mean() for one in found]) for found in gaps]
+    caught = None
+    if attack_time is not None:
+        attack = np.broadcast_to(np.asarray(attack_time, float), vertices)
+        caught = np.array([_least_capture(found, attack) for found in gaps])
+    return Idleness(
+        patrol=list(rules),
+        mean=np.array([one.mean() for one in means]),
+        worst=np.array([one.max() for one in means]),
+        longest=np.array([max(float(one.max()) for one in found) for found in gaps]),
+        least_capture=caught,
+    )
+
+
+def _least_capture(
+    gaps: Sequence[Float[np.ndarray, "_"]], attack: Float[np.ndarray, "vertices"]
+) -> float:
+    """The least share of the time from which on the next visit comes within the attack."""
+    shares = [
+        float(np.minimum(one, time).sum() / one.sum()) if np.isfinite(one).all() else 0.0
+        for one, time in zip(gaps, attack, strict=True)
+    ]
+    return min(shares)
+
+
+def _spaced(
+    tour: Int[np.ndarray, "steps"], durations: Float[np.ndarray, "vertices vertices"], robots: int
+) -> list[int]:
+    """Places on a tour that robots reach equally long after each other, as far as that goes."""
+    reached = np.concatenate([[0.0], durations[tour, np.roll(tour, -1)].cumsum()])
+    aims = np.arange(robots) * reached[-1] / robots
+    return [int(np.abs(reached[:-1] - aim).argmin()) for aim in aims]
+
+
+def _gaps(
+    rule: _Next,
+    durations: Float[np.ndarray, "vertices vertices"],
+    starts: Int[np.ndarray, "robots"],
+    moves: int,
+) -> list[Float[np.ndarray, "_"]]:
+    """The times between visits of each vertex; infinite where it has fewer than two."""
+    last = np.full(len(durations), -1.0)
+    visits: list[list[float]] = [[] for _ in range(len(durations))]
+    moving = [(0.0, robot, int(start)) for robot, start in enumerate(starts)]
+    for _, _, here in moving:
+        last[here] = 0.0
+    for _ in range(moves + len(starts)):
+        now, robot, here = heapq.heappop(moving)
+        last[here] = now
+        if not visits[here] or visits[here][-1] < now:
+            visits[here].append(now)
+        there = rule(robot, here, last)
+        heapq.heappush(moving, (now + float(durations[here, there]), robot, there))
+    begin = _BEFORE * now
+    found = []
+    for times in visits:
+        counted = np.array([time for time in times if time >= begin])
+        found.append(np.diff(counted) if counted.size > 1 else np.array([np.inf]))
+    return found

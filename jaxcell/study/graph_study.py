@@ -1,0 +1,111 @@
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import tyro
+
+from .study import Say, Study, require
+
+
+if TYPE_CHECKING:
+    from ..optimize import Graph
+    from ..patrol import GraphPatrol
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GraphStudy(Study):
+    """A question about robots on a graph, in steps or in seconds."""
+
+    file: tyro.conf.Positional[Path]
+    """Graph file: node-link .json, .graphml, .gml, .adjlist, .graph of patrolling_sim, or a list of
+    vertices and edges .edges or .txt. Vertices may have no positions; edges are then alike."""
+    attack_time: int | None = None
+    """Steps that an attack takes, or seconds with a speed, for "capture", which is by all."""
+    robots: int = 1
+    """How many patrollers walk, each by itself."""
+    division: Literal["shared", "partition"] | None = None
+    """Whether robots share the graph or have a part of it each; both are then compared. Without it
+    they share it."""
+    speed: float | None = None
+    """Metres a second, by which edges take as long as their lengths say; without it, a step."""
+    time_unit: float = 1.0
+    """Seconds to which the times of edges are rounded."""
+    base: str | None = None
+    """A vertex where robots tell what they saw; how old news are there."""
+    charger: str | None = None
+    """A vertex where a robot must be every so many steps; what becomes of the walk."""
+    every: int | None = None
+    """The most steps between two times at the charger."""
+    baselines: bool = False
+    """Also simulate how long vertices wait for a visit, by this walk, by robots on a tour, by those
+    that go anywhere and by those that go where nobody was for longest."""
+    seed: int = 0
+    """Seed of the walk that is recorded, and of simulations."""
+
+    def __post_init__(self) -> None:
+        require("robots", self.robots, "at least 1", lambda x: x >= 1)
+        for name in ("speed", "time_unit"):
+            require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
+        if (self.charger is None) != (self.every is None):
+            raise ValueError("every: expected with a charger, and only then")
+        if self.charger is not None and (self.speed is not None or self.robots > 1):
+            raise ValueError("charger has no meaning with a speed, or for more than one robot")
+        if self.division is not None and self.robots == 1:
+            raise ValueError("division has no meaning for one robot")
+
+    def more(self, found: "GraphPatrol", say: Say) -> dict[str, Any]:
+        """What else was asked of the walks."""
+        from .. import patrol
+
+        more: dict[str, Any] = {}
+        times = self.times(found.graph)
+        seconds = None if times is None else times * self.time_unit
+        if seconds is not None:
+            walks = found.matrices, found.shares
+            more["timed"] = patrol.timed(found.graph, *walks, seconds, self.time_unit)
+        if self.base is not None:
+            say("following news")
+            (base,) = self.vertices(found.names, "base", self.base)
+            more["news"] = patrol.age_of_news(
+                found.graph,
+                found.matrices,
+                base,
+                times=times,
+                unit=1.0 if times is None else self.time_unit,
+                name=self.base,
+            )
+        if self.charger is not None and self.every is not None:
+            (charger,) = self.vertices(found.names, "charger", self.charger)
+            more["charged"] = patrol.charged(
+                found.graph,
+                found.transition,
+                charger,
+                self.every,
+                attack_time=self.attack_time,
+                name=self.charger,
+            )
+        if self.baselines:
+            say("simulating patrols")
+            more["idleness"] = patrol.simulate_idleness(
+                found.graph,
+                found.matrices,
+                times=seconds,
+                attack_time=self.attack_time,
+                seed=self.seed,
+            )
+        return more
+
+    def times(self, graph: "Graph") -> Any:
+        """How many units of time each edge takes, if that is asked for."""
+        from ..patrol import whole_times
+
+        return None if self.speed is None else whole_times(graph, self.speed, self.time_unit)
+
+    def vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
+        """The numbers of vertices that a parameter names."""
+        for name in wanted:
+            if name not in names:
+                listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+                raise ValueError(f"{parameter}: there is no vertex {name!r}; there are {listed}")
+        return [names.index(name) for name in wanted]

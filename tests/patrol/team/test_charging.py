@@ -1,0 +1,74 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol import charged, random_walk
+
+
+GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2], [3, 4]])
+WALK = random_walk(GRAPH, [1, 2, 1, 1, 3, 1]).to_scipy().toarray()
+CHARGER, EVERY = 2, 5
+
+
+def test_against_a_run():
+    found = charged(GRAPH, WALK, CHARGER, EVERY)
+    random, here, since = np.random.default_rng(0), CHARGER, 0
+    visits, intervals = np.zeros(5), np.zeros(EVERY)
+    for _ in range(40_000):
+        here = int(random.choice(5, p=found.chance[since, here]))
+        visits[here] += 1
+        since += 1
+        if here == CHARGER:
+            intervals[since - 1] += 1
+            since = 0
+        assert since < EVERY
+    np.testing.assert_allclose(found.share, visits / visits.sum(), atol=0.01)
+    np.testing.assert_allclose(found.interval, intervals / intervals.sum(), atol=0.015)
+    assert found.interval.sum() == pytest.approx(1)
+    assert found.mean_interval == pytest.approx(found.idleness[CHARGER])
+
+
+def test_capture_against_all_ways():
+    """Of two steps for each vertex, from all states that occur, by enumeration."""
+    attack, least = 3, 1.0
+    found = charged(GRAPH, WALK, CHARGER, EVERY, attack_time=attack)
+    states = {(0, CHARGER)}
+    while True:
+        after = {
+            (0 if there == CHARGER else since + 1, int(there))
+            for since, here in states
+            for there in np.flatnonzero(found.chance[since, here])
+        }
+        if after <= states:
+            break
+        states |= after
+    for (since, start), target in itertools.product(states, range(5)):
+        caught = 0.0
+        for way in itertools.product(range(5), repeat=attack):
+            chance, age, here = 1.0, since, start
+            for there in way:
+                chance *= found.chance[age % EVERY, here, there]
+                age, here = (0 if there == CHARGER else age + 1), there
+            caught += chance * (target in way)
+        least = min(least, caught)
+    assert found.least_capture == pytest.approx(least, abs=1e-12)
+
+
+def test_much_energy_changes_nothing():
+    found = charged(GRAPH, WALK, CHARGER, 200)
+    share = np.linalg.matrix_power((WALK + np.eye(5)) / 2, 2000)[0]
+    np.testing.assert_allclose(found.share, share, atol=1e-6)
+
+
+def test_a_walk_that_never_comes_there_is_led_back():
+    to_and_fro = np.zeros((5, 5))
+    to_and_fro[[0, 1, 2, 3, 4], [1, 0, 1, 4, 3]] = 1
+    found = charged(GRAPH, to_and_fro, CHARGER, 4)
+    assert found.interval[-2:].sum() == pytest.approx(1)
+
+
+def test_a_charger_that_is_too_far_is_refused():
+    with pytest.raises(ValueError, match="every: expected at least 4 steps, to the far"):
+        charged(GRAPH, WALK, CHARGER, 3)

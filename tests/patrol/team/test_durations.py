@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol import random_walk, timed, whole_times
+
+
+GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+TIMES = [1, 4, 2, 3, 5]
+
+
+def subdivided(matrix, taken):
+    """The chain with a vertex for each unit of time on the way, and which vertices are new."""
+    n = len(matrix)
+    arcs = [(i, j) for i in range(n) for j in range(n) if matrix[i, j] > 0]
+    size = n + sum(taken[i, j] - 1 for i, j in arcs)
+    whole, next_ = np.zeros((size, size)), n
+    for i, j in arcs:
+        here, chance = i, matrix[i, j]
+        for _ in range(taken[i, j] - 1):
+            whole[here, next_], here, chance = chance, next_, 1.0
+            next_ += 1
+        whole[here, j] += chance
+    return whole
+
+
+def test_times_are_those_of_the_graph_with_vertices_on_the_way():
+    walk = random_walk(GRAPH, [1, 2, 1, 1, 3]).to_scipy().toarray()
+    lazy = 0.8 * walk + 0.2 * np.eye(4)
+    taken = GRAPH.matrix(np.array(TIMES, float)).toarray().astype(int) + 2 * np.eye(4, dtype=int)
+    whole = subdivided(lazy, taken)
+    shares = np.stack([np.linalg.matrix_power(lazy, 2000)[0]] * 2)
+    found = timed(GRAPH, np.stack([lazy, lazy]), shares, TIMES, 2.0)
+    for target in range(4):
+        others = np.arange(len(whole)) != target
+        Q = whole[np.ix_(others, others)]
+        times = np.zeros(len(whole))
+        times[others] = np.linalg.solve(np.eye(len(Q)) - Q, np.ones(len(Q)))
+        np.testing.assert_allclose(found.hitting_time[:, target], times[:4], rtol=1e-9)
+    share = np.linalg.matrix_power((whole + np.eye(len(whole))) / 2, 4096)[0]
+    # Each of the two robots begins a stay, or passes, as often as the chain in units of time does.
+    np.testing.assert_allclose(found.idleness, 1 / (2 * share[:4]), rtol=1e-6)
+    assert found.checks()["timed_hitting_time_residual"][0] < 1e-12
+
+
+def test_vertices_left_out_are_never_reached():
+    walk = np.array([[[0, 1, 0], [1, 0, 0], [0, 1, 0.0]]])
+    found = timed(Graph([[0, 1], [1, 2]]), walk, np.array([[0.5, 0.5, 0]]), [2, 7], 1.0)
+    assert found.hitting_time.tolist() == [[0, 2, np.inf], [2, 0, np.inf], [9, 7, 0]]
+    assert found.idleness.tolist() == [4, 4, np.inf]
+
+
+def test_times_are_whole_and_at_least_one_unit():
+    graph = Graph([[0, 1], [1, 2]], ways=[0.2, 12.4])
+    assert whole_times(graph, 0.5, 2.0).tolist() == [1, 12]
+    assert whole_times(graph, 0.5, 0.1).tolist() == [4, 248]
+    assert whole_times(graph, 0.5, 0.1) @ [0.1, 0] == pytest.approx(0.4)

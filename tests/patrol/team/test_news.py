@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from jaxcell.optimize import Graph
+from jaxcell.patrol import age_of_news, random_walk
+
+
+GRAPH = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+TIMES = np.array([1, 3, 2, 1, 2])
+BASE, STEPS = 1, 60_000
+
+
+def positions(matrix, delays, random):
+    """Where a robot is at each unit of time; -1 on the way."""
+    place, here = np.full(STEPS, -1), 0
+    total, time = matrix.cumsum(axis=1), 0
+    while time < STEPS:
+        place[time] = here
+        there = int(np.searchsorted(total[here], random.random() * total[here, -1]))
+        time, here = time + int(delays[here, there]), there
+    return place
+
+
+def ages(team):
+    """Since a robot passed the base, and of the news of each vertex, at each time of a run."""
+    vertices = GRAPH.vertices
+    seen = np.full((len(team), vertices), -np.inf)
+    known, passed = np.full(vertices, -np.inf), -np.inf
+    found = []
+    for time in range(STEPS):
+        for robot, place in enumerate(team):
+            if place[time] >= 0:
+                seen[robot, place[time]] = time
+            if place[time] == BASE:
+                known, passed = np.maximum(known, seen[robot]), time
+        found.append(time - np.append(known, passed))
+    return np.array(found)[1000:]
+
+
+@pytest.mark.parametrize("times", [None, TIMES])
+def test_two_robots_against_a_run_of_them(times):
+    walks = np.stack(
+        [
+            random_walk(GRAPH, [1, 2, 1, 1, 3]).to_scipy().toarray(),
+            0.7 * random_walk(GRAPH, [3, 1, 1, 4, 1]).to_scipy().toarray() + 0.3 * np.eye(4),
+        ]
+    )
+    found = age_of_news(GRAPH, walks, BASE, times=times, unit=2.0)
+    each = np.ones(5) if times is None else times.astype(float)
+    delays = GRAPH.matrix(each).toarray() + np.eye(4)
+    random = np.random.default_rng(0)
+    aged = ages([positions(walk, delays, random) for walk in walks])
+    np.testing.assert_allclose(found.mean_age, 2 * aged[:, :4].mean(axis=0), rtol=0.04)
+    assert found.mean_since_passed == pytest.approx(2 * aged[:, 4].mean(), rel=0.04)
+    for age in (0, 2, 5, 9):
+        law = (aged <= age).mean(axis=0)
+        np.testing.assert_allclose(found.told[age], law[:4], atol=0.015)
+        assert found.passed[age] == pytest.approx(law[4], abs=0.015)
+    assert found.checks()["news_newer_than_the_robot"][0] <= 1e-12
+    late = np.quantile(2 * aged[:, :4], 0.95, axis=0)
+    np.testing.assert_allclose(found.late_age, late, atol=4)
+
+
+def test_who_never_passes_tells_nothing():
+    to_and_fro = np.array([[0.0, 1, 0], [1, 0, 0], [0, 1, 0]])
+    graph = Graph([[0, 1], [1, 2]])
+    found = age_of_news(graph, to_and_fro[None], 0)
+    assert found.mean_age.tolist() == [0.5, 1.5, np.inf]
+    assert np.isinf(found.late_age[2])
