@@ -5,9 +5,9 @@ Markov chain, often one with *weights* `w` on the edges: from a vertex it takes 
 probability in proportion to the weight. Robots need not talk, start together, or know each other.
 
 Graphs are `Graph` (read and written by `load_graph` and `save_graph`; `has_weights` says whether a
-file has weights, which are not read, and `load_values` reads a number for each vertex), with `n`
-vertices, numbered from 0. A time is a number of steps, unless an edge has a travel time. Distances
-are in metres.
+file has weights, which are not read, `load_values` reads a number for each vertex, and
+`load_stakes` those of a game), with `n` vertices, numbered from 0. A time is a number of steps,
+unless an edge has a travel time. Distances are in metres.
 
 **Walks.** With `L = A diag(w) A^T` the weighted Laplacian (Eq. 4.2), `A` the incidence matrix, and
 `0 = k_1 <= k_2 <= ... <= k_n` its eigenvalues:
@@ -30,7 +30,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
     gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain, and
-    `GraphPatrol` has these with the graph, for datasets and recordings.
+    `GraphPatrol` has these with the graph, for datasets and recordings; for several robots, each by
+    itself, also when the first of them comes to a vertex, and how likely one captures an attack.
 - `maximin_capture` makes the least entry of `walk_capture_probabilities` great: `F_t[i, j]`, the
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.
@@ -132,7 +133,7 @@ from .walks.graph_patrol import GraphPatrol as GraphPatrol
 from .walks.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.measures import Measures as Measures, measure as measure
 from .walks.paths import toward as toward
-from .walks.values import load_values as load_values
+from .walks.values import load_stakes as load_stakes, load_values as load_values
 from .walks.walk import (
     edge_shares as edge_shares,
     random_walk as random_walk,

@@ -41,9 +41,9 @@ class PatrolGraph(Study):
     """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
     the dissertation's table, the walk goes straight there."""
     attack_time: int | None = None
-    """Steps that an attack takes, for "capture", which is by one patroller."""
+    """Steps that an attack takes, for "capture"."""
     robots: int = 1
-    """How many patrollers walk, each by itself."""
+    """How many patrollers walk, each by itself: what the first of them does is reported."""
     attack_times: Path | None = None
     """File of a line "vertex steps" for each vertex: the steps that an attack on it takes, for
     "capture"."""
@@ -51,7 +51,9 @@ class PatrolGraph(Study):
     """File of a line "vertex share" for each vertex: how often the walk is there, relative to the
     others, for mixing, kemeny, entropy and return-time."""
     values: Path | None = None
-    """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
+    """File of a line "vertex value" for each vertex, what its goods are worth in the game; or
+    "vertex value value reward cost": what they are worth to the patroller and to the adversary, and
+    what the patroller that catches the adversary there gains, and the adversary pays."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
     seed: int = 0
@@ -98,7 +100,7 @@ class PatrolGraph(Study):
         return needed
 
     def run(self, say: Say = silent) -> "GraphPatrol":
-        from ..patrol import GraphPatrol, has_weights, load_graph, load_values, strategy_game
+        from ..patrol import GraphPatrol, has_weights, load_graph, load_stakes, strategy_game
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
@@ -107,9 +109,9 @@ class PatrolGraph(Study):
         walk, game = self._walk(graph, names, emphasis), None
         if self.game:
             say("mixing strategies")
-            values = None if self.values is None else load_values(self.values, names)
+            stakes = None if self.values is None else load_stakes(self.values, names)
             game = strategy_game(
-                graph, emphasis, self.share, paths=self.paths, names=names, values=values
+                graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
         options["weights_unused"] = has_weights(self.file)
@@ -179,18 +181,19 @@ class PatrolGraph(Study):
             visits = patrol.load_values(self.visits, names)
             visits = even = visits / visits.sum()
         best: Any
+        times: Any = None
         goal = {
             "return-time": "return-time entropy, in nats",
-            "capture": "least chance that one patroller captures within "
+            "capture": f"least chance that {_who(self.robots)} captures within "
             + ("its attack time" if self.attack_time is None else f"{self.attack_time} steps"),
         }.get(self.strategy)
         if self.strategy == "commute":
             best = optimize.minimum_commute(graph, emphasis, self.share)
             chain = patrol.random_walk(graph, best.weights)
         elif self.strategy == "capture":
-            times: Any = self.attack_time
+            times = self.attack_time
             if self.attack_times is not None:
-                times = np.rint(patrol.load_values(self.attack_times, names)).astype(np.int64)
+                times = patrol.load_values(self.attack_times, names, whole=True).astype(np.int64)
             best = patrol.maximin_capture(graph, times, throw=False)
             chain = best.chains[0]
         else:
@@ -207,10 +210,18 @@ class PatrolGraph(Study):
             best = seek()
             chain = best.chain
         value = None if goal is None else best.value
+        if self.strategy == "capture":
+            # Those that walk alike, each wherever it is worst.
+            value = 1 - (1 - best.value) ** self.robots
         return {
+            "attack_time": times,
             "chain": chain,
             "certificate": best.certificate,
             "goal": goal,
             "value": value,
             "local": self.strategy in ("kemeny", "return-time", "capture"),
         }
+
+
+def _who(robots: int) -> str:
+    return "one patroller" if robots == 1 else f"one of {robots} patrollers"

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jaxcell.base.certificate import Certificate
 from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
-from jaxcell.patrol import random_walk, walk_hitting_times
+from jaxcell.patrol import (
+    MaximinCapture,
+    random_walk,
+    walk_capture_probabilities,
+    walk_hitting_times,
+)
 from jaxcell.patrol.walks.graph_files import load_graph, save_graph
 
 
@@ -257,6 +263,104 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     status, found, error = run(capsys)
     assert (status, found) == (1, None)
     assert error == "jaxcell patrol graph: the residual stayed above the tolerance\n"
+
+
+def test_more_patrollers_come_sooner(capsys):
+    found = run(capsys, "--robots", 2)[1]
+    P = check_chain(found)
+    pi = np.array([one["stationary"] for one in found["vertices"]])
+    # Both at once are a chain on pairs of vertices; the first arrival is where either is.
+    both, start = np.kron(P, P), np.kron(pi, pi)
+    for vertex in range(8):
+        off = np.arange(8) != vertex
+        away = np.flatnonzero(np.kron(off, off))
+        steps = np.linalg.solve(np.eye(away.size) - both[np.ix_(away, away)], np.ones(away.size))
+        assert found["vertices"][vertex]["first_arrival"] == pytest.approx(start[away] @ steps)
+    each = [one["first_arrival"] for one in found["vertices"]]
+    assert found["mean_first_arrival"] == pytest.approx(np.mean(each))
+    assert "mean_first_arrival" not in run(capsys)[1]
+
+
+def stubbed_capture(monkeypatch):
+    """A search that gives a random walk, and what it is asked for."""
+    asked = []
+
+    def search(graph, times, **options):
+        asked.append(times)
+        walk = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
+        least = walk_capture_probabilities(graph, walk, times).min()
+        return MaximinCapture(walk[None], float(least), 0, Certificate(1, 0.0, 1e-4))
+
+    monkeypatch.setattr("jaxcell.patrol.maximin_capture", search)
+    return asked
+
+
+def test_attacks_of_different_lengths_on_two_patrollers(capsys, monkeypatch, tmp_path):
+    asked = stubbed_capture(monkeypatch)
+    times = [4, 4, 6, 3, 5, 7, 3, 4]
+    file = tmp_path / "times.txt"
+    file.write_text("".join(f"{v} {time}\n" for v, time in enumerate(times, 1)))
+    two = run(capsys, "--strategy", "capture", "--attack-times", file, "--robots", 2)[1]
+    np.testing.assert_array_equal(asked, [times])
+    P = check_chain(two)
+    for vertex, time in enumerate(times):
+        late = np.arange(8) != vertex
+        for _ in range(time - 1):
+            late = np.where(np.arange(8) != vertex, P @ late, 0)
+        captured = 1 - (P @ late).max() ** 2
+        assert two["vertices"][vertex]["captured"] == pytest.approx(captured)
+    assert two["value"] == pytest.approx(min(one["captured"] for one in two["vertices"]))
+    assert two["goal"] == "least chance that one of 2 patrollers captures within its attack time"
+
+
+def test_visits_are_those_of_the_file(capsys, tmp_path):
+    file = tmp_path / "visits.txt"
+    file.write_text(
+        "".join(f"{v} {share}\n" for v, share in enumerate([1, 2, 1, 1, 1, 1, 2, 1], 1))
+    )
+    found = run(capsys, "--strategy", "entropy", "--visits", file)[1]
+    check_chain(found)
+    shares = [one["stationary"] for one in found["vertices"]]
+    assert shares == pytest.approx([0.1, 0.2, 0.1, 0.1, 0.1, 0.1, 0.2, 0.1], abs=1e-8)
+
+
+def test_stakes_are_those_of_the_file(capsys, tmp_path):
+    file, out = tmp_path / "values.txt", tmp_path / "out"
+    stakes = np.random.default_rng(0).integers(1, 9, (8, 4))
+    file.write_text("".join(f"{v} {a} {b} {c} {d}\n" for v, (a, b, c, d) in enumerate(stakes, 1)))
+    found = run(capsys, "--game", "--values", file, "--out", out)[1]["game"]
+    with xr.open_dataset(out / "patrol.nc") as dataset:
+        caught = 0.5 ** (dataset.game_rank.values - 1)
+        goods, goods_adversary, reward, cost = stakes.T
+        patroller = caught * reward + (1 - caught) * goods
+        adversary = (1 - caught) * goods_adversary - caught * cost
+        np.testing.assert_allclose(dataset.game_patroller_payoff, patroller)
+        np.testing.assert_allclose(dataset.game_adversary_payoff, adversary)
+    assert found["value"] <= stakes[:, [0, 2]].max()
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "message"),
+    [
+        ("attack-times", "a 2\nb 2\nc 2.5", "line 3: expected a whole number more than 0, got 2.5"),
+        ("visits", "a 1\nb 1", "there is no number for vertex 'c'"),
+        ("values", "a 1 2\nb 1 2\nc 1", "line 3: expected 2 numbers, as before, got 1"),
+        ("values", "a 1 2 3\nb 1 2 3\nc 1 2 3", "line 1: there is no vertex 'a 1 2'"),
+    ],
+)
+def test_bad_numbers_for_vertices_are_one_line_and_status_2(
+    capsys, tmp_path, option, text, message
+):
+    graph, file = tmp_path / "path.adjlist", tmp_path / "numbers.txt"
+    graph.write_text("a b\nb c\n")
+    file.write_text(text)
+    strategy = {"attack-times": "capture", "visits": "kemeny", "values": "commute"}[option]
+    game = ["--game"] if option == "values" else []
+    args = ("--strategy", strategy, *game, f"--{option}", file)
+    status, found, error = run(capsys, *args, file=graph)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert f"{file}: {message}" in error
 
 
 def test_help_of_the_group(capsys):
