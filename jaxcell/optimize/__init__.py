@@ -57,6 +57,7 @@ from .commute_sweep import (
     minimum_commute_sweep as minimum_commute_sweep,
 )
 from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
+from .constraints import Linear as Linear
 from .cover import (
     Cover as Cover,
     MinimumCover as MinimumCover,
