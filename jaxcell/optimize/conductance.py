@@ -139,10 +139,10 @@ def _constrained(
     """The best weights that meet constraints, with the emphasis as one of them."""
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
     if callable(constraints):
-        weights, gap, steps = conic.least_resistance(graph, [*emphasis], constraints)
-        time = 4 * Design(graph, weights).resistance / (graph.vertices - 1)
-        certificate = Certificate(steps, gap, max(tolerance, conic.TOLERANCE))
-        return MinimumCommute(weights, time, tour, certificate)
+        best = conic.least_resistance(graph, emphasis, constraints)
+        time = 4 * Design(graph, best.weights).resistance / (graph.vertices - 1)
+        certificate = Certificate(best.iterations, best.gap, max(tolerance, conic.TOLERANCE))
+        return MinimumCommute(best.weights, time, tour, certificate)
     left = room(len(graph.edges), [*constraints, *emphasis])
     apart = vertices_apart(graph.vertices, graph.edges[left.used])
     if apart is not None:
@@ -150,16 +150,16 @@ def _constrained(
             f"constraints: they leave no weight to edges between vertex {apart[1]} and vertex "
             f"{apart[0][0]}"
         )
-    best = interior_point(Bounded(graph.vertices, graph.edges[left.used], left), tolerance)
+    found = interior_point(Bounded(graph.vertices, graph.edges[left.used], left), tolerance)
     weights = np.zeros(len(graph.edges))
-    weights[left.used] = best.numbers[: left.edges]
-    paid = np.abs(best.prices / left.units)[left.owner >= 0]
+    weights[left.used] = found.numbers[: left.edges]
+    paid = np.abs(found.prices / left.units)[left.owner >= 0]
     prices = np.bincount(left.owner[left.owner >= 0], paid, len(constraints) + len(emphasis))
     return MinimumCommute(
         weights,
-        best.commute_time(graph),
+        found.commute_time(graph),
         tour,
-        Certificate(best.steps, best.gap, tolerance),
+        Certificate(found.steps, found.gap, tolerance),
         4 / (graph.vertices - 1) * prices[: len(constraints)],
     )
 

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse
@@ -26,16 +26,24 @@ Rules: TypeAlias = Callable[[Any, Any], Sequence[Any]]
 """Gives constraints of cvxpy for the weights of edges and the shares of time at vertices."""
 
 
+class ConicWeights(NamedTuple):
+    """The weights of the least resistance, and how good they are."""
+
+    weights: Float[np.ndarray, "edges"]
+    resistance: float
+    "The least sum, as the solver gives it."
+    gap: float
+    "By how much of itself that of the weights can be above it: by a second, linear program."
+    iterations: int
+
+
 def least_resistance(
     graph: Graph, constraints: Sequence[Linear], rules: Rules | None = None
-) -> tuple[Float[np.ndarray, "edges"], float, int]:
-    """The weights with the least sum of resistances between all vertices, by Clarabel.
+) -> ConicWeights:
+    """Find the weights with the least sum of resistances between all vertices, by Clarabel.
 
     That sum is the least energy of currents `F` that lead from each vertex to all others evenly,
     `sum_e |F_e|^2 / w_e` over edges with conductances `w`.
-
-    **Returns:** the weights; the relative gap, by a second program whose objective is linear; and
-    the iterations.
 
     **Raises:** `ValueError` for a graph that is too large, and for rules that are not convex;
     `RuntimeError` if no weights meet them.
@@ -61,7 +69,7 @@ def least_resistance(
     problem = cvxpy.Problem(cvxpy.Minimize(energy), [*bounds, evenly])
     if not problem.is_dcp():
         raise ValueError("constraints: expected rules that are convex by those of cvxpy")
-    _solve(problem)
+    least = _solve(problem)
     found = np.maximum(np.asarray(weights.value), 0)
     found /= found.sum()
     inverse = np.linalg.pinv(scipy.sparse.csgraph.laplacian(graph.matrix(found)).toarray())
@@ -69,9 +77,8 @@ def least_resistance(
     gain = ((inverse[tail] - inverse[head]) ** 2).sum(axis=1)
     steps = int(problem.solver_stats.num_iters or 0)
     most = cvxpy.Problem(cvxpy.Maximize(gain / gain.max() @ weights), bounds)
-    _solve(most)
-    gap = 1 - float(np.trace(inverse)) / (gain.max() * most.value)
-    return found, max(0.0, gap), steps
+    gap = 1 - float(np.trace(inverse)) / (gain.max() * _solve(most))
+    return ConicWeights(found, least, max(0.0, gap), steps)
 
 
 def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:
@@ -81,7 +88,7 @@ def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:
     return scipy.sparse.csr_array(entries, (len(graph.edges), graph.vertices))
 
 
-def _solve(problem: Any) -> None:
+def _solve(problem: Any) -> float:
     """Solve a problem of cvxpy; the gap says whether that is accurate enough.
 
     **Raises:** `RuntimeError` if nothing meets its constraints.
@@ -91,3 +98,4 @@ def _solve(problem: Any) -> None:
         problem.solve(solver="CLARABEL", **_ACCURATE)
     if problem.status not in ("optimal", "optimal_inaccurate"):
         raise RuntimeError(f"constraints: no weights meet them (Clarabel says {problem.status})")
+    return float(problem.value)

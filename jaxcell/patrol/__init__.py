@@ -23,7 +23,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 
 - *MAECT* is the choice of weights with the least `C` (Eq. 4.4), `jaxcell.optimize.minimum_commute`;
     with an *emphasis*, the edges of the shortest closed tour through some vertices have at least a
-    given share of the weight (Eq. 4.5). It is convex and comes with a duality gap.
+    given share of the weight (Eq. 4.5). It is convex and comes with a duality gap, also under
+    constraints such as those that `load_constraints` reads; `MetConstraints` says how they are met.
 - `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1), whose steps count in their
     own direction alone, as printed; then all rows of Table 4.2 come out for `k = 1`.
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
@@ -115,6 +116,10 @@ from .walks.capture import (
     MaximinCapture as MaximinCapture,
     maximin_capture as maximin_capture,
     walk_capture_probabilities as walk_capture_probabilities,
+)
+from .walks.constraints import (
+    MetConstraints as MetConstraints,
+    load_constraints as load_constraints,
 )
 from .walks.descent import OptimizedWalk as OptimizedWalk
 from .walks.entropy import (

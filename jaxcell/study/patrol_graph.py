@@ -10,7 +10,7 @@ from .study import Say, Study, require, silent
 
 
 if TYPE_CHECKING:
-    from ..optimize import Graph
+    from ..optimize import Graph, Linear
     from ..patrol import GraphPatrol
     from ..verify import Comparison
 
@@ -35,6 +35,9 @@ class PatrolGraph(Study):
     """Two or more vertices to visit more often, for "commute" and the game."""
     share: float = 0.8
     """Least share of steps on the shortest closed tour through them."""
+    constraints: Path | None = None
+    """JSON file of bounds on the shares of steps along edges and of time at vertices, for
+    "commute": {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
     vertex: str | None = None
     """The vertex that "toward" is toward."""
     paths: int = 1
@@ -77,6 +80,8 @@ class PatrolGraph(Study):
         prescribed = ("mixing", "kemeny", "entropy", "return-time")
         if self.visits is not None and self.strategy not in prescribed:
             raise ValueError(f"visits has no meaning for {self.strategy!r}")
+        if self.constraints is not None and self.strategy != "commute":
+            raise ValueError(f"constraints has no meaning for {self.strategy!r}")
         if self.attack_times is not None and self.strategy != "capture":
             raise ValueError(f"attack_times has no meaning for {self.strategy!r}")
         for parameter, strategy in (("vertex", "toward"), ("attack_time", "capture")):
@@ -126,7 +131,8 @@ class PatrolGraph(Study):
         found = compare_walk(result)
         if self.strategy == "commute":
             emphasis = self._vertices(result.names, "emphasis", *self.emphasis)
-            found += compare_commute(result, emphasis, self.share)
+            rules = self._constraints(result.graph, result.names)
+            found += compare_commute(result, emphasis, self.share, rules)
         return found if result.game is None else [*found, *compare_game(result.game)]
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
@@ -154,6 +160,11 @@ class PatrolGraph(Study):
                 f"attack_time: {self.attack_time} steps are over before a patroller comes from "
                 f"vertex {start!r} to {end!r}, which takes {hops.max():g}"
             )
+
+    def _constraints(self, graph: "Graph", names: Sequence[str]) -> "list[Linear]":
+        from ..patrol import load_constraints
+
+        return [] if self.constraints is None else load_constraints(self.constraints, graph, names)
 
     def _vertices(self, names: Sequence[str], parameter: str, *wanted: str) -> list[int]:
         """The numbers of vertices that a parameter names."""
@@ -187,9 +198,13 @@ class PatrolGraph(Study):
             "capture": f"least chance that {_who(self.robots)} captures within "
             + ("its attack time" if self.attack_time is None else f"{self.attack_time} steps"),
         }.get(self.strategy)
+        bounds = None
         if self.strategy == "commute":
-            best = optimize.minimum_commute(graph, emphasis, self.share)
+            rules = self._constraints(graph, names)
+            best = optimize.minimum_commute(graph, emphasis, self.share, constraints=rules)
             chain = patrol.random_walk(graph, best.weights)
+            if rules:
+                bounds = patrol.MetConstraints(rules, best.weights, best.prices)
         elif self.strategy == "capture":
             times = self.attack_time
             if self.attack_times is not None:
@@ -215,6 +230,7 @@ class PatrolGraph(Study):
             value = 1 - (1 - best.value) ** self.robots
         return {
             "attack_time": times,
+            "bounds": bounds,
             "chain": chain,
             "certificate": best.certificate,
             "goal": goal,

@@ -227,6 +227,11 @@ def test_other_formats_are_read(capsys, tmp_path):
             "--attack-time: 2 steps are over before .* from vertex '4' to '5', which takes 3",
         ),
         (("--attack-time", 3), "--attack-time has no meaning for 'commute'"),
+        (
+            ("--constraints", "c.json", "--strategy", "kemeny"),
+            "--constraints has no meaning for 'kemeny'",
+        ),
+        (("--constraints", "none.json"), "none.json: there is no such file"),
         (("--robots", 0), "--robots: expected at least 1, got 0"),
     ],
 )
@@ -361,6 +366,83 @@ def test_bad_numbers_for_vertices_are_one_line_and_status_2(
     assert (status, found) == (2, None)
     assert error.count("\n") == 1
     assert f"{file}: {message}" in error
+
+
+def constraints(folder, *several):
+    file = folder / "constraints.json"
+    file.write_text(json.dumps({"constraints": several}))
+    return file
+
+
+def test_constraints_are_met_and_verified(capsys, tmp_path):
+    file = constraints(
+        tmp_path,
+        {"label": "corridor", "edges": [["1", "2"], ["5", "1"]], "most": 0.2},
+        {"vertices": "all", "each": True, "least": 0.09},
+        {"edges": [["6", "7"], ["7", 8]], "factors": [2, 3], "most": 0.48},
+        {"same": [["2", "3"], ["2", "8"], ["3", "4"]]},
+    )
+    found = run(capsys, "--constraints", file, "--verify", "--out", tmp_path / "out")[1]
+    check_chain(found)
+    weight = {frozenset(edge["ends"]): edge["weight"] for edge in found["edges"]}
+    assert weight[frozenset("12")] + weight[frozenset("15")] <= 0.2 + 1e-9
+    assert min(one["stationary"] for one in found["vertices"]) >= 0.09 - 1e-9
+    assert 2 * weight[frozenset("67")] + 3 * weight[frozenset("78")] <= 0.48 + 1e-9
+    assert weight[frozenset("23")] == pytest.approx(weight[frozenset("28")], abs=1e-9)
+    assert weight[frozenset("23")] == pytest.approx(weight[frozenset("34")], abs=1e-9)
+    assert found["mean_commute_time"] > 18.626151
+    told = {one["constraint"]: one for one in found["bounds"]["constraints"]}
+    assert len(told) == 12
+    assert told["edge 6-7, edge 7-8"]["active"]
+    assert told["edge 6-7, edge 7-8"]["saves"] > 0
+    assert not told["vertex 7"]["active"]
+    assert told["vertex 7"]["saves"] == 0
+    compared = {one["what"]: one for one in found["verified"]["comparisons"]}
+    assert compared["least commute time, by cvxpy"]["count"] == 1
+    assert compared["by how much constraints are broken"]["count"] == 12
+    assert found["verified"]["agrees"]
+    assert main(["patrol", "graph", str(EIGHT), "--constraints", str(file)]) == 0
+    assert re.search(r"corridor .*│ 0\.2 +│ (yes|no)", capsys.readouterr().out)
+
+
+def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
+    file = constraints(
+        tmp_path,
+        {"edges": "all", "each": True, "most": 0.5},
+        {"label": "corridor", "edges": [["1", "2"], ["5", "1"]], "most": 0.1},
+        {"vertices": ["1"], "least": 0.06},
+    )
+    status, found, error = run(capsys, "--constraints", file)
+    assert (status, found) == (1, None)
+    assert error.endswith("constraints: these contradict each other: corridor, vertex 1\n")
+
+
+@pytest.mark.parametrize(
+    ("constraint", "message"),
+    [
+        ({"edges": [["1", "8"]], "most": 0.1}, r"edges\[0\]: expected two vertices with an edge"),
+        ({"vertices": ["9"], "most": 0.1}, r"vertices\[0\]: expected a vertex, got '9'"),
+        (
+            {"edges": [["1", "2"], ["2", "1"]], "most": 0.1},
+            "edges: expected one or more, each once",
+        ),
+        ({"edges": [["1", "2"]]}, "expected least, most or both"),
+        ({"edges": [["1", "2"]], "most": "low"}, "most: expected a finite number, got 'low'"),
+        ({"edges": [["1", "2"]], "least": 0.2, "most": 0.1}, "most: expected at least 0.2, as"),
+        ({"edges": "all", "vertices": "all"}, "expected either edges, vertices or same"),
+        ({"edges": "all", "must": 0.1}, "must: expected one of label, edges, vertices"),
+        ({"same": [["1", "2"]]}, "same: expected two or more edges"),
+        ({"edges": "all", "each": 1, "most": 0.1}, "each: expected true or false, got 1"),
+        ({"edges": [["1", "2"]], "factors": [1, 2], "most": 1}, "factors: expected numbers, 1 of"),
+        ({"edges": [["1", "2"]], "factors": [0], "most": 1}, "expected finite coefficients, one"),
+    ],
+)
+def test_bad_constraints_are_one_line_and_status_2(capsys, tmp_path, constraint, message):
+    file = constraints(tmp_path, constraint)
+    status, found, error = run(capsys, "--constraints", file)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert re.search(rf"constraints\.json: .*{message}", error), error
 
 
 def test_help_of_the_group(capsys):

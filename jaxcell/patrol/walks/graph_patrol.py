@@ -11,6 +11,7 @@ from ...mapping import Chain
 from ...markov import mean_first_arrival
 from ...optimize import Graph
 from .capture import walk_capture_probabilities
+from .constraints import MetConstraints
 from .game import StrategyGame
 from .measures import Measures, measure
 
@@ -41,6 +42,8 @@ class GraphPatrol(Measures):
     "How good the walk is at what it is for, as far as that is known."
     local: bool = False
     "Whether it is only a local optimum, because the problem is not convex."
+    bounds: MetConstraints | None = None
+    "How it meets the constraints on it."
     game: StrategyGame | None = None
     weights_unused: bool = False
     "Whether the file of the graph has weights on edges, which a walk has of its own."

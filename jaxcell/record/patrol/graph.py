@@ -234,5 +234,16 @@ ones. The mixing time, until total variation is within 1/4, is *never* if the wa
 periodic: it does not forget its start.
 
 {described(patrol, *columns)}
-
+{_constraints(patrol)}
 {made_with(spec)}"""
+
+
+def _constraints(patrol: GraphPatrol) -> str:
+    """A table of the constraints on a walk."""
+    if patrol.bounds is None:
+        return ""
+    return f"""
+## Constraints
+
+{described(patrol.bounds, "constraint", "least", "value", "most", "active", "saves")}
+"""
