@@ -11,9 +11,11 @@ from ...optimize import Graph
 from .steps import Steps, chances, pull
 
 
-_STEPS, _BLOCK = 600, 25
+_STEPS, _BLOCK = 1200, 25
+# Vertices from which on there are half as many, which take half a minute on 400.
+_LARGE = 200
 # Of the steps on the logits, and of the soft minimum of the logarithms of capture.
-_RATE, _SOFT, _HARD = 0.1, 30.0, 200.0
+_RATE, _SOFT, _HARD = 0.1, 1.0, 300.0
 # Least probability of a step.
 _FLOOR = 1e-6
 
@@ -36,12 +38,12 @@ def ascend(
     **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
     share of the probability that the last quarter of them added.
     """
-    steps = Steps.of(graph)
+    steps, count = Steps.of(graph), _STEPS // (1 + (graph.vertices > _LARGE))
     here = np.arange(graph.vertices)
     found = []
     for start in starts:
         logits = np.log(np.maximum(start[:, here, np.asarray(steps.image)], 1e-3))
-        found.append(_climb(logits, steps, attack_time))
+        found.append(_climb(logits, steps, attack_time, count))
     first = int(np.argmax([course[-1] for _, course in found]))
     best, course = found[first]
     drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
@@ -49,18 +51,18 @@ def ascend(
     for matrix, chance in zip(matrices, drawn, strict=True):
         np.add.at(matrix, (np.broadcast_to(here, chance.shape), np.asarray(steps.image)), chance)
     late = 1 - course[-len(course) // 4] / max(course[-1], 1e-12)
-    return matrices, first, _STEPS * len(starts), late
+    return matrices, first, count * len(starts), late
 
 
-def _climb(logits, steps, attack_time):  # type: ignore[no-untyped-def]
+def _climb(logits, steps, attack_time, count):  # type: ignore[no-untyped-def]
     """The best logits, and how the value rises."""
     best = jnp.asarray(logits, jnp.float32)
     state = best, optax.scale_by_adam().init(best)
     course = [float(_least(best, steps, attack_time))]
-    progress = np.arange(_STEPS) / _STEPS
+    progress = np.arange(count) / count
     rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
     hardness = _SOFT * (_HARD / _SOFT) ** progress
-    for first in range(0, _STEPS, _BLOCK):
+    for first in range(0, count, _BLOCK):
         block = slice(first, first + _BLOCK)
         schedule = jnp.asarray(rate[block], jnp.float32), jnp.asarray(hardness[block], jnp.float32)
         state = _follow(*state, steps, schedule, attack_time)

@@ -14,19 +14,20 @@ from ...mapping import Chain
 from ...optimize import Graph
 from .ascent import ascend
 from .descent import descend
+from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
-from .sequential_lp import maximize_least_capture
+from .sequential_lp import Linearized, maximize_least_capture
 
 
 # Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
 # it lacks of the minimum is left to linear programs.
 _HARDNESS = 50.0
 # On few vertices so many times as many starts are tried as are asked for.
-_MORE, _QUICK = 8, 7200
-# Derivatives that linear programs take; with more of them, gradients are all there is.
-_POLISHED = 100_000
-# Of the value, by the last quarter of the gradient steps.
-_LATE = 0.02
+_MORE, _QUICK = 4, 3600
+# Vertices for as many linear programs as it takes, and for any; gradients are then all there is.
+_EXACT, _POLISHED = 30, 100
+# Of the value: what counts as little to gain on larger graphs.
+_LITTLE = 0.02
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ def maximin_capture(
     The problem is not convex: the answer is a local optimum, the best that several starts lead to.
     Gradients of a soft minimum of logarithms lead near it, Adam's on logits where all edges and
     attacks take as long; on logarithms, because a probability that is a product of many would leave
-    a gradient of almost 0. Linear programs then finish it.
+    a gradient of almost 0. Linear programs of the attacks that are nearly the best then finish it.
 
     **Arguments:**
 
@@ -85,17 +86,17 @@ def maximin_capture(
         vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `starts`: how many chains to start from. The first goes along a short closed tour. Where all
-        edges and attacks take as long, up to eight times as many are tried on a small graph, and
-        fewer on one of more than 84 vertices.
+        edges and attacks take as long, up to four times as many are tried on a small graph, and
+        fewer on one of more than 60 vertices.
     - `seed`: of the other starts, which are random.
     - `tolerance`: of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is by what share of itself
     the value gets greater, to first order, at most, whatever the chains are changed to. On graphs
-    that are too large for linear programs, of some 30 vertices and more, it is the share of the
-    value that the last quarter of the gradient steps added, and the tolerance is 0.02. The
-    iterations are the gradient steps from all starts and the linear programs.
+    of more than 30 vertices fewer programs are solved, and the tolerance is 0.02; on those of more
+    than 100 there are none, and the residual is the share of the value that the last quarter of the
+    gradient steps added. The iterations are the gradient steps from all starts and the programs.
 
     **Raises:** `ValueError` for a graph that is not connected; for times that are not whole
     numbers of at least 1, and an attack that is over before a robot can come, naming the vertices;
@@ -125,16 +126,20 @@ def maximin_capture(
     if plain:
         # A step is quick on small graphs, and more starts find more than more steps.
         count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2)))
-        begin = among.starts(count, robots, seed)
+        # Where there is time for one alone, a random one leads further than the tour.
+        begin = among.starts(max(count, min(starts, 2)), robots, seed)
+        skipped = len(begin) - count
+        begin = begin[skipped:]
         found, best, steps, late = ascend(
             graph,
             int(attack[0]),
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
+        best += skipped
         moves = found[:, among.tails, among.heads]
-        if robots * graph.vertices**2 * among.tails.size > _POLISHED:
+        if graph.vertices > _POLISHED:
             value = _value_of(found, arguments)
-            certificate = Certificate(steps, late, _LATE)
+            certificate = Certificate(steps, late, _LITTLE)
             certificate.check("maximin_capture", throw)
             return MaximinCapture(found, value, best, certificate)
     else:
@@ -143,16 +148,38 @@ def maximin_capture(
         best = int(np.nanargmin(values))
         moves = every[best]
 
-    def law(moves: Float[np.ndarray, "robots moves"]) -> tuple[Any, Any]:
+    def law(moves: Float[np.ndarray, "robots moves"]) -> Linearized:
+        if plain:
+            return LinearizedCapture(among, moves, int(attack[0]))
         where = jnp.asarray(among.tails), jnp.asarray(among.heads)
         probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
-        return np.asarray(probability), np.asarray(slope)
+        return _Dense(np.asarray(probability), np.asarray(slope))
 
+    if graph.vertices > _EXACT:
+        tolerance = max(tolerance, _LITTLE)
     moves, value, residual, programs = maximize_least_capture(law, among, moves, tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices = np.stack([among.matrix(robot) for robot in moves])
     return MaximinCapture(matrices, value, best, certificate)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Dense:
+    """Probabilities of capture with all of their derivatives."""
+
+    probability: Float[np.ndarray, "robots starts targets"]
+    slope: Float[np.ndarray, "robots starts targets moves"]
+
+    def slopes(
+        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
+    ) -> Float[np.ndarray, "attacks moves"]:
+        return self.slope[robot, starts, targets]
+
+    def along(
+        self, robot: int, change: Float[np.ndarray, "moves"]
+    ) -> Float[np.ndarray, "starts targets"]:
+        return self.slope[robot] @ change
 
 
 def walk_capture_probabilities(
