@@ -14,8 +14,8 @@ from .graph import Graph
 
 
 MAX_VERTICES = 60
-"""Vertices of graphs on which a cone program, with a number for each pair of a vertex and an edge,
-takes some seconds."""
+"""Vertices of graphs on which a cone program under any rules, with a number for each pair of a
+vertex and an edge, takes some seconds."""
 
 TOLERANCE = 1e-4
 "Of the relative gap that such a program leaves."
@@ -45,13 +45,13 @@ def least_resistance(
     That sum is the least energy of currents `F` that lead from each vertex to all others evenly,
     `sum_e |F_e|^2 / w_e` over edges with conductances `w`.
 
-    **Raises:** `ValueError` for a graph that is too large, and for rules that are not convex;
+    **Raises:** `ValueError` for rules that are not convex, and for any on a graph that is too large;
     `RuntimeError` if no weights meet them.
     """
     import cvxpy
 
     vertices, edges = graph.vertices, len(graph.edges)
-    if vertices > MAX_VERTICES:
+    if rules is not None and vertices > MAX_VERTICES:
         raise ValueError(
             f"constraints: rules of cvxpy are for up to {MAX_VERTICES} vertices, got {vertices}; "
             "expected linear constraints"

@@ -21,7 +21,7 @@ from jaxcell.bounce import (
 )
 from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
-from jaxcell.optimize import Linear, minimum_commute
+from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.map.vulnerability import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.patrol.walks.graph_files import load_graph
@@ -189,6 +189,12 @@ def test_the_least_commute_time(name, emphasis, cap):
     assert wrong[0] == "least commute time"
     # Even more weights keep to caps.
     assert wrong[1:] == ["by how much constraints are broken"] * bool(emphasis)
+
+
+def test_the_least_commute_time_of_a_long_line():
+    graph = Graph([[i, i + 1] for i in range(61)])
+    walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, minimum_commute(graph).weights))
+    assert not disagreeing(verify.compare_commute(walk, (), 0.9))
 
 
 def test_games():
