@@ -45,8 +45,8 @@ def least_resistance(
     That sum is the least energy of currents `F` that lead from each vertex to all others evenly,
     `sum_e |F_e|^2 / w_e` over edges with conductances `w`.
 
-    **Raises:** `ValueError` for rules that are not convex, and for any on a graph that is too large;
-    `RuntimeError` if no weights meet them.
+    **Raises:** `ValueError` for rules that are not convex, and for any on a graph that is too
+    large; `RuntimeError` if no weights meet them.
     """
     import cvxpy
 
