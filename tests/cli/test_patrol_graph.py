@@ -286,6 +286,13 @@ def test_more_patrollers_come_sooner(capsys):
     assert "mean_first_arrival" not in run(capsys)[1]
 
 
+def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol._MAX_ARRIVALS", 7)
+    status, found, said = run(capsys, "--robots", 2)
+    assert (status, "mean_first_arrival" in found) == (0, False)
+    assert "on graphs of up to 7 vertices; other times are of one patroller" in said
+
+
 def stubbed_capture(monkeypatch):
     """A search that gives a random walk, and what it is asked for."""
     asked = []
