@@ -25,8 +25,10 @@ import scipy.spatial
 from rows import Row, options, rows_of, write_rows
 from timing import Timing, begin, line, take_turns, timed
 
+from jaxcell.optimize import conic
 from jaxcell.optimize.commute_sweep import minimum_commute_sweep
 from jaxcell.optimize.conductance import minimum_commute
+from jaxcell.optimize.constraints import Linear
 from jaxcell.optimize.graph import Graph
 
 
@@ -149,6 +151,36 @@ def side_by_side(side: int, blocked: int, repeats: int, full: bool) -> list[Row]
     return rows_of("commute", "walk with the least commute time", size_of(graph), timings)
 
 
+def constraints(graph: Graph) -> list[Linear]:
+    """At most three times an even share along each edge, at least a third of one at each vertex."""
+    most, least = 3 / len(graph.edges), 1 / (3 * graph.vertices)
+    caps = [Linear(f"edge {e}", row, upper=most) for e, row in enumerate(np.eye(len(graph.edges)))]
+    even = enumerate(np.eye(graph.vertices))
+    return caps + [Linear.on_visits(graph, f"vertex {v}", row, least) for v, row in even]
+
+
+def constrained(side: int, blocked: int, repeats: int, peer: bool) -> list[Row]:
+    graph = grid(side, blocked)
+    rules = constraints(graph)
+    programs: dict[str, Callable[[], Any]] = {
+        "jaxcell": lambda: minimum_commute(graph, constraints=rules, tolerance=1e-6)
+    }
+    if peer:
+        name = "cvxpy, CLARABEL, second-order cones"
+        programs[name] = lambda: conic.least_resistance(graph, rules)
+    found: dict[str, Any] = {}
+    timings = take_turns(programs, repeats, found.update, patience_s=1)
+    best = minimum_commute(graph, constraints=rules, tolerance=1e-9).commute_time
+    for name, timing in timings.items():
+        above = commute_time(graph, found[name].weights) / best - 1
+        row(graph, f"{name}, {len(rules)} constraints", timing, above, "")
+    what = "walk with the least commute time, edges and vertices bounded"
+    ours = timings["jaxcell"].median
+    return rows_of("commute", what, size_of(graph), timings) or [
+        Row("commute", what, size_of(graph), ours)
+    ]
+
+
 def alone(graph: Graph) -> Row:
     seconds, found = timed(lambda: minimum_commute(graph, tolerance=1e-6))
     timing, certificate = Timing.of(seconds, [seconds]), found.certificate
@@ -220,6 +252,8 @@ def main() -> None:
     rows = []
     for side, blocked in ((4, 3), (6, 7), (15, 37)):
         rows += side_by_side(side, blocked, arguments.repeats, arguments.full)
+    rows += constrained(6, 7, arguments.repeats, True)
+    rows += constrained(15, 0, arguments.repeats, False)
     if arguments.full:
         rows.append(alone(neighbours(2000, 8000)))
         rows.append(alone(neighbours(2800, 10_400)))

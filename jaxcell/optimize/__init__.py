@@ -44,8 +44,8 @@ the leader:
     maximise sum_i x_i P_ij     over x >= 0, sum x = 1 and j in argmax_k sum_i x_i Q_ik,
 
 averaged over the types of the follower. For one type a linear program for each target; for more
-types one mixed-integer program. `payoffs` gives `P` and `Q` of patrol strategies, `stackelberg` the
-commitment.
+types one mixed-integer program. `payoffs` gives `P` and `Q` of patrol strategies, from the `Stakes`
+at each vertex, and `stackelberg` the commitment.
 
 `Graph` is the graph of all of these, and `MinimumCommute`, `CommuteSweep`, `FastestMixing`,
 `FastestAveraging`, `Cover`, `MinimumCover`, `Mixture` and `Commitment` are the answers.
@@ -57,13 +57,14 @@ from .commute_sweep import (
     minimum_commute_sweep as minimum_commute_sweep,
 )
 from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
+from .constraints import Linear as Linear
 from .cover import (
     Cover as Cover,
     MinimumCover as MinimumCover,
     greedy_cover as greedy_cover,
     minimum_cover as minimum_cover,
 )
-from .game import Commitment as Commitment, payoffs as payoffs, stackelberg as stackelberg
+from .game import Commitment as Commitment, stackelberg as stackelberg
 from .graph import Graph as Graph
 from .mixing import (
     FastestAveraging as FastestAveraging,
@@ -72,4 +73,5 @@ from .mixing import (
     fastest_mixing as fastest_mixing,
 )
 from .mixture import Mixture as Mixture, mixture as mixture
+from .payoffs import Stakes as Stakes, payoffs as payoffs
 from .tour import shortest_tour as shortest_tour

@@ -1,31 +1,26 @@
 import contextlib
 import dataclasses
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Bool, Float, Int
 
 from ..base.certificate import Certificate
-from ..base.connected import check_connected
+from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
-from ..base.threads import one_blas_thread
+from . import conic
+from .conic import Rules
+from .constraints import Linear, room
 from .graph import Graph
-from .interior_point import predictor_corrector
 from .laplacian import pseudo_inverse
 from .multiplicative import least_resistance
+from .resistance import Blocks, Bounded, Found, block_gap, interior_point
 from .tour import on_walk, shortest_tour
 
 
-_STEPS = 100
 # A share that any weights have, to rounding.
 _NOTHING = 1e-12
-# With more edges, steps are computed in 32 bits, and by all cores.
-_LARGE = 2000
-# Below this, the distance from the central path is rounding.
-_ROUNDING = 1e-16
 # With more vertices, a method of first order closes the gap this far, in so many inversions.
 _COARSE, _INVERSIONS = 1e-2, 300
 
@@ -41,6 +36,8 @@ class MinimumCommute:
     tour: Int[np.ndarray, "steps"] | None
     "The closed walk whose edges are emphasised, in order."
     certificate: Certificate
+    prices: Float[np.ndarray, "constraints"] | None = None
+    "By how much the time falls for each linear constraint, to first order, if it yields by 1."
 
 
 def minimum_commute(
@@ -49,6 +46,7 @@ def minimum_commute(
     share: float = 0.8,
     *,
     durations: Any = None,
+    constraints: Sequence[Linear] | Rules = (),
     tolerance: float = 1e-8,
     throw: bool = True,
 ) -> MinimumCommute:
@@ -79,19 +77,25 @@ def minimum_commute(
         time is then in their unit, and `share` one of the time. With `t_e` these durations, a walk
         there and back takes `sum_e w_e t_e` times as long as its steps, so that `w_e t_e` are the
         weights of the same problem with `b_e / sqrt(t_e)` in place of `b_e`.
-    - `tolerance`: of the relative gap; on more than 2,000 vertices at least 0.01.
+    - `constraints`: linear ones; or, on up to 60 vertices, a function that gives any constraints of
+        cvxpy that are convex in the weights and in the shares of time at the vertices, such as
+        `lambda weights, visits: [cvxpy.norm(weights) <= 0.3]`. Not with durations.
+    - `tolerance`: of the relative gap; on more than 2,000 vertices at least 0.01, and at least 1e-4
+        with constraints of cvxpy.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`MinimumCommute`][]. The residual of its certificate is the relative duality gap:
     no weights bring the average commute time below `(1 - residual) commute_time`. This is an
     A-optimal design, in which for any weights `u`, `C(u) >= C(w) tr X / sum_e u_e |X b_e|^2` with
-    `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008).
+    `b_e` the difference of the ends of edge `e` (Ghosh, Boyd and Saberi 2008). With constraints it
+    is for all `u` that meet them, by prices of the constraints, or by a program of cvxpy.
 
     **Raises:** `ValueError` for a graph that is not connected, naming a vertex of each part; for an
     emphasis that is not two or more different vertices of the graph; for durations that are not
     positive; for a share that is not 0 to
     1, or that leaves nothing but rounding to vertices that are not on the tour.
-    `RuntimeError` if the gap does not close.
+    `RuntimeError` if the gap does not close, and if no weights meet the constraints, naming some
+    that contradict each other.
 
     Of a line of three vertices both edges weigh the same; of the pairs, two take 4 steps there and
     back and one 8:
@@ -114,6 +118,16 @@ def minimum_commute(
         except ValueError as error:
             raise ValueError(f"emphasis: {error}") from None
         emphasised = on_walk(graph, tour)
+    if callable(constraints) or constraints:
+        if durations is not None:
+            raise ValueError("constraints: expected none where edges take time")
+        if graph.vertices > MAX_VERTICES:
+            raise ValueError(
+                f"constraints: expected at most {MAX_VERTICES:,} vertices, got {graph.vertices:,}"
+            )
+        found = _constrained(graph, tour, emphasised, share, constraints, tolerance)
+        found.certificate.check("minimum_commute", throw)
+        return found
     # An edge that may have no weight is left out, and so is a bound that nothing can break.
     allowed = emphasised if share == 1 else np.ones_like(emphasised)
     if share == 1 and tour is not None:
@@ -127,21 +141,25 @@ def minimum_commute(
     times = _durations(graph, durations)[allowed]
     if graph.vertices > MAX_VERTICES:
         tolerance, bound = max(tolerance, _COARSE), 0.0 if on_tour.all() else share
-        found, resistance, gap, iterations = least_resistance(
+        large = least_resistance(
             graph.vertices, edges, times, on_tour, bound, tolerance, _INVERSIONS
         )
+        numbers, resistance, gap, steps = large
     else:
-        problem = _Problem(graph.vertices, edges, times, [(np.ones_like(on_tour), 1.0)])
-        with one_blas_thread() if len(edges) <= _LARGE else contextlib.nullcontext():
-            if on_tour.all() or share <= _NOTHING:
-                found, design, iterations = _interior_point(problem, tolerance)
-                gap = _gap(design, problem.blocks)
-            else:
-                found, design, gap, iterations = _with_bound(problem, on_tour, share, tolerance)
-        resistance = design.resistance
+        problem = Blocks(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)], times)
+        if on_tour.all() or share <= _NOTHING:
+            best = interior_point(problem, tolerance)
+        else:
+            best = _with_bound(problem, on_tour, share, tolerance)
+        numbers, resistance, gap, steps = (
+            best.numbers,
+            best.design.resistance,
+            best.gap,
+            best.steps,
+        )
     weights = np.zeros(len(graph.edges))
-    weights[allowed] = found / times / (found / times).sum()
-    certificate = Certificate(iterations, gap, tolerance)
+    weights[allowed] = numbers / times / (numbers / times).sum()
+    certificate = Certificate(steps, gap, tolerance)
     certificate.check("minimum_commute", throw)
     return MinimumCommute(weights, 4 * resistance / (graph.vertices - 1), tour, certificate)
 
@@ -160,146 +178,62 @@ def _durations(graph: Graph, given: Any) -> Float[np.ndarray, "edges"]:
     return times
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Problem:
-    """The least resistance with given sums of the weights on disjoint blocks of edges."""
-
-    vertices: int
-    edges: Int[np.ndarray, "edges 2"]
-    durations: Float[np.ndarray, "edges"]
-    blocks: list[tuple[Bool[np.ndarray, "edges"], float]]
-
-    def scaled(self, weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "edges"]:
-        """The weights with the right sums."""
-        weights = weights.copy()
-        for block, total in self.blocks:
-            weights[block] *= total / weights[block].sum()
-        return weights
-
-    def start(self) -> Float[np.ndarray, "edges"]:
-        """Weights from which to start: even, then moved in proportion to the root of the gain.
-
-        In a tree, one move is enough.
-        """
-        weights = self.scaled(np.ones(len(self.edges)))
-        for _ in range(2):
-            weights = self.scaled(weights * np.sqrt(_Design(self, weights).gain))
-        return weights
-
-
-class _Design:
-    """The sum of the reciprocal eigenvalues of the Laplacian, and its derivatives."""
-
-    def __init__(self, problem: _Problem, weights: Float[np.ndarray, "edges"]) -> None:
-        self.tail, self.head = problem.edges.T
-        self.root = np.sqrt(problem.durations)[:, None]
-        inverse = pseudo_inverse(problem.vertices, problem.edges, weights / problem.durations)
-        self.resistance = float(np.trace(inverse))
-        self.columns = (inverse[self.tail] - inverse[self.head]) / self.root
-        self.gain = np.einsum("en,en->e", self.columns, self.columns)
-
-    def hessian(self, kind: type[np.floating]) -> Float[np.ndarray, "edges edges"]:
-        columns = self.columns.astype(kind)
-        rows = np.ascontiguousarray(columns.T)
-        matrix = rows[self.tail]
-        matrix -= rows[self.head]
-        matrix /= self.root.astype(kind)
-        matrix *= columns @ columns.T
-        matrix *= kind(2)
-        return matrix
+def _constrained(
+    graph: Graph,
+    tour: Int[np.ndarray, "steps"] | None,
+    on_tour: Bool[np.ndarray, "edges"],
+    share: float,
+    constraints: Sequence[Linear] | Rules,
+    tolerance: float,
+) -> MinimumCommute:
+    """The best weights that meet constraints, with the emphasis as one of them."""
+    emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
+    if callable(constraints):
+        best = conic.least_resistance(graph, emphasis, constraints)
+        inverse = pseudo_inverse(graph.vertices, graph.edges, best.weights)
+        time = 4 * float(np.trace(inverse)) / (graph.vertices - 1)
+        certificate = Certificate(best.iterations, best.gap, max(tolerance, conic.TOLERANCE))
+        return MinimumCommute(best.weights, time, tour, certificate)
+    left = room(len(graph.edges), [*constraints, *emphasis])
+    apart = vertices_apart(graph.vertices, graph.edges[left.used])
+    if apart is not None:
+        raise RuntimeError(
+            f"constraints: they leave no weight to edges between vertex {apart[1]} and vertex "
+            f"{apart[0][0]}"
+        )
+    found = interior_point(Bounded(graph.vertices, graph.edges[left.used], left), tolerance)
+    weights = np.zeros(len(graph.edges))
+    weights[left.used] = found.numbers[: left.edges]
+    paid = np.abs(found.prices / left.units)[left.owner >= 0]
+    prices = np.bincount(left.owner[left.owner >= 0], paid, len(constraints) + len(emphasis))
+    return MinimumCommute(
+        weights,
+        found.commute_time(graph),
+        tour,
+        Certificate(found.steps, found.gap, tolerance),
+        4 / (graph.vertices - 1) * prices[: len(constraints)],
+    )
 
 
 def _with_bound(
-    free: _Problem, on_tour: Bool[np.ndarray, "edges"], share: float, tolerance: float
-) -> tuple[Float[np.ndarray, "edges"], _Design, float, int]:
-    """Where the bound on the share matters it is tight, because the problem is convex.
-
-    **Returns:** the weights, their design, the gap, and the number of steps taken.
-    """
+    free: Blocks, on_tour: Bool[np.ndarray, "edges"], share: float, tolerance: float
+) -> Found:
+    """Where the bound on the share matters it is tight, because the problem is convex."""
     everything = np.ones_like(on_tour)
     tight = dataclasses.replace(free, blocks=[(on_tour, share), (~on_tour, 1 - share)])
-    try:
-        found, design, steps = _interior_point(tight, tolerance)
-    except np.linalg.LinAlgError:
-        gap, steps = math.inf, 0
-    else:
-        gap = _gap(design, [(on_tour, share), (everything, 1 - share)])
+    found: Found | None = None
+    with contextlib.suppress(np.linalg.LinAlgError):
+        bound = interior_point(tight, tolerance)
+        gap = block_gap(bound.design, [(on_tour, share), (everything, 1 - share)])
+        found = dataclasses.replace(bound, gap=gap)
         if gap <= tolerance:
-            return found, design, gap, steps
-    unbound, without, more = _interior_point(free, tolerance)
-    if unbound[on_tour].sum() >= share:
-        return unbound, without, _gap(without, free.blocks), steps + more
-    if gap == math.inf:
+            return found
+    unbound = interior_point(free, tolerance)
+    steps = unbound.steps + (found.steps if found else 0)
+    if unbound.numbers[on_tour].sum() >= share:
+        found = unbound
+    if found is None:
         raise ValueError(
             f"share is {share!r}: what it leaves to other edges is lost in rounding; expected less"
         )
-    return found, design, gap, steps + more
-
-
-def _gap(design: _Design, bound: list[tuple[Bool[np.ndarray, "edges"], float]]) -> float:
-    """By how much of itself the resistance can be above the least one.
-
-    The resistance is convex and homogeneous of degree -1, so its reciprocal is concave, and the
-    tangent of that at the design bounds it everywhere. The tangent is largest where each share of
-    the weight is on the edge that gains most, of those that it may be on.
-    """
-    most = sum(share * float(design.gain[among].max()) for among, share in bound)
-    return max(0.0, 1 - design.resistance / most)
-
-
-def _interior_point(
-    problem: _Problem, tolerance: float
-) -> tuple[Float[np.ndarray, "edges"], _Design, int]:
-    """Follow the central path with Mehrotra's predictor and corrector.
-
-    **Returns:** the weights with the smallest gap, their design, and the number of steps taken.
-    """
-    weights = problem.start()
-    design = _Design(problem, weights)
-    unit = design.resistance
-    # Pressures that keep weights positive, with which the design is stationary from the start.
-    prices = np.array([1.2 * design.gain[block].max() / unit for block, _ in problem.blocks])
-    sums = np.stack([block for block, _ in problem.blocks], axis=1).astype(np.float64)
-    totals = np.array([total for _, total in problem.blocks])
-    live = np.ones(len(weights), bool)
-    pressure = sums @ prices - design.gain / unit
-    best, gap = (weights, design), _gap(design, problem.blocks)
-    steps = 0
-    while gap > tolerance / 2 and steps < _STEPS and weights @ pressure > _ROUNDING:
-        try:
-            inverse, point = _inverse(design, unit, pressure / weights), (weights, pressure, prices)
-            weights, pressure, prices = predictor_corrector(
-                inverse, design.gain / unit, sums, totals, live, point
-            )
-            weights = problem.scaled(weights)
-            design = _Design(problem, weights)
-        except np.linalg.LinAlgError:
-            break
-        steps += 1
-        found = _gap(design, problem.blocks)
-        if found < gap:
-            best, gap = (weights, design), found
-    return *best, steps
-
-
-def _inverse(
-    design: _Design, unit: float, stiffness: Float[np.ndarray, "edges"]
-) -> Callable[[Float[np.ndarray, "edges *sides"]], Float[np.ndarray, "edges *sides"]]:
-    """Divide by the Hessian with a stiffness on its diagonal.
-
-    A large one is factorised in 32 bits, in half the time and memory: a step that is off by a part
-    in a thousand is as good, because the next one starts from residuals in 64 bits.
-
-    **Raises:** `numpy.linalg.LinAlgError` if it is singular to rounding.
-    """
-    kinds: list[type[np.floating]] = [np.float32, np.float64]
-    for kind in kinds if stiffness.size > _LARGE else kinds[1:]:
-        potrf, potrs = scipy.linalg.get_lapack_funcs(("potrf", "potrs"), dtype=kind)
-        matrix = design.hessian(kind)
-        matrix /= kind(unit)
-        matrix[np.diag_indices_from(matrix)] += stiffness.astype(kind)
-        # The transpose of a symmetric matrix is in the order that LAPACK overwrites.
-        factor, info = potrf(matrix.T, lower=1, clean=0, overwrite_a=1)
-        if info == 0:
-            return lambda sides: potrs(factor, sides.astype(kind), lower=1)[0].astype(np.float64)
-    raise np.linalg.LinAlgError("the Hessian is singular to rounding")
+    return dataclasses.replace(found, steps=steps)

@@ -137,57 +137,6 @@ def stackelberg(
     )
 
 
-def payoffs(
-    order: Int[np.ndarray, "strategies vertices"],
-    values: Float[np.ndarray, "vertices"] | None = None,
-) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
-    """The payoffs of a patroller and of an adversary that attacks a vertex (Alam 2018, Alg. 4.2).
-
-    A strategy of the patroller catches the adversary at its `k`-th closest of `n` vertices with
-    probability `1 / 2**(k - 1)`, as in Table 4.2. The patroller is then paid `n - k + 1` and the
-    adversary `k`; else both are paid `1 / n`, what the goods at any vertex are worth.
-
-    **Arguments:**
-
-    - `order`: the vertices from the closest to the furthest, in mean hitting time, for each
-        strategy.
-    - `values`: what the goods at each vertex are worth to both, by default `1 / n`.
-
-    **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
-
-    **Raises:** `ValueError` for a row that is not an order of the vertices, and for values that
-    are not one finite number a vertex.
-
-    Two strategies on two vertices, each nearest to another:
-
-        >>> import numpy as np
-        >>> from jaxcell import optimize
-        >>> patroller, adversary = optimize.payoffs(np.array([[0, 1], [1, 0]]))
-        >>> patroller.tolist(), adversary.tolist()
-        ([[2.0, 0.75], [0.75, 2.0]], [[1.0, 1.25], [1.25, 1.0]])
-    """
-    strategies, vertices = order.shape
-    if order.size == 0:
-        raise ValueError(f"order: expected at least one strategy and vertex, got {order.shape}")
-    for strategy, row in enumerate(order):
-        if not np.array_equal(np.sort(row), np.arange(vertices)):
-            raise ValueError(
-                f"order[{strategy}]: expected each vertex from 0 to {vertices - 1} once, got "
-                f"{row.tolist()}"
-            )
-    k = np.arange(vertices)
-    caught = 0.5**k
-    worth = np.full(vertices, 1 / vertices) if values is None else np.asarray(values, np.float64)
-    if worth.shape != (vertices,) or not np.isfinite(worth).all():
-        raise ValueError(f"values: expected {vertices} finite numbers, one a vertex, got {values}")
-    goods = (1 - caught) * worth[order]
-    row = np.arange(strategies)[:, None]
-    patroller, adversary = np.empty(order.shape), np.empty(order.shape)
-    patroller[row, order] = caught * (vertices - k) + goods
-    adversary[row, order] = caught * (k + 1) + goods
-    return jnp.asarray(patroller), jnp.asarray(adversary)
-
-
 # A commitment with the answers to it, an upper bound on the value of any, and the iterations.
 _Found = tuple[Float[np.ndarray, "strategies"], Int[np.ndarray, "types"], float, int]
 

@@ -5,9 +5,9 @@ Markov chain, often one with *weights* `w` on the edges: from a vertex it takes 
 probability in proportion to the weight. Robots need not talk, start together, or know each other.
 
 Graphs are `Graph` (read and written by `load_graph` and `save_graph`; `has_weights` says whether a
-file has weights, which are not read, and `load_values` reads a number for each vertex), with `n`
-vertices, numbered from 0. A time is a number of steps, unless an edge has a travel time. Distances
-are in metres.
+file has weights, which are not read, `load_values` reads a number for each vertex, and
+`load_stakes` those of a game), with `n` vertices, numbered from 0. A time is a number of steps,
+unless an edge has a travel time. Distances are in metres.
 
 **Walks.** With `L = A diag(w) A^T` the weighted Laplacian (Eq. 4.2), `A` the incidence matrix, and
 `0 = k_1 <= k_2 <= ... <= k_n` its eigenvalues:
@@ -23,14 +23,16 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 
 - *MAECT* is the choice of weights with the least `C` (Eq. 4.4), `jaxcell.optimize.minimum_commute`;
     with an *emphasis*, the edges of the shortest closed tour through some vertices have at least a
-    given share of the weight (Eq. 4.5). It is convex and comes with a duality gap.
+    given share of the weight (Eq. 4.5). It is convex and comes with a duality gap, also under
+    constraints such as those that `load_constraints` reads; `MetConstraints` says how they are met.
 - `toward` heads for a vertex along its `k` shortest paths (Alg. 4.1), whose steps count in their
     own direction alone, as printed; then all rows of Table 4.2 come out for `k = 1`.
 - Beyond the source there are `minimum_kemeny`, `K = sum_j pi_j h_ij` with `pi` the stationary
     distribution; `maximum_entropy_rate`, `H = -sum_i pi_i sum_j p_ij log p_ij`, in nats; and
     `maximum_return_time_entropy`, the entropy of the `return_time_law`, which `return_time_entropy`
     gives of any chain. `measure` gives `h`, `C`, `K`, `H` and more of any chain, and
-    `GraphPatrol` has these with the graph, for datasets and recordings.
+    `GraphPatrol` has these with the graph, for datasets and recordings; for several robots, each by
+    itself, also when the first of them comes to a vertex, and how likely one captures an attack.
 - `maximin_capture` makes the least entry of `walk_capture_probabilities` great: `F_t[i, j]`, the
     probability to come from `i` to `j` within an attack time `t`, by the recursion
     `F_t = P + P (F_{t-1} - diag F_{t-1})`.
@@ -76,7 +78,7 @@ Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=
 from ..optimize import Graph as Graph
 from .files.graph_files import has_weights as has_weights, load_graph as load_graph
 from .files.graph_saving import save_graph as save_graph
-from .files.values import load_values as load_values
+from .files.values import load_stakes as load_stakes, load_values as load_values
 from .law.distribution import Gld as Gld
 from .law.fit import GldFit as GldFit, fit_gld as fit_gld
 from .map.attack import (
@@ -141,6 +143,10 @@ from .walks.capture import (
     MaximinCapture as MaximinCapture,
     maximin_capture as maximin_capture,
     walk_capture_probabilities as walk_capture_probabilities,
+)
+from .walks.constraints import (
+    MetConstraints as MetConstraints,
+    load_constraints as load_constraints,
 )
 from .walks.descent import OptimizedWalk as OptimizedWalk
 from .walks.entropy import (

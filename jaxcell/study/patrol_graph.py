@@ -11,7 +11,7 @@ from .study import Say, require, silent
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..optimize import Graph
+    from ..optimize import Graph, Linear
     from ..patrol import Division, GraphPatrol
     from ..verify import Comparison
 
@@ -36,6 +36,9 @@ class PatrolGraph(GraphStudy):
     """Two or more vertices to visit more often, for "commute" and the game."""
     share: float = 0.8
     """Least share of steps on the shortest closed tour through them."""
+    constraints: Path | None = None
+    """JSON file of bounds on the shares of steps along edges and of time at vertices, for
+    "commute": {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
     vertex: str | None = None
     """The vertex that "toward" is toward."""
     paths: int = 1
@@ -48,7 +51,9 @@ class PatrolGraph(GraphStudy):
     """File of a line "vertex share" for each vertex: how often the walk is there, relative to the
     others, for mixing, kemeny, entropy and return-time."""
     values: Path | None = None
-    """File of a line "vertex value" for each vertex: what its goods are worth in the game."""
+    """File of a line "vertex value" for each vertex, what its goods are worth in the game; or
+    "vertex value value reward cost": what they are worth to the patroller and to the adversary, and
+    what the patroller that catches the adversary there gains, and the adversary pays."""
     game: bool = False
     """Also mix the walks toward each vertex and "commute", against an adversary who knows it."""
 
@@ -57,7 +62,7 @@ class PatrolGraph(GraphStudy):
         require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
         require("paths", self.paths, "at least 1", lambda x: x >= 1)
         if self.division is not None:
-            for name in ("vertex", "emphasis", "visits", "attack_times"):
+            for name in ("vertex", "emphasis", "visits", "attack_times", "constraints"):
                 if getattr(self, name):
                     raise ValueError(f"division has no meaning with {name}, which is for all")
         if self.emphasis and not (self.strategy == "commute" or self.game):
@@ -74,6 +79,10 @@ class PatrolGraph(GraphStudy):
         prescribed = ("mixing", "kemeny", "entropy", "return-time")
         if self.visits is not None and self.strategy not in prescribed:
             raise ValueError(f"visits has no meaning for {self.strategy!r}")
+        if self.constraints is not None and self.strategy != "commute":
+            raise ValueError(f"constraints has no meaning for {self.strategy!r}")
+        if self.constraints is not None and self.speed is not None:
+            raise ValueError("constraints has no meaning with a speed: they are on steps")
         if self.attack_times is not None and self.strategy != "capture":
             raise ValueError(f"attack_times has no meaning for {self.strategy!r}")
         for parameter, strategy in (("vertex", "toward"), ("attack_time", "capture")):
@@ -97,7 +106,7 @@ class PatrolGraph(GraphStudy):
         return needed
 
     def run(self, say: Say = silent) -> "GraphPatrol":
-        from ..patrol import GraphPatrol, has_weights, load_graph, load_values, strategy_game
+        from ..patrol import GraphPatrol, has_weights, load_graph, load_stakes, strategy_game
 
         graph, names = load_graph(self.file)
         self._check(graph, names)
@@ -108,9 +117,9 @@ class PatrolGraph(GraphStudy):
         walk, game = self._walks(graph, names, emphasis, say), None
         if self.game:
             say("mixing strategies")
-            values = None if self.values is None else load_values(self.values, names)
+            stakes = None if self.values is None else load_stakes(self.values, names)
             game = strategy_game(
-                graph, emphasis, self.share, paths=self.paths, names=names, values=values
+                graph, emphasis, self.share, paths=self.paths, names=names, stakes=stakes
             )
         options: dict[str, Any] = {"names": names, "robots": self.robots, "seed": self.seed}
         options["weights_unused"] = has_weights(self.file)
@@ -128,7 +137,8 @@ class PatrolGraph(GraphStudy):
         found = compare_walk(result)
         if self.strategy == "commute" and self.division != "partition":
             emphasis = self.vertices(result.names, "emphasis", *self.emphasis)
-            found += compare_commute(result, emphasis, self.share)
+            rules = self._constraints(result.graph, result.names)
+            found += compare_commute(result, emphasis, self.share, rules)
         return found if result.game is None else [*found, *compare_game(result.game)]
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
@@ -216,6 +226,11 @@ class PatrolGraph(GraphStudy):
         walks = divided if shared is None or self.division == "partition" else shared
         return walks | {"division": _compared(shared, divided, region, self.robots)}
 
+    def _constraints(self, graph: "Graph", names: Sequence[str]) -> "list[Linear]":
+        from ..patrol import load_constraints
+
+        return [] if self.constraints is None else load_constraints(self.constraints, graph, names)
+
     def _walk(
         self, graph: "Graph", names: Sequence[str], emphasis: list[int] | None, robots: int
     ) -> dict[str, Any]:
@@ -234,20 +249,26 @@ class PatrolGraph(GraphStudy):
             visits = patrol.load_values(self.visits, names)
             visits = even = visits / visits.sum()
         best: Any
-        team = None
+        team: Any = None
+        times: Any = None
         who = "one patroller captures" if robots == 1 else f"{robots} patrollers capture"
         goal = {
             "return-time": "return-time entropy, in nats",
             "capture": f"{_CHANCE} {who} within {self._within}",
         }.get(self.strategy)
+        bounds = None
         if self.strategy == "commute":
-            durations = self.times(graph)
-            best = optimize.minimum_commute(graph, emphasis, self.share, durations=durations)
+            rules = self._constraints(graph, names)
+            best = optimize.minimum_commute(
+                graph, emphasis, self.share, durations=self.times(graph), constraints=rules
+            )
             chain = patrol.random_walk(graph, best.weights)
+            if rules:
+                bounds = patrol.MetConstraints(rules, best.weights, best.prices)
         elif self.strategy == "capture":
-            times: Any = self.attack_time
+            times = self.attack_time
             if self.attack_times is not None:
-                times = np.rint(patrol.load_values(self.attack_times, names))
+                times = patrol.load_values(self.attack_times, names, whole=self.speed is None)
             unit = 1.0 if self.speed is None else self.time_unit
             times = np.floor(np.asarray(times) / unit + 1e-9).astype(np.int64)
             best = patrol.maximin_capture(
@@ -269,6 +290,8 @@ class PatrolGraph(GraphStudy):
             chain = best.chain
         value = None if goal is None else best.value
         return {
+            "attack_time": times if self.speed is None else None,
+            "bounds": bounds,
             "chain": chain,
             "team": team,
             "certificate": best.certificate,

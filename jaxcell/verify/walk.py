@@ -1,5 +1,4 @@
 import math
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,7 +6,8 @@ import scipy.optimize
 import scipy.sparse
 import scipy.special
 
-from ..optimize import shortest_tour
+from ..optimize import Linear, conic, shortest_tour
+from ..optimize.tour import on_walk
 from ..patrol import GraphPatrol, StrategyGame
 from .bounce import sample
 from .comparison import Comparison, solve_transient
@@ -43,37 +43,29 @@ def compare_walk(patrol: GraphPatrol) -> list[Comparison]:
     ]
 
 
-def compare_commute(patrol: GraphPatrol, emphasis: Sequence[int], share: float) -> list[Comparison]:
-    """Compare the least commute time with a conic program of cvxpy.
-
-    The sum of the resistances between all vertices is the least energy of currents `F` that lead
-    from each vertex to all others evenly, `sum_e |F_e|^2 / w_e` over edges with conductances `w`.
-    """
-    import cvxpy
-
+def compare_commute(
+    patrol: GraphPatrol, emphasis: Sequence[int], share: float, constraints: Sequence[Linear] = ()
+) -> list[Comparison]:
+    """Compare the least commute time, under constraints too, with a cone program of cvxpy."""
     graph, what = patrol.graph, "least commute time, by cvxpy"
     vertices, edges = graph.vertices, len(graph.edges)
     if vertices * edges > _MAX_NUMBERS:
         return [Comparison.omitted(what, f"more than {_MAX_NUMBERS:,} pairs of vertex and edge")]
-    incidence = np.zeros((edges, vertices))
-    incidence[np.arange(edges)[:, None], graph.edges] = [1, -1]
-    weight, flow = cvxpy.Variable(edges), cvxpy.Variable((vertices, edges))
-    rules = [cvxpy.sum(weight) == 1, flow @ incidence == np.eye(vertices) - 1 / vertices]
+    rules = list(constraints)
     if emphasis:
-        tour = shortest_tour(graph, emphasis)
-        pairs = {frozenset(pair) for pair in zip(tour, np.roll(tour, -1), strict=True)}
-        on_tour = [i for i, edge in enumerate(graph.edges) if frozenset(edge) in pairs]
-        rules.append(cvxpy.sum(weight[on_tour]) >= share)
-    times = np.ones(edges) if patrol.timed is None else patrol.timed.duration
-    energy = cvxpy.sum(
-        [cvxpy.quad_over_lin(flow[:, e], weight[e]) * times[e] for e in range(edges)]
-    )
-    with warnings.catch_warnings():
-        # The comparison says whether it is accurate enough.
-        warnings.simplefilter("ignore")
-        least = cvxpy.Problem(cvxpy.Minimize(energy), rules).solve(solver="CLARABEL")
-    found = [(patrol if patrol.timed is None else patrol.timed).mean_commute_time]
-    return [Comparison.close(what, found, [4 * least / (vertices - 1)], _TIME, relative=True)]
+        tour = on_walk(graph, shortest_tour(graph, emphasis))
+        rules.append(Linear("the emphasis", tour, lower=share))
+    timed = patrol.timed
+    times = None if timed is None else timed.duration
+    least = conic.least_resistance(graph, rules, durations=times).resistance
+    found = [(patrol if timed is None else timed).mean_commute_time]
+    compared = [Comparison.close(what, found, [4 * least / (vertices - 1)], _TIME, relative=True)]
+    if rules and timed is None:
+        shares = patrol.weight
+        beyond = [max(c.lower - (v := c.coefficients @ shares), v - c.upper, 0) for c in rules]
+        broken = "by how much constraints are broken"
+        compared.append(Comparison.close(broken, beyond, np.zeros(len(rules)), _CLOSE))
+    return compared
 
 
 def compare_game(game: StrategyGame) -> list[Comparison]:

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jaxcell.base.certificate import Certificate
 from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
-from jaxcell.patrol import random_walk, walk_hitting_times
+from jaxcell.patrol import (
+    MaximinCapture,
+    random_walk,
+    walk_capture_probabilities,
+    walk_hitting_times,
+)
 from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.files.graph_saving import save_graph
 
@@ -222,6 +228,11 @@ def test_other_formats_are_read(capsys, tmp_path):
             "--attack-time: 2 steps are over before .* from vertex '4' to '5', which takes 3",
         ),
         (("--attack-time", 3), "--attack-time has no meaning for 'commute'"),
+        (
+            ("--constraints", "c.json", "--strategy", "kemeny"),
+            "--constraints has no meaning for 'kemeny'",
+        ),
+        (("--constraints", "none.json"), "none.json: there is no such file"),
         (("--robots", 0), "--robots: expected at least 1, got 0"),
     ],
 )
@@ -258,6 +269,188 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     status, found, error = run(capsys)
     assert (status, found) == (1, None)
     assert error == "jaxcell patrol graph: the residual stayed above the tolerance\n"
+
+
+def test_more_patrollers_come_sooner(capsys):
+    found = run(capsys, "--robots", 2)[1]
+    P = check_chain(found)
+    pi = np.array([one["stationary"] for one in found["vertices"]])
+    # Both at once are a chain on pairs of vertices; the first arrival is where either is.
+    both, start = np.kron(P, P), np.kron(pi, pi)
+    for vertex in range(8):
+        off = np.arange(8) != vertex
+        away = np.flatnonzero(np.kron(off, off))
+        steps = np.linalg.solve(np.eye(away.size) - both[np.ix_(away, away)], np.ones(away.size))
+        assert found["vertices"][vertex]["first_arrival"] == pytest.approx(start[away] @ steps)
+    each = [one["first_arrival"] for one in found["vertices"]]
+    assert found["mean_first_arrival"] == pytest.approx(np.mean(each))
+    assert "mean_first_arrival" not in run(capsys)[1]
+
+
+def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
+    monkeypatch.setattr("jaxcell.patrol.walks.graph_patrol._MAX_ARRIVALS", 7)
+    status, found, said = run(capsys, "--robots", 2)
+    assert (status, "mean_first_arrival" in found) == (0, False)
+    assert "on graphs of up to 7 vertices; other times are of one patroller" in said
+
+
+def stubbed_capture(monkeypatch):
+    """A search that gives a random walk, and what it is asked for."""
+    asked = []
+
+    def search(graph, times, **options):
+        asked.append(times)
+        walk = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
+        least = walk_capture_probabilities(graph, walk, times).min()
+        return MaximinCapture(walk[None], float(least), 0, Certificate(1, 0.0, 1e-4))
+
+    monkeypatch.setattr("jaxcell.patrol.maximin_capture", search)
+    return asked
+
+
+def test_attacks_of_different_lengths_on_two_patrollers(capsys, monkeypatch, tmp_path):
+    asked = stubbed_capture(monkeypatch)
+    times = [4, 4, 6, 3, 5, 7, 3, 4]
+    file = tmp_path / "times.txt"
+    file.write_text("".join(f"{v} {time}\n" for v, time in enumerate(times, 1)))
+    two = run(capsys, "--strategy", "capture", "--attack-times", file, "--robots", 2)[1]
+    np.testing.assert_array_equal(asked, [times])
+    P = check_chain(two)
+    for vertex, time in enumerate(times):
+        late = np.arange(8) != vertex
+        for _ in range(time - 1):
+            late = np.where(np.arange(8) != vertex, P @ late, 0)
+        captured = 1 - (P @ late).max() ** 2
+        assert two["vertices"][vertex]["captured"] == pytest.approx(captured)
+    assert two["value"] == pytest.approx(min(one["captured"] for one in two["vertices"]))
+    assert two["goal"] == "least chance that one of 2 patrollers captures within its attack time"
+
+
+def test_visits_are_those_of_the_file(capsys, tmp_path):
+    file = tmp_path / "visits.txt"
+    file.write_text(
+        "".join(f"{v} {share}\n" for v, share in enumerate([1, 2, 1, 1, 1, 1, 2, 1], 1))
+    )
+    found = run(capsys, "--strategy", "entropy", "--visits", file)[1]
+    check_chain(found)
+    shares = [one["stationary"] for one in found["vertices"]]
+    assert shares == pytest.approx([0.1, 0.2, 0.1, 0.1, 0.1, 0.1, 0.2, 0.1], abs=1e-8)
+
+
+def test_stakes_are_those_of_the_file(capsys, tmp_path):
+    file, out = tmp_path / "values.txt", tmp_path / "out"
+    stakes = np.random.default_rng(0).integers(1, 9, (8, 4))
+    file.write_text("".join(f"{v} {a} {b} {c} {d}\n" for v, (a, b, c, d) in enumerate(stakes, 1)))
+    found = run(capsys, "--game", "--values", file, "--out", out)[1]["game"]
+    with xr.open_dataset(out / "patrol.nc") as dataset:
+        caught = 0.5 ** (dataset.game_rank.values - 1)
+        goods, goods_adversary, reward, cost = stakes.T
+        patroller = caught * reward + (1 - caught) * goods
+        adversary = (1 - caught) * goods_adversary - caught * cost
+        np.testing.assert_allclose(dataset.game_patroller_payoff, patroller)
+        np.testing.assert_allclose(dataset.game_adversary_payoff, adversary)
+    assert found["value"] <= stakes[:, [0, 2]].max()
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "message"),
+    [
+        ("attack-times", "a 2\nb 2\nc 2.5", "line 3: expected a whole number more than 0, got 2.5"),
+        ("visits", "a 1\nb 1", "there is no number for vertex 'c'"),
+        ("values", "a 1 2\nb 1 2\nc 1", "line 3: expected 2 numbers, as before, got 1"),
+        ("values", "a 1 2 3\nb 1 2 3\nc 1 2 3", "line 1: there is no vertex 'a 1 2'"),
+    ],
+)
+def test_bad_numbers_for_vertices_are_one_line_and_status_2(
+    capsys, tmp_path, option, text, message
+):
+    graph, file = tmp_path / "path.adjlist", tmp_path / "numbers.txt"
+    graph.write_text("a b\nb c\n")
+    file.write_text(text)
+    strategy = {"attack-times": "capture", "visits": "kemeny", "values": "commute"}[option]
+    game = ["--game"] if option == "values" else []
+    args = ("--strategy", strategy, *game, f"--{option}", file)
+    status, found, error = run(capsys, *args, file=graph)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert f"{file}: {message}" in error
+
+
+def constraints(folder, *several):
+    file = folder / "constraints.json"
+    file.write_text(json.dumps({"constraints": several}))
+    return file
+
+
+def test_constraints_are_met_and_verified(capsys, tmp_path):
+    file = constraints(
+        tmp_path,
+        {"label": "corridor", "edges": [["1", "2"], ["5", "1"]], "most": 0.2},
+        {"vertices": "all", "each": True, "least": 0.09},
+        {"edges": [["6", "7"], ["7", 8]], "factors": [2, 3], "most": 0.48},
+        {"same": [["2", "3"], ["2", "8"], ["3", "4"]]},
+    )
+    found = run(capsys, "--constraints", file, "--verify", "--out", tmp_path / "out")[1]
+    check_chain(found)
+    weight = {frozenset(edge["ends"]): edge["weight"] for edge in found["edges"]}
+    assert weight[frozenset("12")] + weight[frozenset("15")] <= 0.2 + 1e-9
+    assert min(one["stationary"] for one in found["vertices"]) >= 0.09 - 1e-9
+    assert 2 * weight[frozenset("67")] + 3 * weight[frozenset("78")] <= 0.48 + 1e-9
+    assert weight[frozenset("23")] == pytest.approx(weight[frozenset("28")], abs=1e-9)
+    assert weight[frozenset("23")] == pytest.approx(weight[frozenset("34")], abs=1e-9)
+    assert found["mean_commute_time"] > 18.626151
+    told = {one["constraint"]: one for one in found["bounds"]["constraints"]}
+    assert len(told) == 12
+    assert told["edge 6-7, edge 7-8"]["active"]
+    assert told["edge 6-7, edge 7-8"]["saves"] > 0
+    assert not told["vertex 7"]["active"]
+    assert told["vertex 7"]["saves"] == 0
+    compared = {one["what"]: one for one in found["verified"]["comparisons"]}
+    assert compared["least commute time, by cvxpy"]["count"] == 1
+    assert compared["by how much constraints are broken"]["count"] == 12
+    assert found["verified"]["agrees"]
+    assert main(["patrol", "graph", str(EIGHT), "--constraints", str(file)]) == 0
+    assert re.search(r"corridor .*│ 0\.2 +│ (yes|no)", capsys.readouterr().out)
+
+
+def test_constraints_that_contradict_are_status_1(capsys, tmp_path):
+    file = constraints(
+        tmp_path,
+        {"edges": "all", "each": True, "most": 0.5},
+        {"label": "corridor", "edges": [["1", "2"], ["5", "1"]], "most": 0.1},
+        {"vertices": ["1"], "least": 0.06},
+    )
+    status, found, error = run(capsys, "--constraints", file)
+    assert (status, found) == (1, None)
+    assert error.endswith("constraints: these contradict each other: corridor, vertex 1\n")
+
+
+@pytest.mark.parametrize(
+    ("constraint", "message"),
+    [
+        ({"edges": [["1", "8"]], "most": 0.1}, r"edges\[0\]: expected two vertices with an edge"),
+        ({"vertices": ["9"], "most": 0.1}, r"vertices\[0\]: expected a vertex, got '9'"),
+        (
+            {"edges": [["1", "2"], ["2", "1"]], "most": 0.1},
+            "edges: expected one or more, each once",
+        ),
+        ({"edges": [["1", "2"]]}, "expected least, most or both"),
+        ({"edges": [["1", "2"]], "most": "low"}, "most: expected a finite number, got 'low'"),
+        ({"edges": [["1", "2"]], "least": 0.2, "most": 0.1}, "most: expected at least 0.2, as"),
+        ({"edges": "all", "vertices": "all"}, "expected either edges, vertices or same"),
+        ({"edges": "all", "must": 0.1}, "must: expected one of label, edges, vertices"),
+        ({"same": [["1", "2"]]}, "same: expected two or more edges"),
+        ({"edges": "all", "each": 1, "most": 0.1}, "each: expected true or false, got 1"),
+        ({"edges": [["1", "2"]], "factors": [1, 2], "most": 1}, "factors: expected numbers, 1 of"),
+        ({"edges": [["1", "2"]], "factors": [0], "most": 1}, "expected finite coefficients, one"),
+    ],
+)
+def test_bad_constraints_are_one_line_and_status_2(capsys, tmp_path, constraint, message):
+    file = constraints(tmp_path, constraint)
+    status, found, error = run(capsys, "--constraints", file)
+    assert (status, found) == (2, None)
+    assert error.count("\n") == 1
+    assert re.search(rf"constraints\.json: .*{message}", error), error
 
 
 def test_help_of_the_group(capsys):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.optimize import conductance
+from jaxcell.optimize import resistance
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.tour import on_walk, shortest_tour
@@ -272,7 +272,7 @@ def test_all_the_weight_on_a_tour_through_all_vertices():
 def test_large_steps_in_32_bits_end_at_the_same_weights(monkeypatch):
     graph = graph_of(nx.convert_node_labels_to_integers(nx.grid_2d_graph(7, 7)))
     usual = [minimum_commute(graph), minimum_commute(graph, [0, 6, 48], 0.7)]
-    monkeypatch.setattr(conductance, "_LARGE", 0)
+    monkeypatch.setattr(resistance, "_LARGE", 0)
     large = [minimum_commute(graph), minimum_commute(graph, [0, 6, 48], 0.7)]
     for a, b in zip(usual, large, strict=True):
         assert a.commute_time == pytest.approx(b.commute_time, rel=1e-8)

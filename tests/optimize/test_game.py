@@ -11,7 +11,8 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.optimize.game import payoffs, stackelberg
+from jaxcell.optimize.game import stackelberg
+from jaxcell.optimize.payoffs import Stakes, payoffs
 
 
 # Alam 2018, Table 4.2: strategies towards each vertex, for all vertices, for vertices 2, 5 and 8.
@@ -213,6 +214,11 @@ def test_payoffs_are_those_of_the_table():
     patroller, adversary = payoffs(ORDER - 1)
     np.testing.assert_allclose(patroller, PATROLLER, atol=5.1e-5)
     np.testing.assert_allclose(adversary, ADVERSARY, atol=5.1e-5)
+
+
+def test_stakes_of_another_number_are_refused():
+    with pytest.raises(ValueError, match="costs: expected 8 finite numbers, one a vertex"):
+        payoffs(ORDER - 1, Stakes(costs=np.ones(3)))
 
 
 @pytest.mark.parametrize("method", METHODS)

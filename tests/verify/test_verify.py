@@ -21,7 +21,7 @@ from jaxcell.bounce import (
 )
 from jaxcell.mapping import SimpleMap
 from jaxcell.markov import Arrivals
-from jaxcell.optimize import minimum_commute
+from jaxcell.optimize import Graph, Linear, minimum_commute
 from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.map.vulnerability import Vulnerability
 from jaxcell.patrol.walks.game import strategy_game
@@ -175,14 +175,26 @@ def test_walks_on_a_graph():
         assert any(one.startswith(what) for one in found), found
 
 
-@pytest.mark.parametrize(("name", "emphasis"), [("line", ()), ("eight", (1, 4))])
-def test_the_least_commute_time(name, emphasis):
+@pytest.mark.parametrize(
+    ("name", "emphasis", "cap"), [("line", (), 1), ("eight", (1, 4), 1), ("eight", (), 0.09)]
+)
+def test_the_least_commute_time(name, emphasis, cap):
     graph, _ = load_graph(DATA / "graphs" / f"{name}.json")
-    best = minimum_commute(graph, emphasis or None, 0.9).weights
+    rules = [Linear(str(i), row, upper=cap) for i, row in enumerate(np.eye(len(graph.edges)))]
+    best = minimum_commute(graph, emphasis or None, 0.9, constraints=rules).weights
     walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, best))
-    assert not disagreeing(verify.compare_commute(walk, emphasis, 0.9))
+    assert not disagreeing(verify.compare_commute(walk, emphasis, 0.9, rules))
     other = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, best + 0.01))
-    assert disagreeing(verify.compare_commute(other, emphasis, 0.9)) == ["least commute time"]
+    wrong = disagreeing(verify.compare_commute(other, emphasis, 0.9, rules))
+    assert wrong[0] == "least commute time"
+    # Even more weights keep to caps.
+    assert wrong[1:] == ["by how much constraints are broken"] * bool(emphasis)
+
+
+def test_the_least_commute_time_of_a_long_line():
+    graph = Graph([[i, i + 1] for i in range(61)])
+    walk = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, minimum_commute(graph).weights))
+    assert not disagreeing(verify.compare_commute(walk, (), 0.9))
 
 
 def test_games():

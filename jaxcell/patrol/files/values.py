@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.documents import check_file, checked_number, read_text
+from ...optimize import Stakes
 
 
 def load_values(
-    path: str | os.PathLike[str], names: Sequence[str]
+    path: str | os.PathLike[str], names: Sequence[str], *, whole: bool = False
 ) -> Float[np.ndarray, "vertices"]:
     """Read a number for each vertex: a file of lines with a name and a number.
 
@@ -18,6 +19,7 @@ def load_values(
 
     - `path`: the file; `#` begins a comment.
     - `names`: of the vertices.
+    - `whole`: whether they must be whole numbers.
 
     **Returns:** the numbers, positive and finite, in the order of the names.
 
@@ -34,23 +36,62 @@ def load_values(
         ...     patrol.load_values(path, ["yard", "hall"]).tolist()
         [9.0, 6.0]
     """
-    path = Path(path)
-    check_file(path, "a number for each vertex")
-    place, found = {name: i for i, name in enumerate(names)}, np.full(len(names), np.nan)
+    return _load(Path(path), names, (1,), whole)[:, 0]
+
+
+def load_stakes(path: str | os.PathLike[str], names: Sequence[str]) -> Stakes:
+    """Read what there is to win and to lose at each vertex in a game.
+
+    **Arguments:**
+
+    - `path`: a file of lines with a name and one, two or four numbers, the same for all: what the
+        goods are worth to the patroller, to the adversary if that is something else, and what the
+        patroller gains and the adversary pays when it is caught. `#` begins a comment.
+    - `names`: of the vertices.
+
+    **Returns:** [`jaxcell.optimize.Stakes`][].
+
+    **Raises:** as [`load_values`][], and for lines of different lengths.
+
+    Goods that are worth more to the adversary:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import patrol
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "stakes.txt")
+        ...     _ = path.write_text("hall 6 8\\nyard 9 10\\n")
+        ...     patrol.load_stakes(path, ["yard", "hall"]).adversary_values.tolist()
+        [10.0, 8.0]
+    """
+    return Stakes(*_load(Path(path), names, (1, 2, 4), False).T)
+
+
+def _load(
+    path: Path, names: Sequence[str], lengths: tuple[int, ...], whole: bool
+) -> Float[np.ndarray, "vertices numbers"]:
+    check_file(path, "numbers for each vertex")
+    found: dict[str, list[float]] = {}
+    one = f"a {'whole ' * whole}number more than 0"
     for number, line in enumerate(read_text(path).splitlines(), 1):
-        name, _, value = line.partition("#")[0].strip().rpartition(" ")
-        if not value:
+        words = line.partition("#")[0].split()
+        if not words:
             continue
         at = f"{path}: line {number}"
-        if name.strip() not in place:
-            raise ValueError(f"{at}: there is no vertex {reprlib.repr(name.strip())}")
-        vertex = place[name.strip()]
-        if not np.isnan(found[vertex]):
-            raise ValueError(f"{at}: the vertex {reprlib.repr(name.strip())} comes twice")
-        found[vertex] = checked_number(at, value, "a number more than 0", text=True)
-        if not found[vertex] > 0:
-            raise ValueError(f"{at}: expected a number more than 0, got {value}")
-    if np.isnan(found).any():
-        missing = names[int(np.argmax(np.isnan(found)))]
+        # A name may have several words, and the last ones may be numbers.
+        splits = [(" ".join(words[:-length]), words[-length:]) for length in lengths]
+        name, rest = next((split for split in splits if split[0] in names), splits[0])
+        if name not in names:
+            raise ValueError(f"{at}: there is no vertex {reprlib.repr(name)}")
+        if name in found:
+            raise ValueError(f"{at}: the vertex {reprlib.repr(name)} comes twice")
+        found[name] = [checked_number(at, word, one, text=True) for word in rest]
+        wrong = next((x for x in rest if not float(x) > 0 or (whole and float(x) % 1)), None)
+        if wrong is not None:
+            raise ValueError(f"{at}: expected {one}, got {wrong}")
+        first = next(iter(found.values()))
+        if len(rest) != len(first):
+            raise ValueError(f"{at}: expected {len(first)} numbers, as before, got {len(rest)}")
+    missing = next((name for name in names if name not in found), None)
+    if missing is not None:
         raise ValueError(f"{path}: there is no number for vertex {missing!r}")
-    return found
+    return np.array([found[name] for name in names])

@@ -28,7 +28,7 @@ _BLOCK = 25
 # On more cells fewer steps are made, which take longer.
 _CELLS = 500
 # Of the soft minimum of the logarithms of capture at the end.
-_HARD = 100.0
+_HARDNESS = 30.0, 100.0
 # Of every step: so that the robot comes to all cells, and its share of time is unique.
 _LEAST = 1e-5
 # On more cells the walk with the least commute time takes longer than the search that begins there.
@@ -279,7 +279,7 @@ class _Problem:
         if self.unseen.shape[1] == 0:
             trial = steps = 0
         ascent = Ascent(
-            self.steps, self.unseen, self.unseen, self.attack_time, self.start, floor, _HARD
+            self.steps, self.unseen, self.unseen, self.attack_time, self.start, floor, _HARDNESS
         )
         tries = [ascent.climb(begin, np.zeros(trial)) for begin in begins]
         best, _, state, _ = max(tries, key=lambda one: one[1])

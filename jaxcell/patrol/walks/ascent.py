@@ -18,8 +18,8 @@ from .steps import Steps, chances, pull
 _BLOCK, _ACTIVE = 25, 80
 # Numbers that one step keeps for its gradient.
 _KEPT = 5e7
-# Of the steps on the logits, and of the soft minimum of the logarithms of capture at first.
-_RATE, _SOFT = 0.1, 30.0
+# Of the steps on the logits.
+_RATE = 0.1
 # Of a probability whose logarithm is taken.
 _TINY = 1e-12
 
@@ -38,8 +38,8 @@ class Ascent:
     "Where robots are then: `uniform`, `stationary` or `worst`."
     floor: float
     "The least share of a step that goes to any neighbour alike."
-    hardness: float
-    "Of the soft minimum at the end."
+    hardness: tuple[float, float]
+    "Of the soft minimum of the logarithms of capture, at first and at the end."
 
     def climb(
         self, begin: Any, progress: Float[np.ndarray, "steps"], best: Any = None
@@ -64,7 +64,8 @@ class Ascent:
         kept = int(_KEPT / (self.unseen.shape[0] * self.attack_time * robots))
         active = min(targets, max(8, min(_ACTIVE, kept)))
         rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
-        hardness = _SOFT * (self.hardness / _SOFT) ** progress
+        soft, hard = self.hardness
+        hardness = soft * (hard / soft) ** progress
         unseen, may = jnp.asarray(self.unseen), jnp.asarray(self.begin)
         best = begin[0] if best is None else best
         value, course = float(_least(best, self.steps, unseen, may, self.floor, *fixed)[0]), []

@@ -15,8 +15,9 @@ from ...mapping import Chain
 from ...optimize import Graph
 from .ascent import Ascent, late_gain
 from .descent import descend
+from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
-from .sequential_lp import maximize_least_capture
+from .sequential_lp import Linearized, maximize_least_capture
 from .steps import Steps, chances
 
 
@@ -24,14 +25,14 @@ from .steps import Steps, chances
 # it lacks of the minimum is left to linear programs.
 _HARDNESS = 50.0
 # On few vertices so many times as many starts are tried as are asked for.
-_MORE, _QUICK = 8, 7200
-# Derivatives that linear programs take; with more of them, gradients are all there is.
-_POLISHED = 100_000
-# Of the value, by the last quarter of the gradient steps.
-_LATE = 0.02
-# Gradient steps from each start, the hardness of the minimum at their end, and the least
-# probability of a step.
-_STEPS, _HARD, _FLOOR = 600, 200.0, 1e-6
+_MORE, _QUICK = 4, 3600
+# Vertices for as many linear programs as it takes, and for any; gradients are then all there is.
+_EXACT, _POLISHED = 30, 100
+# Of the value: what counts as little to gain on larger graphs.
+_LITTLE = 0.02
+# Gradient steps from each start, half as many on a graph of more vertices; the hardness of the
+# minimum at first and at their end; and the least probability of a step.
+_STEPS, _LARGE, _ANNEALED, _FLOOR = 1200, 200, (1.0, 300.0), 1e-6
 # Of a value in 32 bits; and of the moves from a vertex, what is hardly ever made.
 _EQUAL, _RARE = 1e-5, 1e-5
 
@@ -79,7 +80,7 @@ def maximin_capture(
     The problem is not convex: the answer is a local optimum, the best that several starts lead to.
     Gradients of a soft minimum of logarithms lead near it, Adam's on logits where all edges and
     attacks take as long; on logarithms, because a probability that is a product of many would leave
-    a gradient of almost 0. Linear programs then finish it.
+    a gradient of almost 0. Linear programs of the attacks that are nearly the best then finish it.
 
     **Arguments:**
 
@@ -92,17 +93,17 @@ def maximin_capture(
         vertex, positive.
     - `stay`: whether a robot may wait at a vertex, which takes a time of 1.
     - `starts`: how many chains to start from. The first goes along a short closed tour. Where all
-        edges and attacks take as long, one robot has up to eight times as many on a small graph,
-        and fewer on one of more than 84 vertices; several robots have fewer by their number.
+        edges and attacks take as long, one robot has up to four times as many on a small graph, and
+        fewer on one of more than 60 vertices; several robots have fewer by their number.
     - `seed`: of the other starts, which are random.
     - `tolerance`: of the residual.
     - `throw`: whether to raise when the answer is not good enough.
 
     **Returns:** [`MaximinCapture`][]. The residual of its certificate is by what share of itself
     the value gets greater, to first order, at most, whatever the chains are changed to. On graphs
-    that are too large for linear programs, of some 30 vertices and more, it is the share of the
-    value that the last quarter of the gradient steps added, and the tolerance is 0.02. The
-    iterations are the gradient steps from all starts and the linear programs.
+    of more than 30 vertices fewer programs are solved, and the tolerance is 0.02; on those of more
+    than 100 there are none, and the residual is the share of the value that the last quarter of the
+    gradient steps added. The iterations are the gradient steps from all starts and the programs.
 
     **Raises:** `ValueError` for a graph that is not connected; for times that are not whole
     numbers of at least 1, and an attack that is over before a robot can come, naming the vertices;
@@ -132,16 +133,20 @@ def maximin_capture(
     if plain:
         # A step is quick on small graphs, and more starts find more than more steps.
         count = max(1, int(starts * min(_MORE, _QUICK / graph.vertices**2) / robots))
-        begin = among.starts(count, robots, seed)
+        # Where there is time for one alone, a random one leads further than the tour.
+        begin = among.starts(max(count, min(starts, 2)), robots, seed)
+        skipped = len(begin) - count
+        begin = begin[skipped:]
         found, best, steps, late = _ascend(
             graph,
             int(attack[0]),
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
+        best += skipped
         moves = found[:, among.tails, among.heads]
-        if robots * graph.vertices**2 * among.tails.size > _POLISHED:
+        if graph.vertices > _POLISHED:
             found, value = _without_rare_moves(found, arguments)
-            certificate = Certificate(steps, late, _LATE)
+            certificate = Certificate(steps, late, _LITTLE)
             certificate.check("maximin_capture", throw)
             return MaximinCapture(found, value, best, certificate)
     else:
@@ -150,11 +155,15 @@ def maximin_capture(
         best = int(np.nanargmin(values))
         moves = every[best]
 
-    def law(moves: Float[np.ndarray, "robots moves"]) -> tuple[Any, Any]:
+    def law(moves: Float[np.ndarray, "robots moves"]) -> Linearized:
+        if plain:
+            return LinearizedCapture(among, moves, int(attack[0]))
         where = jnp.asarray(among.tails), jnp.asarray(among.heads)
         probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
-        return np.asarray(probability), np.asarray(slope)
+        return _Dense(np.asarray(probability), np.asarray(slope))
 
+    if graph.vertices > _EXACT:
+        tolerance = max(tolerance, _LITTLE)
     moves, value, residual, programs = maximize_least_capture(law, among, moves, tolerance)
     certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
@@ -162,6 +171,24 @@ def maximin_capture(
     if stationary is None:
         matrices, value = _without_rare_moves(matrices, arguments)
     return MaximinCapture(matrices, value, best, certificate)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Dense:
+    """Probabilities of capture with all of their derivatives."""
+
+    probability: Float[np.ndarray, "robots starts targets"]
+    slope: Float[np.ndarray, "robots starts targets moves"]
+
+    def slopes(
+        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
+    ) -> Float[np.ndarray, "attacks moves"]:
+        return self.slope[robot, starts, targets]
+
+    def along(
+        self, robot: int, change: Float[np.ndarray, "moves"]
+    ) -> Float[np.ndarray, "starts targets"]:
+        return self.slope[robot] @ change
 
 
 def walk_capture_probabilities(
@@ -222,8 +249,9 @@ def _ascend(
     steps, here = Steps.of(graph), np.arange(graph.vertices)
     image = np.asarray(steps.image)
     away = 1 - np.eye(graph.vertices, dtype=np.float32)
-    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _HARD)
-    progress = np.arange(_STEPS) / _STEPS
+    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _ANNEALED)
+    count = _STEPS // (1 + (graph.vertices > _LARGE))
+    progress = np.arange(count) / count
     found = [
         ascent.climb(np.log(np.maximum(start[:, here, image], 1e-3)), progress) for start in starts
     ]
@@ -235,7 +263,7 @@ def _ascend(
     matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
     for matrix, chance in zip(matrices, drawn, strict=True):
         np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)
-    return matrices, first, _STEPS * len(starts), late_gain(course)
+    return matrices, first, count * len(starts), late_gain(course)
 
 
 def _captured(

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...markov import dense
-from ...optimize import Commitment, Graph, minimum_commute, payoffs, stackelberg
+from ...optimize import Commitment, Graph, Stakes, minimum_commute, payoffs, stackelberg
 from .paths import toward
 from .walk import edge_shares, walk_hitting_times
 
@@ -94,7 +94,7 @@ def strategy_game(
     *,
     paths: int = 1,
     names: Sequence[str] | None = None,
-    values: Float[np.ndarray, "vertices"] | None = None,
+    stakes: Stakes | None = None,
 ) -> StrategyGame:
     """Solve the game between walks of a patroller on a graph (Alam 2018, section 4.4.2, Alg. 4.2).
 
@@ -111,7 +111,7 @@ def strategy_game(
     - `share`: the least sum of the weights on the shortest closed tour through them.
     - `paths`: how many shortest paths lead from each vertex to the one that a walk is toward.
     - `names`: of the vertices; by default their numbers.
-    - `values`: what the goods at each vertex are worth to both; by default as in
+    - `stakes`: what there is to win and to lose at each vertex, as in
         [`jaxcell.optimize.payoffs`][].
 
     **Returns:** [`StrategyGame`][].
@@ -145,7 +145,7 @@ def strategy_game(
     for prefers, time in zip(preferred, times, strict=True):
         mean = time.mean(axis=0) if len(prefers) == graph.vertices else time[:, prefers].mean(1)
         order.append(np.argsort(np.round(mean / (_SAME * mean.max())), kind="stable"))
-    patroller, adversary = payoffs(np.stack(order), values)
+    patroller, adversary = payoffs(np.stack(order), stakes)
     return StrategyGame(
         names=[str(v) for v in every] if names is None else list(names),
         preferred=tuple(preferred),

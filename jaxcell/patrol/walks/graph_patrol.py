@@ -8,12 +8,15 @@ from jaxtyping import Float
 from ...base.certificate import Certificate, Outcome
 from ...base.quantities import derived, quantity
 from ...mapping import Chain
+from ...markov import mean_first_arrival
 from ...optimize import Graph
 from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
 from ..team.idleness import Idleness, long_run, steps_between_visits
 from ..team.news import News
+from .capture import walk_capture_probabilities
+from .constraints import MetConstraints
 from .game import StrategyGame
 from .measures import Measures, measure
 
@@ -24,6 +27,8 @@ _NOTHING = 1e-9
 _USED = 1e-6
 # Nats a step: with less, the next step is known.
 _FORESEEN = 0.01
+# Vertices to which the first arrivals of several robots are found, each by itself, in 10 s.
+_MAX_ARRIVALS = 256
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,6 +47,8 @@ class GraphPatrol(Measures):
     "How good the walk is at what it is for, as far as that is known."
     local: bool = False
     "Whether it is only a local optimum, because the problem is not convex."
+    bounds: MetConstraints | None = None
+    "How it meets the constraints on it."
     game: StrategyGame | None = None
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
     "The transition matrix of each robot, where they differ; the measures are those of the first."
@@ -60,36 +67,76 @@ class GraphPatrol(Measures):
     weights_unused: bool = False
     "Whether the file of the graph has weights on edges, which a walk has of its own."
     robots: int = 1
-    "How many walk."
+    "How many walk, each by itself."
+    first_arrival: Annotated[
+        Float[np.ndarray, "vertices"] | None,
+        quantity("vertex", "mean steps until one patroller is there", "steps", kind="time"),
+    ] = None
+    "From places drawn from the shares of time; for one patroller its own mean time says as much."
+    captured: Annotated[
+        Float[np.ndarray, "vertices"] | None,
+        quantity("vertex", "least chance of capture there", "1", kind="share"),
+    ] = None
+    "That one patroller comes there in time, wherever all are as the attack begins."
     seed: int = 0
     "Of the walks that are recorded."
 
     @classmethod
     def of(
-        cls, graph: Graph, chain: Chain, *, names: Sequence[str] | None = None, **more: Any
+        cls,
+        graph: Graph,
+        chain: Chain,
+        *,
+        names: Sequence[str] | None = None,
+        robots: int = 1,
+        attack_time: Any = None,
+        **more: Any,
     ) -> "GraphPatrol":
-        """Measure the chain of a patroller.
+        """Measure the chain of a patroller, or of several that each walk by themselves.
 
         **Arguments:**
 
         - `graph`: a connected graph.
         - `chain`: a chain that moves along its edges, or stays.
         - `names`: of the vertices; by default their numbers.
+        - `robots`: how many walk.
+        - `attack_time`: the steps that an attack takes, a whole number, or array `[vertices]`.
         - further keywords: the other fields of [`GraphPatrol`][].
 
         **Raises:** `ValueError` if the chain or the names are not those of the vertices, if the
         chain moves where there is no edge, if the game is one of another graph, or for no robots.
 
-        A random walk on a line of three vertices:
+        Two random walks on a line of three vertices:
 
             >>> from jaxcell import patrol, record
             >>> graph = patrol.Graph([[0, 1], [1, 2]])
-            >>> found = patrol.GraphPatrol.of(graph, patrol.random_walk(graph, [1, 1]), names="abc")
+            >>> walk = patrol.random_walk(graph, [1, 1])
+            >>> found = patrol.GraphPatrol.of(graph, walk, names="abc", robots=2, attack_time=2)
             >>> round(record.dataset(found).hitting_time.sel(start="a", target="c").item(), 6)
             4.0
+            >>> found.captured.tolist()
+            [0.75, 1.0, 0.75]
         """
+        if robots < 1:
+            raise ValueError(f"robots: expected at least 1, got {robots}")
         names = [str(vertex) for vertex in range(graph.vertices)] if names is None else names
-        return cls(**vars(measure(chain)), graph=graph, names=list(names), **more)
+        found = measure(chain)
+        team = more.get("team")
+        if robots > 1 and team is None and graph.vertices <= _MAX_ARRIVALS:
+            start = [found.stationary] * robots
+            arrivals = [
+                mean_first_arrival([chain] * robots, start, vertex, throw=False).value
+                for vertex in range(graph.vertices)
+            ]
+            more["first_arrival"] = np.array(arrivals)
+        if attack_time is not None:
+            each = [
+                walk_capture_probabilities(graph, matrix, attack_time).min(axis=0)
+                for matrix in ([found.transition] if team is None else team)
+            ]
+            missed = np.prod([1 - one for one in each], axis=0)
+            more["captured"] = 1 - missed ** (robots if team is None else 1)
+        return cls(**vars(found), graph=graph, names=list(names), robots=robots, **more)
 
     def __post_init__(self) -> None:
         graph, vertices = self.graph, self.stationary.size
@@ -110,8 +157,6 @@ class GraphPatrol(Measures):
             )
         if self.team is not None and self.team.shape != (self.robots, vertices, vertices):
             raise ValueError(f"team: expected {self.robots} matrices, got {self.team.shape}")
-        if self.robots < 1:
-            raise ValueError(f"robots: expected at least 1, got {self.robots}")
 
     @property
     def matrices(self) -> Float[np.ndarray, "robots vertices vertices"]:
@@ -139,6 +184,11 @@ class GraphPatrol(Measures):
                 f"{self.certificate.outcome.value} (residual {self.certificate.residual:.3g}, "
                 f"tolerance {self.certificate.tolerance:.3g})"
             )
+        if self.robots > 1 and self.team is None and self.first_arrival is None:
+            found.append(
+                f"when the first patroller comes is found on graphs of up to {_MAX_ARRIVALS} "
+                "vertices; other times are of one patroller"
+            )
         left_out = int((self.stationary <= 0).sum())
         if left_out:
             found.append(f"in the long run the walk leaves out {left_out:,} of the vertices")
@@ -148,6 +198,10 @@ class GraphPatrol(Measures):
                 "watches it knows where the patroller goes"
             )
         return tuple(found)
+
+    @derived("", "mean steps until the first patroller is at a vertex", "steps", kind="time")
+    def mean_first_arrival(self) -> float | None:
+        return None if self.first_arrival is None else float(self.first_arrival.mean())
 
     @derived("vertex", "vertex", kind="coordinate")
     def vertex(self) -> list[str]:

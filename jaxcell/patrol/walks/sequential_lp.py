@@ -1,14 +1,16 @@
 from collections.abc import Callable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.optimize
 import scipy.sparse
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from .polytope import ChainPolytope
 
 
-_STEPS = 300
+# Programs, and numbers of all derivatives from which on there are fewer.
+_STEPS, _MANY, _FEW = 300, 100_000, 10
 # Of a probability: how far the first step may go.
 _FIRST = 0.1
 # Steps that are shorter are lost in rounding.
@@ -16,17 +18,35 @@ _SHORTEST = 1e-9
 # Of what was predicted: less is no step, and from there on the next may be longer.
 _ENOUGH, _GOOD = 0.1, 0.75
 
-# Of the value: what is further above the least is left out of the programs that make a step.
-_NEAR = 0.5
+# Of the value: what is further above the least is left out of a program, and so is what is beyond
+# so many times as many attacks as moves.
+_NEAR, _MOST = 0.5, 6
+# What a program left out, and now breaks, is added so many times.
+_CUTS = 8
+_BROKEN = 1e-7
 
-# The probabilities of capture of each robot, and their derivatives by its moves.
-Law = Callable[
-    [Float[np.ndarray, "robots moves"]],
-    tuple[
-        Float[np.ndarray, "robots starts targets"],
-        Float[np.ndarray, "robots starts targets moves"],
-    ],
-]
+
+@runtime_checkable
+class Linearized(Protocol):
+    """The probabilities of capture near some chains."""
+
+    @property
+    def probability(self) -> Float[np.ndarray, "robots starts targets"]: ...
+
+    def slopes(
+        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
+    ) -> Float[np.ndarray, "attacks moves"]:
+        """The derivatives of the probabilities of some attacks by the moves of a robot."""
+        ...
+
+    def along(
+        self, robot: int, change: Float[np.ndarray, "moves"]
+    ) -> Float[np.ndarray, "starts targets"]:
+        """By how much all probabilities change with the moves of a robot, to first order."""
+        ...
+
+
+Law = Callable[[Float[np.ndarray, "robots moves"]], Linearized]
 
 
 def maximize_least_capture(
@@ -36,29 +56,30 @@ def maximize_least_capture(
 
     Near a maximum of a least of smooth functions, several are least at the same time, and often so
     many that they determine it. Linear programs then find it as fast as Newton's method, where
-    gradients of a soft minimum creep.
+    gradients of a soft minimum creep. A program knows only of attacks that are nearly the best.
 
     **Returns:** the chains of the robots, the probability, the share of itself by which the linear
     program without a distance would raise it, and the number of programs.
     """
-    probability, slope = law(moves)
-    value = _value(probability)
+    here = law(moves)
+    value = _value(here.probability)
     distance = _FIRST
-    for programs in range(1, _STEPS):
-        trial, predicted = _program(polytope, moves, probability, slope, distance)
+    most = max(_FEW, min(_STEPS, _STEPS * _MANY // (here.probability.size * moves.shape[1])))
+    for programs in range(1, most):
+        trial, predicted = _program(polytope, moves, here, distance)
         # No gain without a distance is less than one within it.
         if predicted <= tolerance / 10 or distance < _SHORTEST:
-            gain = _program(polytope, moves, probability, slope, 1.0)[1]
+            gain = _program(polytope, moves, here, 1.0)[1]
             if gain <= tolerance / 4 or distance < _SHORTEST:
                 return moves, value, gain, programs
         there = law(trial)
-        raised_by = _value(there[0]) / value - 1
+        raised_by = _value(there.probability) / value - 1
         distance = min(1.0, 2 * distance) if raised_by > _GOOD * predicted else distance
         if raised_by > _ENOUGH * predicted:
-            moves, (probability, slope), value = trial, there, _value(there[0])
+            moves, here, value = trial, there, _value(there.probability)
         else:
             distance /= 3
-    return moves, value, _program(polytope, moves, probability, slope, 1.0)[1], _STEPS
+    return moves, value, _program(polytope, moves, here, 1.0)[1], most
 
 
 def _value(probability: Float[np.ndarray, "robots starts targets"]) -> float:
@@ -68,18 +89,52 @@ def _value(probability: Float[np.ndarray, "robots starts targets"]) -> float:
 def _program(
     polytope: ChainPolytope,
     moves: Float[np.ndarray, "robots moves"],
-    probability: Float[np.ndarray, "robots starts targets"],
-    slope: Float[np.ndarray, "robots starts targets moves"],
+    here: Linearized,
     distance: float,
 ) -> tuple[Float[np.ndarray, "robots moves"], float]:
     """The best chains if all probabilities changed as they do at first.
 
     The variables are the probabilities of the moves of each robot, how much its least probability
     of capture changes for each target, and the share by which the value does. Capture is in units
-    of the value.
+    of the value. Without a distance, attacks that are left out at first are added where they are
+    better than the program knows, for the gain to be a close bound; it is a bound in any case.
 
     **Returns:** the chains and that share, which is not negative.
     """
+    worst = here.probability.min(axis=1)
+    value = float((1 - (1 - worst).prod(axis=0)).min())
+    above = (here.probability - worst[:, None, :]) / value
+    known = np.zeros(above.shape, bool)
+    for robot, order in enumerate(np.argsort(above.reshape(len(moves), -1), axis=1)):
+        nearest = order[: _MOST * moves.shape[1]]
+        known[robot].flat[nearest] = above[robot].flat[nearest] <= _NEAR
+        # For each target the best attack at least, for the program to have a solution.
+        known[robot, above[robot].argmin(axis=0), np.arange(above.shape[2])] = True
+    for _ in range(_CUTS):
+        trial, least, gain = _solved(polytope, moves, here, distance, known)
+        if distance < 1 or not gain:
+            break
+        change = [here.along(robot, trial[robot] - moves[robot]) for robot in range(len(moves))]
+        broken = above + np.array(change) / value < least[:, None, :] - _BROKEN
+        if not (broken & ~known).any():
+            break
+        known |= broken
+    return trial, gain
+
+
+def _solved(
+    polytope: ChainPolytope,
+    moves: Float[np.ndarray, "robots moves"],
+    here: Linearized,
+    distance: float,
+    known: Bool[np.ndarray, "robots starts targets"],
+) -> tuple[Float[np.ndarray, "robots moves"], Float[np.ndarray, "robots targets"], float]:
+    """Solve a program that knows some attacks.
+
+    **Returns:** the chains, by how much the least probability of each robot rises for each target,
+    and the share by which the value does.
+    """
+    probability = here.probability
     robots, count = moves.shape
     targets = probability.shape[2]
     worst = probability.min(axis=1)
@@ -88,16 +143,14 @@ def _program(
     value = float(captured.min())
     lines, sides = [], []
     for robot in range(robots):
-        above = (probability[robot] - worst[robot]).reshape(-1) / value
-        # Without a distance all count, for the gain to be a close bound.
-        near = above <= (_NEAR if distance < 1 else np.inf)
-        flat = slope[robot].reshape(-1, count)[near] / value
-        line = np.zeros((flat.shape[0], robots * (count + targets) + 1))
+        start, target = np.nonzero(known[robot])
+        above = (probability[robot] - worst[robot])[start, target] / value
+        flat = here.slopes(robot, start, target) / value
+        line = np.zeros((start.size, robots * (count + targets) + 1))
         line[:, robot * count : (robot + 1) * count] = -flat
-        first = robots * count + robot * targets
-        line[:, first : first + targets] = np.tile(np.eye(targets), (targets, 1))[near]
+        line[np.arange(start.size), robots * count + robot * targets + target] = 1
         lines.append(line)
-        sides.append(above[near] - flat @ moves[robot])
+        sides.append(above - flat @ moves[robot])
     line = np.zeros((targets, robots * (count + targets) + 1))
     for robot in range(robots):
         others = np.delete(miss, robot, axis=0).prod(axis=0)
@@ -124,8 +177,9 @@ def _program(
         options={"primal_feasibility_tolerance": 1e-10},
     )
     if found.x is None:
-        return moves, 0.0
+        return moves, np.zeros((robots, targets)), 0.0
     trial = np.maximum(0, found.x[: robots * count].reshape(robots, count))
     for robot in trial:
         robot /= np.bincount(polytope.tails, robot, polytope.vertices)[polytope.tails]
-    return trial, max(0.0, float(found.x[-1]))
+    least = found.x[robots * count : -1].reshape(robots, targets)
+    return trial, least, max(0.0, float(found.x[-1]))

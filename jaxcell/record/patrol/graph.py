@@ -209,6 +209,8 @@ def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")
+    shown = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
+    columns = [name for name in shown if getattr(patrol, name) is not None]
     return f"""# A random patrol
 
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
@@ -234,9 +236,21 @@ starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats)
 ones. The mixing time, until total variation is within 1/4, is *never* if the walk is
 periodic: it does not forget its start.
 
-{described(patrol, "vertex", "stationary", "mean_time_to")}
+{described(patrol, *columns)}
+{_constraints(patrol)}
 {_team(patrol)}
 {made_with(spec)}"""
+
+
+def _constraints(patrol: GraphPatrol) -> str:
+    """A table of the constraints on a walk."""
+    if patrol.bounds is None:
+        return ""
+    return f"""
+## Constraints
+
+{described(patrol.bounds, "constraint", "least", "value", "most", "active", "saves")}
+"""
 
 
 def _team(patrol: GraphPatrol) -> str:

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from jaxcell.optimize import Graph
 from jaxcell.patrol.files.graph_files import has_weights, load_graph
 from jaxcell.patrol.files.graph_saving import save_graph
-from jaxcell.patrol.files.values import load_values
+from jaxcell.patrol.files.values import load_stakes, load_values
 
 
 GRAPHS = Path(__file__).parents[3] / "data" / "graphs"
@@ -292,6 +292,16 @@ def test_a_number_for_each_vertex(tmp_path):
         path.write_text(text)
         with pytest.raises(ValueError, match=message):
             load_values(path, ["a", "b"])
+
+
+def test_stakes_of_each_vertex(tmp_path):
+    path = tmp_path / "stakes.txt"
+    path.write_text("b 1 2 3 4\nhall 5 5 6 7 8\n")
+    found = load_stakes(path, ["hall 5", "b"])
+    assert [one.tolist() for one in vars(found).values()] == [[5, 1], [6, 2], [7, 3], [8, 4]]
+    path.write_text("b 1\nhall 5 2\n")
+    found = load_stakes(path, ["hall 5", "b"])
+    assert (found.values.tolist(), found.adversary_values) == ([2, 1], None)
 
 
 def test_the_bundled_graphs_are_made_by_their_script(tmp_path):

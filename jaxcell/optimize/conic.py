@@ -1,0 +1,109 @@
+"""The least commute time under any convex constraints, by a cone program of cvxpy."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+from jaxtyping import Float
+
+from .constraints import Linear
+from .graph import Graph
+
+
+MAX_VERTICES = 60
+"""Vertices of graphs on which a cone program under any rules, with a number for each pair of a
+vertex and an edge, takes some seconds."""
+
+TOLERANCE = 1e-4
+"Of the relative gap that such a program leaves."
+
+_ACCURATE = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), 1e-12)
+
+Rules: TypeAlias = Callable[[Any, Any], Sequence[Any]]
+"""Gives constraints of cvxpy for the weights of edges and the shares of time at vertices."""
+
+
+class ConicWeights(NamedTuple):
+    """The weights of the least resistance, and how good they are."""
+
+    weights: Float[np.ndarray, "edges"]
+    resistance: float
+    "The least sum, as the solver gives it."
+    gap: float
+    "By how much of itself that of the weights can be above it: by a second, linear program."
+    iterations: int
+
+
+def least_resistance(
+    graph: Graph,
+    constraints: Sequence[Linear],
+    rules: Rules | None = None,
+    *,
+    durations: Float[np.ndarray, "edges"] | None = None,
+) -> ConicWeights:
+    """Find the weights with the least sum of resistances between all vertices, by Clarabel.
+
+    That sum is the least energy of currents `F` that lead from each vertex to all others evenly,
+    `sum_e |F_e|^2 / w_e` over edges with conductances `w`; with durations `t`, of which `w` are
+    shares, `sum_e t_e |F_e|^2 / w_e`.
+
+    **Raises:** `ValueError` for rules that are not convex, and for any on a graph that is too
+    large; `RuntimeError` if no weights meet them.
+    """
+    import cvxpy
+
+    vertices, edges = graph.vertices, len(graph.edges)
+    times = np.ones(edges) if durations is None else durations
+    if rules is not None and vertices > MAX_VERTICES:
+        raise ValueError(
+            f"constraints: rules of cvxpy are for up to {MAX_VERTICES} vertices, got {vertices}; "
+            "expected linear constraints"
+        )
+    weights = cvxpy.Variable(edges)
+    visits = _incidence(graph, 1.0).T @ weights / 2
+    bounds: list[Any] = [weights >= 0, cvxpy.sum(weights) == 1]
+    for one in constraints:
+        bounds += [one.coefficients @ weights >= one.lower] if np.isfinite(one.lower) else []
+        bounds += [one.coefficients @ weights <= one.upper] if np.isfinite(one.upper) else []
+    bounds += [] if rules is None else list(rules(weights, visits))
+    flow = cvxpy.Variable((vertices, edges))
+    evenly = flow @ _incidence(graph, -1.0) == np.eye(vertices) - 1 / vertices
+    energy = cvxpy.sum(
+        [cvxpy.quad_over_lin(flow[:, e], weights[e]) * times[e] for e in range(edges)]
+    )
+    problem = cvxpy.Problem(cvxpy.Minimize(energy), [*bounds, evenly])
+    if not problem.is_dcp():
+        raise ValueError("constraints: expected rules that are convex by those of cvxpy")
+    least = _solve(problem)
+    found = np.maximum(np.asarray(weights.value), 0)
+    found /= found.sum()
+    inverse = np.linalg.pinv(scipy.sparse.csgraph.laplacian(graph.matrix(found / times)).toarray())
+    tail, head = graph.edges.T
+    gain = ((inverse[tail] - inverse[head]) ** 2).sum(axis=1) / times
+    steps = int(problem.solver_stats.num_iters or 0)
+    most = cvxpy.Problem(cvxpy.Maximize(gain / gain.max() @ weights), bounds)
+    gap = 1 - float(np.trace(inverse)) / (gain.max() * _solve(most))
+    return ConicWeights(found, least, max(0.0, gap), steps)
+
+
+def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:
+    """1 at the first end of each edge, and a number at the other."""
+    edge = np.repeat(np.arange(len(graph.edges)), 2)
+    entries = np.tile([1.0, other], len(graph.edges)), (edge, graph.edges.ravel())
+    return scipy.sparse.csr_array(entries, (len(graph.edges), graph.vertices))
+
+
+def _solve(problem: Any) -> float:
+    """Solve a problem of cvxpy; the gap says whether that is accurate enough.
+
+    **Raises:** `RuntimeError` if nothing meets its constraints.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.solve(solver="CLARABEL", **_ACCURATE)
+    if problem.status not in ("optimal", "optimal_inaccurate"):
+        raise RuntimeError(f"constraints: no weights meet them (Clarabel says {problem.status})")
+    return float(problem.value)

@@ -1,0 +1,70 @@
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stakes:
+    """What there is to win and to lose at each vertex (Alam 2018, section 4.3.2)."""
+
+    values: Float[np.ndarray, "vertices"] | None = None
+    "Of the goods, to the patroller: `d_pat`; by default `1 / n` each."
+    adversary_values: Float[np.ndarray, "vertices"] | None = None
+    "Of the goods, to the adversary: `d_adv`; by default what they are worth to the patroller."
+    rewards: Float[np.ndarray, "vertices"] | None = None
+    "What catching the adversary pays the patroller: `c_pat`; by default as in Alg. 4.2."
+    costs: Float[np.ndarray, "vertices"] | None = None
+    "What the adversary that is caught pays: `c_adv`; by default it gains as in Alg. 4.2."
+
+
+def payoffs(
+    order: Int[np.ndarray, "strategies vertices"], stakes: Stakes | None = None
+) -> tuple[Float[Array, "strategies vertices"], Float[Array, "strategies vertices"]]:
+    """The payoffs of a patroller and of an adversary that attacks a vertex (Alam 2018, Alg. 4.2).
+
+    A strategy of the patroller catches the adversary at its `k`-th closest of `n` vertices with
+    probability `1 / 2**(k - 1)`, as in Table 4.2. The patroller then gains the reward, by default
+    `n - k + 1`, and the adversary pays the cost, by default `-k`, which is a gain as printed. Else
+    each gains what the goods are worth to it.
+
+    **Arguments:**
+
+    - `order`: the vertices from the closest to the furthest, in mean hitting time, for each
+        strategy.
+    - `stakes`: what there is to win and to lose.
+
+    **Returns:** the payoffs of the patroller and of the adversary, for [`stackelberg`][].
+
+    **Raises:** `ValueError` for a row that is not an order of the vertices, and for stakes that
+    are not one finite number a vertex.
+
+    Two strategies on two vertices, each nearest to another:
+
+        >>> import numpy as np
+        >>> from jaxcell import optimize
+        >>> patroller, adversary = optimize.payoffs(np.array([[0, 1], [1, 0]]))
+        >>> patroller.tolist(), adversary.tolist()
+        ([[2.0, 0.75], [0.75, 2.0]], [[1.0, 1.25], [1.25, 1.0]])
+    """
+    vertices = order.shape[1]
+    if order.size == 0:
+        raise ValueError(f"order: expected at least one strategy and vertex, got {order.shape}")
+    for strategy, row in enumerate(order):
+        if not np.array_equal(np.sort(row), np.arange(vertices)):
+            raise ValueError(
+                f"order[{strategy}]: expected each vertex from 0 to {vertices - 1} once, got "
+                f"{row.tolist()}"
+            )
+    given = {} if stakes is None else {k: v for k, v in vars(stakes).items() if v is not None}
+    for name, one in given.items():
+        if one.shape != (vertices,) or not np.isfinite(one).all():
+            raise ValueError(f"{name}: expected {vertices} finite numbers, one a vertex, got {one}")
+    place = np.argsort(order, axis=1)
+    caught = 0.5**place
+    goods = given.get("values", np.full(vertices, 1 / vertices))
+    patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods
+    paid = -given["costs"] if "costs" in given else place + 1
+    adversary = caught * paid + (1 - caught) * given.get("adversary_values", goods)
+    return jnp.asarray(patroller), jnp.asarray(adversary)

@@ -1,0 +1,146 @@
+import cvxpy
+import networkx as nx
+import numpy as np
+import pytest
+
+from jaxcell.optimize import Graph, Linear, minimum_commute
+from jaxcell.optimize.constraints import room
+
+
+GRID = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(3, 4)).edges))
+EDGES = len(GRID.edges)
+UNIT = np.eye(EDGES)
+
+
+def by_cvxpy(graph, constraints):
+    """The least commute time, by a semidefinite program."""
+    n, edges = graph.vertices, len(graph.edges)
+    A = np.zeros((n, edges))
+    A[graph.edges[:, 0], np.arange(edges)] = 1
+    A[graph.edges[:, 1], np.arange(edges)] = -1
+    w = cvxpy.Variable(edges, nonneg=True)
+    rules = [cvxpy.sum(w) == 1]
+    for one in constraints:
+        rules.append(one.coefficients @ w >= max(one.lower, -99))
+        rules.append(one.coefficients @ w <= min(one.upper, 99))
+    laplacian = A @ cvxpy.diag(w) @ A.T
+    objective = cvxpy.tr_inv(laplacian + np.ones((n, n)) / n)
+    least = cvxpy.Problem(cvxpy.Minimize(objective), rules).solve(solver="CLARABEL")
+    return 4 * (least - 1) / (n - 1)
+
+
+def caps(upper):
+    return [Linear(f"cap {e}", UNIT[e], upper=upper) for e in range(EDGES)]
+
+
+def floors(lower):
+    even = np.eye(GRID.vertices)
+    return [Linear.on_visits(GRID, f"floor {v}", even[v], lower) for v in range(GRID.vertices)]
+
+
+random = np.random.default_rng(3)
+CASES = {
+    "caps": caps(0.07),
+    "caps that leave nothing": caps(1 / EDGES),
+    "floors": floors(0.07),
+    "an edge without weight": [Linear("none", UNIT[3], upper=0)],
+    "symmetry, said twice": [
+        Linear("a", UNIT[0] - UNIT[5], 0, 0),
+        Linear("b", UNIT[1] - UNIT[5], 0, 0),
+        Linear("c", UNIT[1] - UNIT[0], 0, 0),
+    ],
+    "a budget": [Linear("budget", 100 * random.random(EDGES), upper=35)],
+    "all together": [*caps(0.09), *floors(0.04), Linear("range", random.random(EDGES), 0.5, 0.6)],
+    "what never matters": [Linear("loose", UNIT[0], upper=0.9)],
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_least_commute_time_against_a_semidefinite_program(name):
+    constraints = CASES[name]
+    found = minimum_commute(GRID, constraints=constraints)
+    w = found.weights
+    assert w.min() >= 0
+    assert w.sum() == pytest.approx(1, abs=1e-12)
+    for one in constraints:
+        assert one.lower - 1e-11 <= one.coefficients @ w <= one.upper + 1e-11
+    assert found.certificate.residual <= 1e-8
+    assert found.commute_time == pytest.approx(by_cvxpy(GRID, constraints), rel=1e-6)
+
+
+def test_prices_are_what_a_little_more_is_worth():
+    def time(upper):
+        cap = [Linear("cap", 3 * UNIT[2] + UNIT[0], upper=upper), Linear("loose", UNIT[1], 0.001)]
+        return minimum_commute(GRID, constraints=cap, tolerance=1e-10)
+
+    slope = (time(0.0999).commute_time - time(0.1001).commute_time) / 0.0002
+    assert time(0.1).prices == pytest.approx([slope, 0], rel=1e-3, abs=1e-3)
+
+
+def test_an_emphasis_is_one_more_constraint():
+    emphasised = minimum_commute(GRID, [0, 5])
+    with_loose = minimum_commute(GRID, [0, 5], constraints=[Linear("loose", UNIT[0], upper=1)])
+    np.testing.assert_allclose(with_loose.weights, emphasised.weights, atol=1e-5)
+    np.testing.assert_array_equal(with_loose.tour, emphasised.tour)
+
+
+def test_any_convex_constraint():
+    def rules(weights, visits):
+        return [cvxpy.norm(weights) <= 0.27, visits[0] >= 0.06]
+
+    found = minimum_commute(GRID, constraints=rules)
+    assert np.linalg.norm(found.weights) <= 0.27 + 1e-6
+    assert found.weights[(GRID.edges == 0).any(axis=1)].sum() / 2 >= 0.06 - 1e-6
+    assert found.certificate.residual <= 1e-4
+    # A rule that is linear gives what the interior point finds.
+    by_rule = minimum_commute(GRID, constraints=lambda weights, visits: [weights <= 0.07])
+    expected = minimum_commute(GRID, constraints=caps(0.07)).commute_time
+    assert by_rule.commute_time == pytest.approx(expected, rel=1e-6)
+
+
+def test_contradictions_are_named_and_no_more():
+    contradiction = [
+        Linear("much here", UNIT[0], lower=0.6),
+        Linear("some there", UNIT[4], lower=0.1),
+        Linear("much there", UNIT[1], lower=0.5),
+        Linear("little there", UNIT[4], upper=0.2),
+    ]
+    with pytest.raises(RuntimeError, match=r"contradict each other: much here, much there$"):
+        minimum_commute(GRID, constraints=contradiction)
+    with pytest.raises(RuntimeError, match=r"no weights meet negative$"):
+        minimum_commute(GRID, constraints=[*caps(0.9), Linear("negative", UNIT[0], upper=-1)])
+    with pytest.raises(RuntimeError, match=r"contradict each other: cap 0, cap 1, .*cap 16$"):
+        minimum_commute(GRID, constraints=caps(0.05))
+    with pytest.raises(
+        RuntimeError, match="leave no weight to edges between vertex 1 and vertex 0"
+    ):
+        minimum_commute(GRID, constraints=[Linear("apart", UNIT[:2].sum(axis=0), upper=0)])
+    with pytest.raises(RuntimeError, match="no weights meet them"):
+        minimum_commute(GRID, constraints=lambda weights, visits: [weights <= 0.01])
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="a: expected finite coefficients"):
+        Linear("a", np.zeros(3))
+    with pytest.raises(
+        ValueError, match="a: expected a lower bound up to the upper one, got 2 and"
+    ):
+        Linear("a", np.ones(3), 2, 1)
+    with pytest.raises(ValueError, match="constraints: a has 3 coefficients; expected 17"):
+        minimum_commute(GRID, constraints=[Linear("a", np.ones(3), upper=2)])
+    with pytest.raises(ValueError, match="expected rules that are convex"):
+        minimum_commute(GRID, constraints=lambda weights, visits: [cvxpy.norm(weights) >= 0.3])
+    large = Graph([[i, i + 1] for i in range(60)])
+    with pytest.raises(ValueError, match="for up to 60 vertices, got 61; expected linear"):
+        minimum_commute(large, constraints=lambda weights, visits: [])
+
+
+def test_the_bound_holds_for_any_prices():
+    left = room(EDGES, [*caps(0.1), *floors(0.05)])
+    gain = random.random(left.edges)
+    w = cvxpy.Variable(EDGES, nonneg=True)
+    rules = [cvxpy.sum(w) == 1, w <= 0.1]
+    rules += [one.coefficients @ w >= 0.05 for one in floors(0.05)]
+    most = cvxpy.Problem(cvxpy.Maximize(gain @ w), rules).solve(solver="CLARABEL")
+    for _ in range(20):
+        assert left.most(gain, random.normal(size=left.totals.size)) >= most - 1e-8
