@@ -34,6 +34,11 @@ class Bounded:
     """
 
     hidden: HiddenMap
+    "With one angle."
+
+    def __post_init__(self) -> None:
+        if self.hidden.angles > 1:
+            raise ValueError(f"hidden: expected a map of one angle, got {self.hidden.angles}")
 
     def start(self) -> Int[np.ndarray, "cells"]:
         """The cells where the robot may be before the first observation, ascending."""

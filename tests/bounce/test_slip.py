@@ -115,7 +115,7 @@ def test_spread_of_a_step_and_of_a_bump_is_that_of_the_emulator(direction):
 
 
 def test_rows_are_distributions_and_the_start_is_at_the_centres(fine, hidden):
-    both = hidden.moves + hidden.bumps
+    both = hidden.moves + hidden.bumps[0]
     np.testing.assert_allclose(both.sum(axis=1), 1)
     assert np.count_nonzero(fine.centres) == CELLS.size
     np.testing.assert_array_equal(np.sort(fine.coarse[fine.centres > 0]), np.arange(CELLS.size))
@@ -199,7 +199,7 @@ def test_sets_of_a_robot_without_errors_leave_cells_out():
 @pytest.mark.slow
 def test_the_batch_gives_what_the_host_does(fine, hidden):
     model = bounce.slip_map(fine, TURN, space.Slip.of(0.03, give=0.02))
-    for ours, theirs in zip(model.to_scipy(), (hidden.moves, hidden.bumps), strict=True):
+    for ours, theirs in zip(model.to_scipy(), (hidden.moves, hidden.bumps[0]), strict=True):
         assert abs(ours - theirs).max() < 1e-12
     runs = np.array([run_of_the_emulator(c, 0.03, 6, c)[0] for c in (3, 40)])
     found, _ = jax.vmap(filtered, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
