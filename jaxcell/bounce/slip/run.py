@@ -7,14 +7,15 @@ from jaxtyping import Float, Int
 
 from ...automata import Belief, HiddenMap
 from ...automata.belief import NOWHERE, SMALL
-from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...base.quantities import PROBABILITY, Checks, derived, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
 from ..dynamics import bounce_shift
+from ..localization.result import Candidates
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Slipped(Result):
+class Slipped(Candidates):
     """A run of a robot that slips from an unknown cell, and what its belief makes of it."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
@@ -70,6 +71,10 @@ class Slipped(Result):
     ]
 
     @property
+    def cells_left(self) -> Int[np.ndarray, "candidates"]:
+        return self.candidates
+
+    @property
     def answered(self) -> bool:
         return not self.is_nowhere
 
@@ -110,18 +115,6 @@ class Slipped(Result):
     @derived("", "whether the truth is among the candidates", kind="flag")
     def truth_is_a_candidate(self) -> bool:
         return bool(np.isin(self.end, self.candidates))
-
-    @derived("candidate", "x", "m")
-    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.candidates)[0]
-
-    @derived("candidate", "y", "m")
-    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.candidates)[1]
-
-    @derived("candidate", "heading", "degree")
-    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
-        return np.rad2deg(self.cells.centre(self.candidates)[2])
 
     def checks(self) -> Checks:
         total = self.belief.sum(axis=1) + self.nowhere

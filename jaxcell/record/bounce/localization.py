@@ -41,8 +41,7 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
     every = np.arange(cells.directions)
     shown = {"direction": (every, every), "step": (turns, heading[turns])}
     map = CellMap(stream, cells)
-    beliefs = [found.filter.cells(state) for state in found.run.states.tolist()]
-    log_beliefs(stream, cells, beliefs)
+    log_beliefs(stream, cells, found.beliefs)
     length = max(0.7 * cells.cell, 0.035 * map.extent)
     # Below the arrows of the belief, one of which lies on it as long as the filter is right.
     log_robot(

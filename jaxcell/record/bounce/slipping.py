@@ -133,6 +133,7 @@ def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
             f"In the end {counted(found.candidates.size, 'cell')} hold it with probability 0.95; "
             f"the truth is {truth} them."
         )
+    says = " At a bump it says which way it turns." * (len(found.bounces) > 1)
     return f"""# Where is a robot that slips?
 
 {_turning(found)} Its steps and turns are off by {100 * found.slip.step:.3g} %, and it does
@@ -152,7 +153,7 @@ times):
 Press play, or drag the slider `step` at the bottom.
 
 - **colours**: how probable each position is, summed over the headings.
-- **vermilion arrow**: the robot, which the belief does not see; the line is its trail.
+- **vermilion arrow**: the robot, which the belief does not see; the line is its trail.{says}
 - **pink frame and blue arrow**: the likeliest cell.
 - **green frames**, at the end: the credible set.
 
