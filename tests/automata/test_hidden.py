@@ -22,7 +22,7 @@ def random_map(seed, cells=4):
 
 def all_paths(hidden, observations):
     """The probability of every path that has the observations."""
-    parts = hidden.moves.toarray(), hidden.bumps[0].toarray()
+    parts = [part.toarray() for part in (hidden.moves, *hidden.bumps)]
     found = {}
     for path in itertools.product(range(hidden.cells), repeat=len(observations) + 1):
         probability = hidden.start[path[0]]
@@ -185,6 +185,17 @@ def test_a_belief_turns_so_that_the_next_bump_tells_most(seed, observations):
     assert after.turn == np.argmin(left)
     one = HiddenMap.of(hidden.moves, hidden.bumps[after.turn], hidden.configuration, hidden.start)
     np.testing.assert_array_equal(Belief(one).observe(state, 1).weight, after.weight)
+
+
+@few
+@given(st.integers(0, 10_000), st.lists(st.integers(0, 2), min_size=1, max_size=4))
+def test_a_run_is_looked_back_on_by_its_turns(seed, events):
+    hidden = map_with_angles(seed)
+    paths, belief = all_paths(hidden, events), Belief(hidden)
+    first = np.bincount([path[0] for path in paths], list(paths.values()), hidden.cells)
+    np.testing.assert_allclose(belief.smoothed(events)[0], first / first.sum(), atol=1e-12)
+    best = belief.likeliest_path(events)
+    assert paths[tuple(best.tolist())] == pytest.approx(max(paths.values()))
 
 
 def test_a_robot_that_never_bumps_has_what_it_knows():
