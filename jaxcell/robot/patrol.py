@@ -268,7 +268,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
         ...     path = pathlib.Path(folder, "patrol.json")
         ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
         ...     task = robot.load_task(path)
-        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2, "most_bumps": 9, "limit": 9}
+        >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
+        >>> settings |= {"most_bumps": 9, "limit": 9}
         >>> events = ({"event": "observation", "observation": 0, "way": 0, "goal": 2},)
         >>> run = robot.LoggedRun({"patrol": settings}, events, False)
         >>> robot.replay_patrol(run, task).result
