@@ -184,7 +184,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
     """The entropy of the configuration in an outcome, times how probable the outcome is."""
     mass = np.bincount(hidden.configuration, weight, hidden.configurations)
-    mass = mass[mass > 0]
+    mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())
 
 
