@@ -202,7 +202,7 @@ def test_a_robot_that_never_bumps_has_what_it_knows():
     hidden = HiddenMap.of(np.eye(4), np.zeros((4, 4)), np.arange(4), np.ones(4) / 4)
     assert expected_entropy(hidden, np.ones(4)) == 2
     assert expected_entropy(hidden, np.zeros(4)) == 0
-    assert expected_entropy(hidden, np.array([1.0, 1.0, 5e-324, 0.0])) == 1
+    assert expected_entropy(hidden, np.array([0.5, 0.5, 5e-324, 0.0])) == 1
 
 
 def test_sets_are_for_one_angle():
