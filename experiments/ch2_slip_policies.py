@@ -1,6 +1,6 @@
 """How much sooner a robot that slips knows where it is if it chooses its angle at each bump.
 
-    python experiments/ch2_slip_policies.py --runs 300
+    python experiments/ch2_slip_policies.py --runs 250
 
 Robots start in random cells, on the body of the emulator, and stop when the credible set of their
 belief, 95 %, has at most four cells. All have the same starts:
@@ -14,6 +14,22 @@ belief, 95 %, has at most four cells. All have the same starts:
 Written for each: how many runs end so; in how many of all runs the truth is then among the cells
 that are left, with the 95 % Wilson interval; the bumps of the runs that end; and what a bump takes
 on one core, with its choice, in the mean and at most. Writes `slip_policies.csv`.
+
+At 2 %, with 45 and 135 deg, 250 runs each on the labs and 100 on `complex`, of 100 observations at
+most; bumps in the mean, and the share of the runs that is right:
+
+| | lab_a | lab_b | complex |
+| --- | --- | --- | --- |
+| 45 deg | 10.5, 71 % | 4.2, 100 % | 9.4, 90 % |
+| 135 deg | 9.7, 98 % | 5.1, 100 % | 9.2, 75 % |
+| drawn | 9.5, 98 % | 5.2, 100 % | 10.3, 75 % |
+| expected entropy | 5.2, 99 % | 4.6, 100 % | 8.3, 92 % |
+| as if it did not slip | 6.4, 72 % | 4.6, 67 % | 3.7, 34 % |
+
+On `lab_b` 45 deg alone is sooner still: the choice looks one bump ahead. All that choose by entropy
+come to an end; 29 % of those with 45 deg on `lab_a` do not, nor do 6 % with it and 18 % with 135
+deg on `complex`, and only the others count for the bumps. A choice takes 10 ms among 52,000 fine
+cells (24 at most), and 39 ms on the long runs of `complex` among 66,000 (108 at most).
 """
 
 import argparse
@@ -106,7 +122,7 @@ def main() -> None:
     parser.add_argument("--maps", nargs="+", default=["lab_a", "lab_b", "complex"])
     parser.add_argument("--errors", nargs="+", type=float, default=[0.02])
     parser.add_argument("--bounces", nargs="+", type=float, default=[45.0, 135.0])
-    parser.add_argument("--runs", type=int, default=300)
+    parser.add_argument("--runs", type=int, default=250)
     parser.add_argument("--seed", type=int, default=20_000, help="of the first run")
     parser.add_argument("--observations", type=int, default=100)
     options = parser.parse_args()
