@@ -43,15 +43,16 @@ say that is, which is more where one cell has more than 95 %, and their cells in
 
 So on the labs up to 2 % they hold it at least as often as they say; they are too sure on `depot` at
 1 and 2 %, on `lab_a` at 5 % and on `lab_b` at 10 %, whose intervals lie below what they say.
+
 Where the errors are twice those that the belief counts on, it is 99.0, 84.2, 78.0 and 60.4 % on
 `lab_a` for errors of 1, 2, 5 and 10 %; where they are half of them 99.6, 98.4, 98.8 and 98.6 %,
-with 2.3, 5.2, 28 and 101 cells. The filter holds the truth in 72.6, 18.2, 0.4 and 0 % there, in 37 and
-10 % on `complex` and 21 and 2 % on `depot` at 1 and 2 %. On 25 runs of `lab_a` the bounded sets
+with 2.3, 5.2, 28 and 101 cells. The filter holds the truth in 72.6, 18.2, 0.4 and 0 % there, in 37
+and 10 % on `complex` and 21 and 2 % on `depot` at 1 and 2 %. On 25 runs of `lab_a` the bounded sets
 always hold it, among 19, 125 and 146 of 152 cells for 0, 1 and 2 %; 10,000 particles hold it in 23
-to 25, with about as many cells as the belief. Through the driver, on `lab_a` at 2 %, the belief holds it
-in 23 of 24 runs, the filter in 10; 4 more were stopped by the driver. An observation takes 0.2 to
-3.4 ms for a belief of 10,000 to 95,000 cells, and 13 ms for 10,000 particles; one for bounded sets
-among 65,000 cells takes up to 19 ms.
+to 25, with about as many cells as the belief. Through the driver, on `lab_a` at 2 %, the belief
+holds it in 23 of 24 runs, the filter in 10; 4 more were stopped by the driver. An observation takes
+0.2 to 3.4 ms for a belief of 10,000 to 95,000 cells, and 13 ms for 10,000 particles; one for
+bounded sets among 65,000 cells takes up to 19 ms.
 """
 
 import argparse
