@@ -16,9 +16,43 @@ is told the start or the errors. Four follow the same runs:
 - `particles`: Monte Carlo localization with `--particles`, on `--few` runs.
 
 Written for each: how often the answer holds the truth (a run that is refuted, or nowhere, does
-not), with the 95 % Wilson interval; how many configurations it has; how often it is refuted; after
-how many bumps it first has at most `--small` of them; and the time of an observation. Writes
-`slip.csv` after each case.
+not), with the 95 % Wilson interval, and how probable the answer says that is; how many
+configurations it has; how often it is refuted; after how many bumps it first has at most `--small`
+of them; and the time of an observation on one core. Writes `slip.csv` after each case.
+
+With `--seed 10000`, whose runs had no part in the making of the model, the belief's sets of 95 %
+hold the truth in so many percent of the runs. In brackets are the interval, how probable the sets
+say that is, which is more where one cell has more than 95 %, and their cells in the mean. There are
+500 runs on `lab_a`, 200 on `lab_b`, and 100 on the others, but 300 for 2 % and for 1 % on `depot`:
+
+| errors | lab_a | lab_b |
+| --- | --- | --- |
+| 0 % | 100 (99.2 to 100; 99.8; 1.2) | 100 (98.1 to 100; 99.2; 1.1) |
+| 1 % | 99.4 (98.3 to 99.8; 98.8; 1.4) | 99.0 (96.4 to 99.7; 98.3; 1.5) |
+| 2 % | 97.6 (95.9 to 98.6; 97.1; 3.7) | 100 (98.1 to 100; 97.0; 3.4) |
+| 5 % | 92.8 (90.2 to 94.8; 96.0; 10) | 96.0 (92.3 to 98.0; 96.4; 6.4) |
+| 10 % | 93.6 (91.1 to 95.4; 95.3; 39) | 91.5 (86.8 to 94.6; 95.5; 18) |
+
+| errors | complex | depot |
+| --- | --- | --- |
+| 0 % | 100 (96.3 to 100; 96.3; 2.0) | 100 (96.3 to 100; 97.2; 1.1) |
+| 1 % | 94.0 (87.5 to 97.2; 95.6; 9.8) | 89.7 (85.7 to 92.6; 96.1; 4.6) |
+| 2 % | 93.0 (89.5 to 95.4; 95.4; 26) | 88.7 (84.6 to 91.8; 95.8; 9.8) |
+| 5 % | 94.0 (87.5 to 97.2; 95.1; 112) | 100 (96.3 to 100; 95.2; 61) |
+| 10 % | 100 (96.3 to 100; 95.0; 547) | 97.0 (91.5 to 99.0; 95.0; 647) |
+
+So on the labs up to 2 % they hold it at least as often as they say; they are too sure on `depot` at
+1 and 2 %, on `lab_a` at 5 % and on `lab_b` at 10 %, whose intervals lie below what they say.
+
+Where the errors are twice those that the belief counts on, it is 99.0, 84.2, 78.0 and 60.4 % on
+`lab_a` for errors of 1, 2, 5 and 10 %; where they are half of them 99.6, 98.4, 98.8 and 98.6 %,
+with 2.3, 5.2, 28 and 101 cells. The filter holds the truth in 72.6, 18.2, 0.4 and 0 % there, in 37
+and 10 % on `complex` and 21 and 2 % on `depot` at 1 and 2 %. On 25 runs of `lab_a` the bounded sets
+always hold it, among 19, 125 and 146 of 152 cells for 0, 1 and 2 %; 10,000 particles hold it in 23
+to 25, with about as many cells as the belief. Through the driver, on `lab_a` at 2 %, the belief
+holds it in 23 of 24 runs, the filter in 10; 4 more were stopped by the driver. An observation takes
+0.2 to 3.4 ms for a belief of 10,000 to 95,000 cells, and 13 ms for 10,000 particles; one for
+bounded sets among 65,000 cells takes up to 19 ms.
 """
 
 import argparse
@@ -61,6 +95,7 @@ class Found:
     """What an estimator said in the runs of a case."""
 
     held: list[bool] = dataclasses.field(default_factory=list)
+    said: list[float] = dataclasses.field(default_factory=list)
     size: list[int] = dataclasses.field(default_factory=list)
     refuted: list[bool] = dataclasses.field(default_factory=list)
     bumps: list[float] = dataclasses.field(default_factory=list)
@@ -74,6 +109,7 @@ class Found:
             "runs": len(self.held),
             "holds the truth, %": 100 * float(np.mean(self.held)),
             "95 %, interval": f"{100 * bounds.low:.1f} to {100 * bounds.high:.1f}",
+            "says, %": 100 * float(np.mean(self.said)),
             "size, median": float(np.median(kept)) if kept else math.nan,
             "size, mean": float(np.mean(kept)) if kept else math.nan,
             "refuted, %": 100 * float(np.mean(self.refuted)),
@@ -89,9 +125,9 @@ def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Fou
     for one in runs:
         state, bumps, first = estimator.start(), 0, math.inf
         for observation, _ in one:
-            began = time.perf_counter()
+            began = time.process_time()
             state = estimator.observe(state, observation)
-            found.seconds.append(time.perf_counter() - began)
+            found.seconds.append(time.process_time() - began)
             bumps += observation
             if first == math.inf and 0 < estimator.estimate(state).cells.size <= small:
                 first = bumps
@@ -99,6 +135,7 @@ def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Fou
         truth = int(nearest_cell(cells, *one[-1][1]))
         refuted = estimate.nowhere > SURE
         found.held.append(truth in estimate.cells and not refuted)
+        found.said.append(float(estimate.probability.sum()))
         found.size.append(estimate.cells.size)
         found.refuted.append(refuted)
         found.bumps.append(first)
@@ -119,7 +156,7 @@ class Combinatorial:
 
     def estimate(self, state: int) -> Estimate:
         cells = np.empty(0, np.int32) if state < 0 else self.filter.cells(state)
-        return Estimate(cells, np.full(cells.size, 1.0), float(state < 0))
+        return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(state < 0))
 
 
 def main() -> None:
@@ -129,6 +166,7 @@ def main() -> None:
     parser.add_argument("--errors", nargs="+", type=float, default=ERRORS)
     parser.add_argument("--bounce", type=float, default=135.0)
     parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=0, help="of the first run")
     parser.add_argument("--few", type=int, default=50)
     parser.add_argument("--observations", type=int, default=40)
     parser.add_argument("--particles", type=int, nargs="*", default=[1_000, 10_000])
@@ -161,7 +199,7 @@ def estimated(
     bounce, give = math.radians(options.bounce), bumper_give(cells.cell)
     runs = [
         run(cells, bounce, error, seed, limit=options.observations, driver=options.driver)
-        for seed in range(options.runs)
+        for seed in range(options.seed, options.seed + options.runs)
     ]
     # The driver stops a robot that backs into a wall.
     runs = [one for one in runs if len(one) == options.observations]

@@ -10,13 +10,14 @@ The rooms are those of `ch2_angle_study.py`: 50 x 45 cells with six random recta
 - For one angle, two and three (`SEARCHED`): the fewest bumps that a choice of angles needs at worst
   and in the mean, and those of the shortest fixed sequence; all proved, or counted as not.
 
-The first 373 rooms, at some 2 s of a core each, say: one angle tells all cells apart in few rooms
-(225 deg in 22 %, 135 deg in 21 %, 45 deg in 2 %, 90, 180 and 270 deg in none). Of the 21 pairs 16
-do in all rooms. The others are 270 and 315 deg, which fail in 3 rooms, 45 and 315 deg (39 % of
-rooms), and two multiples of 90 deg (20 %, also with all three of them). Bumps of the best choice,
-proved in all rooms: with 135 deg alone 7 at worst (median over rooms; 10 in the worst room) and
-3.48 in the mean, though not always to one cell; with 45 and 135 deg 6 (12) and 3.47; with 45, 90
-and 135 deg 5 (8) and 3.30. A fixed sequence takes 7 (10), 7 (24) and 6 (11).
+A thousand rooms, at some 2 s of a core each, say: one angle tells all cells apart in few rooms (135
+and 225 deg in 23 %, 45 and 315 deg in 4 % at most, 90, 180 and 270 deg in none). Of the 21 pairs 15
+do in all rooms. The others are 45 and 90 deg, which fail in 3 rooms, and their mirror image, 270
+and 315 deg, in 6; 45 and 315 deg (42 % of rooms); and two multiples of 90 deg (20 %, also with all
+three of them). Bumps of the best choice, proved in all rooms: with 135 deg alone 7 at worst (median
+over rooms; 11 in the worst room) and 3.48 in the mean, though not always to one cell; with 45 and
+135 deg 6 (12) and 3.47; with 45, 90 and 135 deg 5 (9) and 3.31. A fixed sequence takes 7 (11), 7
+(24) and 6 (14).
 
 The study is resumable: each room is a line of `rooms.jsonl`, and only those that are missing are
 looked at. Writes `summary.json` beside it.

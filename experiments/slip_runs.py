@@ -16,10 +16,10 @@ Run = list[tuple[int, tuple[float, float, float]]]
 "Each observation of a run, with the pose after it."
 
 
-def run(
-    cells: CellSpace, bounce: float, noise: float, seed: int, *, limit: int, driver: bool
-) -> Run:
-    """A run from a random cell, shorter if the driver stops the robot."""
+def robot(
+    cells: CellSpace, noise: float, seed: int, *, driver: bool = False
+) -> tuple[Walker, Body]:
+    """A robot at the centre of a random cell, in whose direction it takes itself to look."""
     assert cells.workspace is not None
     rng = np.random.default_rng([17, seed])
     start = int(rng.integers(cells.size))
@@ -32,8 +32,16 @@ def run(
         rng=rng,
     )
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
-    robot = SimulatedCreate(body) if driver else DirectBody(body)
-    walker = Walker(robot, cells.cell, strides=strides, direction=start // cells.positions)
+    driven = SimulatedCreate(body) if driver else DirectBody(body)
+    direction = start // cells.positions
+    return Walker(driven, cells.cell, strides=strides, direction=direction), body
+
+
+def run(
+    cells: CellSpace, bounce: float, noise: float, seed: int, *, limit: int, driver: bool
+) -> Run:
+    """A run from a random cell, shorter if the driver stops the robot."""
+    walker, body = robot(cells, noise, seed, driver=driver)
     return list(_steps(walker, body, bounce, limit))
 
 

@@ -107,6 +107,15 @@ PICTURES = {
         "observation",
         6,
     ),
+    "slip": Picture(
+        (
+            "localize data/maps/complex.json --bounces 45 135 --slip 0.02 --start 100 "
+            "--out runs/slip",
+        ),
+        "slip/localization.rrd",
+        "step",
+        20,
+    ),
     "sweep": Picture(
         (
             "sweep data/sweeps/rooms.toml --out runs/rooms",

@@ -37,7 +37,8 @@ What gives which:
 - `subset_construction`: the deterministic automaton, an `Automaton`.
 - `HiddenMap`: a map with several images of a cell, each with a probability and an observation.
     `Belief` follows how probable each cell is, `Bounded` the set of those that are possible; an
-    `Estimate` is what either knows, and `credible` the likeliest configurations.
+    `Estimate` is what either knows, and `credible` the likeliest configurations. A belief that may
+    choose among angles turns by the one with the least `expected_entropy` at the next bump.
 - `Filter`: its colours, knowledge cycles (`KnowledgeCycle`), uncertainties and configurations;
     `Filter.run` gives a `FilterRun`, `Filter.start` a `FilterState` to observe with.
 - `Environments`, `EnvironmentsState`: the filters of several maps.
@@ -53,7 +54,11 @@ What gives which:
 """
 
 from .adaptive import Decisions as Decisions, adaptive_choice as adaptive_choice
-from .belief import Belief as Belief, BeliefState as BeliefState
+from .belief import (
+    Belief as Belief,
+    BeliefState as BeliefState,
+    expected_entropy as expected_entropy,
+)
 from .bounded import Bounded as Bounded
 from .cycles import KnowledgeCycle as KnowledgeCycle
 from .environments import (

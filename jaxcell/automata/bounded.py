@@ -1,7 +1,6 @@
 import dataclasses
 
 import numpy as np
-import scipy.sparse
 from jaxtyping import Int
 
 from .hidden import Estimate, HiddenMap
@@ -10,6 +9,8 @@ from .subset import Automaton
 
 # The largest total size of the sets of an automaton, unless told otherwise.
 _LIMIT = 10_000_000
+# Of so few of the cells the rows are taken one by one, of more the whole matrix.
+_FEW = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,6 +35,11 @@ class Bounded:
     """
 
     hidden: HiddenMap
+    "With one angle."
+
+    def __post_init__(self) -> None:
+        if self.hidden.angles > 1:
+            raise ValueError(f"hidden: expected a map of one angle, got {self.hidden.angles}")
 
     def start(self) -> Int[np.ndarray, "cells"]:
         """The cells where the robot may be before the first observation, ascending."""
@@ -41,7 +47,13 @@ class Bounded:
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
         """Those after an observation, 0 or 1; none if it cannot be on the map."""
-        return _reached(self.hidden.leaving(observation), state)
+        mark = np.zeros(self.hidden.cells, bool)
+        if state.size < _FEW * self.hidden.cells:
+            mark[self.hidden.leaving(observation)[state].indices] = True
+        else:
+            mark[state] = True
+            mark = self.hidden.arriving[observation] @ mark > 0
+        return np.flatnonzero(mark).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
         """The configurations of the set; it is nowhere for sure if there are none."""
@@ -78,14 +90,3 @@ class Bounded:
             state += 1
         ends = np.cumsum([0, *map(len, sets)], dtype=np.int64)
         return Automaton(np.array(transition, np.int32), ends, np.concatenate(sets))
-
-
-def _reached(
-    matrix: scipy.sparse.csr_array, cells: Int[np.ndarray, "cells"]
-) -> Int[np.ndarray, "_"]:
-    """The columns in which one of some rows has an entry, ascending."""
-    begin, count = matrix.indptr[cells], np.diff(matrix.indptr)[cells]
-    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    mark = np.zeros(matrix.shape[1], bool)
-    mark[matrix.indices[np.repeat(begin, count) + within]] = True
-    return np.flatnonzero(mark).astype(np.int32)

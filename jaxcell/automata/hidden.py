@@ -37,8 +37,8 @@ class HiddenMap:
 
     moves: scipy.sparse.csr_array
     "The probability of going from a cell, the row, to another with observation 0."
-    bumps: scipy.sparse.csr_array
-    "The same with observation 1."
+    bumps: tuple[scipy.sparse.csr_array, ...]
+    "The same with observation 1, for each of the angles that the robot may turn by."
     configuration: Int[np.ndarray, "cells"]
     "The configuration that each cell is in."
     start: Float[np.ndarray, "cells"]
@@ -55,27 +55,33 @@ class HiddenMap:
         start: Float[np.ndarray, "cells"],
         metadata: Mapping[str, Any] | None = None,
     ) -> "HiddenMap":
-        """**Arguments:** those of the fields; the matrices may be dense.
+        """**Arguments:** those of the fields; the matrices may be dense, and of bumps there may be
+        one matrix, for a robot with one angle, or a list of several.
 
-        **Raises:** `ValueError` for arrays that do not fit each other, and probabilities that are
-        negative, or that sum to more than 1.
+        **Raises:** `ValueError` for arrays that do not fit each other, probabilities that are
+        negative, or that sum to more than 1, and bumps whose probability depends on the angle.
         """
-        first, second = (scipy.sparse.csr_array(m, dtype=np.float64) for m in (moves, bumps))
+        several = bumps if isinstance(bumps, list | tuple) else [bumps]
+        parts = [scipy.sparse.csr_array(m, dtype=np.float64) for m in (moves, *several)]
         cells = start.size
-        if first.shape != (cells, cells) or second.shape != (cells, cells):
-            raise ValueError(
-                f"moves, bumps: expected {cells} rows and columns, as many as start has numbers, "
-                f"got {first.shape} and {second.shape}"
-            )
+        for part in parts:
+            if part.shape != (cells, cells):
+                raise ValueError(
+                    f"moves, bumps: expected {cells} rows and columns, as many as start has "
+                    f"numbers, got {part.shape}"
+                )
         if configuration.shape != (cells,) or configuration.min() < 0:
             raise ValueError(f"configuration: expected {cells} numbers from 0")
-        both = first + second
-        negative = min(matrix.data.min(initial=0) for matrix in (first, second))
-        if not (negative >= 0 and both.sum(axis=1).max() <= 1 + 1e-6):
+        negative = min(part.data.min(initial=0) for part in parts)
+        free, *walls = (np.asarray(part.sum(axis=1)).ravel() for part in parts)
+        if not (negative >= 0 and (free + walls[0]).max() <= 1 + 1e-6):
             raise ValueError("moves, bumps: expected rows of probabilities that sum to at most 1")
+        if any(np.abs(one - walls[0]).max() > 1e-6 for one in walls[1:]):
+            raise ValueError("bumps: expected the same probability of a bump for each angle")
         if not (start.min() >= 0 and abs(start.sum() - 1) < 1e-6):
             raise ValueError("start: expected a distribution")
-        return cls(first, second, configuration.astype(np.int32), start, dict(metadata or {}))
+        configuration = configuration.astype(np.int32)
+        return cls(parts[0], tuple(parts[1:]), configuration, start, dict(metadata or {}))
 
     @property
     def cells(self) -> int:
@@ -87,20 +93,33 @@ class HiddenMap:
         """Number of configurations."""
         return int(self.configuration.max()) + 1
 
-    def leaving(self, observation: int) -> scipy.sparse.csr_array:
-        """The probabilities of the steps with an observation, row by row of where they begin."""
-        return self.bumps if observation else self.moves
+    @property
+    def angles(self) -> int:
+        """Number of angles that the robot may turn by at a bump."""
+        return len(self.bumps)
+
+    def leaving(self, event: int) -> scipy.sparse.csr_array:
+        """The probabilities of one event, row by row of where it begins.
+
+        Event 0 is a step, `1 + i` a bump and the turn by angle `i`. With one angle events are
+        observations.
+        """
+        return (self.moves, *self.bumps)[event]
 
     @functools.cached_property
-    def arriving(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
-        """The same for both observations, row by row of where the steps end."""
-        return self.moves.T.tocsr(), self.bumps.T.tocsr()
+    def arriving(self) -> tuple[scipy.sparse.csr_array, ...]:
+        """The same for all events, row by row of where they end."""
+        return tuple(part.T.tocsr() for part in (self.moves, *self.bumps))
+
+    @functools.cached_property
+    def bumping(self) -> Float[np.ndarray, "cells"]:
+        """How probable it is that a robot bumps next, in each cell."""
+        return np.asarray(self.bumps[0].sum(axis=1)).ravel()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map to a file, which is replaced."""
         arrays = {"configuration": self.configuration, "start": _whole(self.start)}
-        for name in ("moves", "bumps"):
-            matrix = getattr(self, name)
+        for name, matrix in zip(_names(self.angles), (self.moves, *self.bumps), strict=True):
             arrays |= {
                 f"{name}_indptr": matrix.indptr.astype(np.int32),
                 f"{name}_indices": matrix.indices.astype(np.int32),
@@ -125,7 +144,8 @@ class HiddenMap:
         try:
             start = arrays["start"] * _UNIT
             matrices = []
-            for name in ("moves", "bumps"):
+            angles = sum(name.endswith("_indptr") for name in arrays) - 1
+            for name in _names(angles):
                 data, indices, ends = (
                     arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")
                 )
@@ -136,7 +156,7 @@ class HiddenMap:
                 matrices.append(matrix)
             if not isinstance(metadata, dict):
                 raise ValueError("metadata: expected an object")
-            moves, bumps = matrices
+            moves, *bumps = matrices
             return cls.of(moves, bumps, arrays["configuration"], start, metadata)
         except (KeyError, ValueError, TypeError) as error:
             raise ValueError(f"{path}: not a map for a belief, or altered: {error}") from None
@@ -179,6 +199,11 @@ def credible(mass: Float[np.ndarray, "configurations"], share: float, nowhere: f
     count = int(np.searchsorted(np.cumsum(mass), share * (1 - 1e-12))) + 1
     count = min(count, int(np.count_nonzero(mass)))
     return Estimate(order[:count].astype(np.int32), mass[:count], nowhere)
+
+
+def _names(angles: int) -> list[str]:
+    """What the matrices of a map are called in its file."""
+    return ["moves", "bumps", *(f"bumps_{i}" for i in range(1, angles))]
 
 
 def _whole(share: Float[np.ndarray, "_"]) -> Int[np.ndarray, "_"]:

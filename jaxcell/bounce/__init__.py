@@ -30,9 +30,10 @@ most maps, in the fewest bumps by the policy of `localization_policy`; `Localiza
 takes itself to look in, and by how much it is wrong. Errors drawn inside each cell make the map a
 hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
 `slip_matrices`, `slip_choices`, `bounded_matrices`; `particle_run` is the run of a cloud of such
-robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`. A
-plan of such a robot arrives with `plan_probability`; `slip_policy` chooses an angle by the fine
-cell instead, and has arrived with `arrival_by`; their result is `SlippedPlan`.
+robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`. Of
+several angles it takes the one that leaves the least expected entropy. A plan of such a robot
+arrives with `plan_probability`; `slip_policy` chooses an angle by the fine cell instead, and has
+arrived with `arrival_by`; their result is `SlippedPlan`.
 
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a

@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any
 
 from ..automata import Belief
@@ -9,7 +10,12 @@ from .walker import Walker
 
 
 def run_belief(
-    walker: Walker, belief: Belief, bounce: float, *, log: RunLog | None = None, limit: int = 10_000
+    walker: Walker,
+    belief: Belief,
+    bounces: Sequence[float],
+    *,
+    log: RunLog | None = None,
+    limit: int = 10_000,
 ) -> RunOutcome:
     """Let a robot that slips bounce until its belief knows where it is, or that it is nowhere.
 
@@ -20,7 +26,7 @@ def run_belief(
 
     - `walker`: the robot, at the centre of an unknown cell.
     - `belief`: that of a map.
-    - `bounce`: the bouncing angle that it is for, in radians, counter-clockwise.
+    - `bounces`: the angles that it chooses from, or its one, in radians, counter-clockwise.
     - `log`: where to write each observation as it comes.
     - `limit`: how many observations to make at most.
 
@@ -38,10 +44,10 @@ def run_belief(
         >>> body = Body(room, (0.5, 0.5, 0.0))
         >>> walker = robot.Walker(SimulatedCreate(body), 1.0)
         >>> never = automata.HiddenMap.of(np.zeros((6, 6)), np.eye(6), np.arange(6), np.ones(6) / 6)
-        >>> robot.run_belief(walker, automata.Belief(never), 0.0).result
+        >>> robot.run_belief(walker, automata.Belief(never), [0.0]).result
         'refuted'
     """
-    return follow(walker, _Believer(belief), [bounce], log, limit)
+    return follow(walker, _Believer(belief), bounces, log, limit)
 
 
 def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
@@ -87,7 +93,7 @@ class _Believer(Follower):
 
     @property
     def turn(self) -> int | None:
-        return 0 if self.observations[-1] == "1" and self.result != "refuted" else None
+        return None if self.result == "refuted" else self._state.turn
 
     @property
     def cells(self) -> list[int]:

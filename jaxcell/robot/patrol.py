@@ -40,11 +40,10 @@ class Patrol:
         >>> import numpy as np
         >>> from jaxcell import robot, space
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 4)
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
         ...     task = robot.load_task(path)
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
@@ -210,11 +209,10 @@ def run_patrol(
         >>> import numpy as np
         >>> from jaxcell import robot, space
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 4)
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
         ...     task = robot.load_task(path)
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
@@ -259,31 +257,23 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
     **Raises:** `ValueError`, with the index of the observation, if the robot went elsewhere: the
     log is of another policy.
 
-    A robot that goes to and fro between the ends of a corridor, and its log:
+    The log of a robot that has gone one step in a corridor, between whose ends it is to go:
 
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> import pathlib, tempfile
         >>> import numpy as np
         >>> from jaxcell import robot, space
         >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 4)
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")
-        ...     robot.save_patrols(path, cells, [walk], [0], 1.5)
+        ...     robot.save_patrols(path, space.CellSpace.of(room, 1.0, 4), [walk], [0], 1.5)
         ...     task = robot.load_task(path)
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
-        >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
-        >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=task.strides)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "run.jsonl")
-        ...     with robot.RunLog(path, {"patrol": patrol.settings}) as log:
-        ...         outcome = robot.run_patrol(walker, patrol, log=log)
-        ...     run = robot.read_log(path)
-        >>> robot.replay_patrol(run, task) == outcome
-        True
+        >>> settings |= {"most_bumps": 9, "limit": 9}
+        >>> events = ({"event": "observation", "observation": 0, "way": 0, "goal": 2},)
+        >>> run = robot.LoggedRun({"patrol": settings}, events, False)
+        >>> robot.replay_patrol(run, task).result
+        'unfinished'
     """
     patrol = Patrol(task, **run.header["patrol"])
     for event in run.events:

@@ -26,7 +26,8 @@ class Localize(MapStudy):
     bounce: Degrees | None = None
     """Bouncing angle in degrees, counter-clockwise."""
     bounces: tuple[Degrees, ...] = ()
-    """Instead of one: bouncing angles to choose from at each bump."""
+    """Instead of one: bouncing angles to choose from at each bump. A robot that slips takes the one
+    after which its belief has the least entropy at the next bump, in the mean."""
     goal: Literal["cell", "position", "class"] = "cell"
     """What a choice of angles is to find out: the cell, the position whatever the heading, or what
     these angles can tell apart."""
@@ -49,13 +50,13 @@ class Localize(MapStudy):
             raise ValueError("open_world: a belief has no trap; expected no slip with it")
         if self.slip is not None and self.collision != "swept":
             raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
-        if self.slip is not None and self.bounces:
-            raise ValueError("slip: a belief is for one --bounce, not for a choice of angles")
         if (self.bounce is None) == (not self.bounces):
             raise ValueError("bounce: expected one angle, or several in bounces")
         for name in ("goal", "aim"):
             if not self.bounces and getattr(self, name) != getattr(type(self), name):
                 raise ValueError(f"{name}: it is for --bounces; one angle leaves no choice")
+            if self.slip is not None and getattr(self, name) != getattr(type(self), name):
+                raise ValueError(f"{name}: it is for robots that do not slip")
         if self.bounces and self.open_world:
             raise ValueError("open_world: it is for --bounce; a choice of angles always has a trap")
 
@@ -65,14 +66,17 @@ class Localize(MapStudy):
         if self.slip is not None:
             from ..bounce.slip.fine_cells import needed
 
-            return needed()
+            return needed(angles=max(1, len(self.bounces)))
         if self.bounces:
             return estimates.plans(extent, **self.motion)
         return estimates.localization(extent, **self.motion)
 
     def spec(self, result: "Result") -> dict[str, Any]:
-        of_one, of_several = ("bounce_deg", "open_world", "slip"), ("bounces_deg", "goal", "aim")
-        absent = of_one if self.bounces else of_several
+        absent = {"bounce_deg", "open_world"} if self.bounces else {"bounces_deg", "goal", "aim"}
+        if self.slip is not None:
+            absent |= {"goal", "aim"}
+        elif self.bounces:
+            absent |= {"slip"}
         return {name: one for name, one in super().spec(result).items() if name not in absent}
 
     def run(self, say: Say = silent) -> "Localized | AdaptivelyLocalized | Slipped":
@@ -83,13 +87,12 @@ class Localize(MapStudy):
             start = int(np.random.default_rng(self.seed).integers(cells.size))
         else:
             start = cell_at(cells, self.start, "start")
+        if self.slip is not None:
+            return self._slipped(cells, start, say)
         if self.bounces:
             return self._choose(cells, start, say)
         assert self.bounce is not None
-        bounce = math.radians(self.bounce)
-        if self.slip is not None:
-            return self._slipped(cells, bounce, start, say)
-        return self._filter(cells, bounce, start, say)
+        return self._filter(cells, math.radians(self.bounce), start, say)
 
     def _filter(self, cells: "CellSpace", bounce: float, start: int, say: Say) -> "Localized":
         from ..bounce import Localized, bounce_map, localization_filter, localize
@@ -111,23 +114,30 @@ class Localize(MapStudy):
         )
         return AdaptivelyLocalized.of(policy, start)
 
-    def _slipped(self, cells: "CellSpace", bounce: float, start: int, say: Say) -> "Slipped":
+    def _slipped(self, cells: "CellSpace", start: int, say: Say) -> "Slipped":
+        import numpy as np
+
         from ..automata import HiddenMap
-        from ..bounce import FineCells, slip_matrices, slipping_run
+        from ..bounce import FineCells, slip_choices, slipping_run
+        from ..bounce.plans.roadmap import different_shifts
         from ..robot.emulation.body import bumper_give
         from ..space import Slip
 
         assert self.slip is not None
+        bounces = np.radians(self.bounces if self.bounce is None else [self.bounce])
+        if self.bounces:
+            different_shifts(bounces, cells.directions)
         slip = Slip.of(self.slip, give=bumper_give(cells.cell))
         fine = FineCells.within(cells, slip)
         say(f"mapping {fine.size:,} fine cells")
-        matrices = slip_matrices(fine, bounce, slip, step=self.step)
-        hidden = HiddenMap.of(*matrices, fine.coarse, fine.centres)
+        choices = slip_choices(fine, bounces.tolist(), slip, step=self.step)
+        bumps = [one for _, one in choices]
+        hidden = HiddenMap.of(choices[0][0], bumps, fine.coarse, fine.centres)
         say("driving the robot")
         return slipping_run(
             hidden,
             cells,
-            bounce,
+            bounces,
             slip,
             start,
             seed=self.seed,
@@ -140,11 +150,11 @@ class Localize(MapStudy):
         from .. import record
 
         spec = self.spec(result)
-        if self.bounces:
-            dataclasses.replace(result.policy, metadata=spec).save(out / "policy.jxf")
-            return
         if self.slip is not None:
             dataclasses.replace(result.hidden, metadata=spec).save(out / "belief.jxb")
+            return
+        if self.bounces:
+            dataclasses.replace(result.policy, metadata=spec).save(out / "policy.jxf")
             return
         dataclasses.replace(result.filter, metadata=spec).save(out / "filter.jxf")
         record.save_dataset(record.dataset(result.groups, spec=spec), out / "groups.nc")

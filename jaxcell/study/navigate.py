@@ -86,7 +86,7 @@ class Navigate(Plans):
             return super().needed(extent)
         from ..bounce.slip.fine_cells import needed
 
-        return super().needed(extent) + len(self.bounces) * needed()
+        return super().needed(extent) + needed(angles=len(self.bounces))
 
     def run(self, say: Say = silent) -> "Result":
         from ..bounce import plan

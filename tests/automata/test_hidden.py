@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from jaxcell.automata import Belief, Bounded, HiddenMap
+from jaxcell.automata import Belief, Bounded, HiddenMap, expected_entropy
 from jaxcell.automata.subset import subset_construction
 
 
 def random_map(seed, cells=4):
+    """A map of two configurations and one angle."""
     rng = np.random.default_rng(seed)
     both = rng.dirichlet(np.ones(2 * cells) / 3, cells)
     both[both < 0.05] = 0
@@ -21,7 +22,7 @@ def random_map(seed, cells=4):
 
 def all_paths(hidden, observations):
     """The probability of every path that has the observations."""
-    parts = hidden.moves.toarray(), hidden.bumps.toarray()
+    parts = [part.toarray() for part in (hidden.moves, *hidden.bumps)]
     found = {}
     for path in itertools.product(range(hidden.cells), repeat=len(observations) + 1):
         probability = hidden.start[path[0]]
@@ -136,19 +137,100 @@ def test_a_run_that_a_coin_explains_better_becomes_nowhere():
         assert state.nowhere < before
 
 
+def map_with_angles(seed, cells=3, angles=2):
+    """A map whose robot bumps soon, wherever it is."""
+    rng = np.random.default_rng(seed)
+    ahead = rng.uniform(0, 0.15, cells)
+    moves = ahead[:, None] * rng.dirichlet(np.ones(cells), cells)
+    bumps = [(1 - ahead)[:, None] * rng.dirichlet(np.ones(cells) / 3, cells) for _ in range(angles)]
+    return HiddenMap.of(moves, bumps, np.array([0, 1, 1]), rng.dirichlet(np.ones(cells)))
+
+
+def entropy_of_all_paths(hidden, weight):
+    """The entropy at the next bump, by enumeration of the paths until then."""
+    moves, outcomes = hidden.moves.toarray(), {}
+    ahead = moves.sum(axis=1)
+    longest = 0
+    while weight @ np.linalg.matrix_power(moves, longest) @ np.ones(hidden.cells) >= 1e-3:
+        longest += 1
+    for steps in range(longest + 1):
+        for path in itertools.product(range(hidden.cells), repeat=steps + 1):
+            probability = weight[path[0]]
+            for a, b in itertools.pairwise(path):
+                probability *= moves[a, b]
+            # What has made all these steps is one outcome, whether it bumps then or not.
+            probability *= 1 - ahead[path[-1]] if steps < longest else 1
+            at = steps, hidden.configuration[path[-1]]
+            outcomes[at] = outcomes.get(at, 0.0) + probability
+    totals = {n: sum(p for (m, _), p in outcomes.items() if m == n) for n, _ in outcomes}
+    return -sum(p * np.log2(p / totals[n]) for (n, _), p in outcomes.items() if p > 0)
+
+
+@few
+@given(st.integers(0, 10_000), st.lists(st.integers(0, 1), max_size=3))
+def test_a_belief_turns_so_that_the_next_bump_tells_most(seed, observations):
+    hidden = map_with_angles(seed)
+    belief = Belief(hidden)
+    state = belief.start()
+    for observation in observations:
+        state = belief.observe(state, observation)
+        assert (state.turn is None) == (not observation)
+    left = []
+    for angle in range(2):
+        bumps = hidden.bumps[angle].toarray()
+        weight = state.weight @ bumps / (state.weight @ bumps).sum()
+        left.append(entropy_of_all_paths(hidden, weight))
+        assert expected_entropy(hidden, weight) == pytest.approx(left[-1], abs=1e-9)
+    after = belief.observe(state, 1)
+    assert after.turn == np.argmin(left)
+    one = HiddenMap.of(hidden.moves, hidden.bumps[after.turn], hidden.configuration, hidden.start)
+    np.testing.assert_array_equal(Belief(one).observe(state, 1).weight, after.weight)
+
+
+@few
+@given(st.integers(0, 10_000), st.lists(st.integers(0, 2), min_size=1, max_size=4))
+def test_a_run_is_looked_back_on_by_its_turns(seed, events):
+    hidden = map_with_angles(seed)
+    paths, belief = all_paths(hidden, events), Belief(hidden)
+    first = np.bincount([path[0] for path in paths], list(paths.values()), hidden.cells)
+    np.testing.assert_allclose(belief.smoothed(events)[0], first / first.sum(), atol=1e-12)
+    best = belief.likeliest_path(events)
+    assert paths[tuple(best.tolist())] == pytest.approx(max(paths.values()))
+
+
+def test_a_robot_that_never_bumps_has_what_it_knows():
+    hidden = HiddenMap.of(np.eye(4), np.zeros((4, 4)), np.arange(4), np.ones(4) / 4)
+    assert expected_entropy(hidden, np.ones(4)) == 2
+    assert expected_entropy(hidden, np.zeros(4)) == 0
+    assert expected_entropy(hidden, np.array([0.5, 0.5, 5e-324, 0.0])) == 1
+
+
+def test_sets_are_for_one_angle():
+    with pytest.raises(ValueError, match="expected a map of one angle, got 2"):
+        Bounded(map_with_angles(0))
+
+
+def test_a_bump_does_not_depend_on_the_angle_after_it():
+    with pytest.raises(ValueError, match="bumps: expected the same probability of a bump"):
+        HiddenMap.of(
+            np.zeros((2, 2)), [np.eye(2), np.eye(2) / 2], np.arange(2), np.array([0.5, 0.5])
+        )
+
+
 @pytest.mark.parametrize("share", [0.0, -1.0, 1.5, float("nan")])
 def test_a_share_out_of_range_is_refused(share):
     with pytest.raises(ValueError, match="share: expected more than 0 and at most 1"):
         Belief(random_map(0), share=share)
 
 
-def test_a_file_gives_the_same_belief(tmp_path):
-    hidden = random_map(5)
+@pytest.mark.parametrize("hidden", [random_map(5), map_with_angles(5, angles=3)])
+def test_a_file_gives_the_same_belief(tmp_path, hidden):
     path = tmp_path / "belief.jxb"
     hidden.save(path)
     again = HiddenMap.load(path)
     np.testing.assert_allclose(again.moves.toarray(), hidden.moves.toarray(), atol=1e-9)
-    np.testing.assert_allclose(again.bumps.toarray(), hidden.bumps.toarray(), atol=1e-9)
+    for ours, theirs in zip(again.bumps, hidden.bumps, strict=True):
+        np.testing.assert_allclose(ours.toarray(), theirs.toarray(), atol=1e-9)
     np.testing.assert_array_equal(again.configuration, hidden.configuration)
     assert path.read_bytes() == (again.save(path), path.read_bytes())[1]
 

@@ -11,7 +11,8 @@ from rerun.chunk import RrdReader
 from wheels import MAPS, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.cli.robot.check import RobotCheck
-from jaxcell.cli.robot.replay import RobotReplay
+from jaxcell.cli.robot.emulation import Emulation
+from jaxcell.cli.robot.replay import RobotReplay, show
 from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.create.motion import Create
@@ -227,3 +228,12 @@ def test_bad_options(filter_file):
         simulated(filter_file, start="0.5,9,0").run()
     with pytest.raises(ValueError, match="distance: expected a finite number from 0"):
         simulated(filter_file, noise=math.nan).run()
+
+
+def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
+    emulated = {"start": 0, "end": 1, "truth_is_a_candidate": False}
+    summary = {"result": "localized", "reason": "", "observations": "01", "cells": [0, 5000]}
+    show("belief.jxb", summary | {"emulated": emulated}, Emulation(None, LAB, 0))
+    shown = capsys.readouterr().out
+    assert "0 (0.5 m, 0.5 m, 0°)" in shown
+    assert "5000, of another map" in shown

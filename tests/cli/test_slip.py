@@ -2,10 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 import xarray as xr
 
-from jaxcell.automata import HiddenMap
+from jaxcell.automata import Belief, HiddenMap
 from jaxcell.cli import main
 
 
@@ -63,6 +64,32 @@ def test_a_robot_that_slips_is_localized(capsys, tmp_path, room):
 
 
 @pytest.mark.slow
+def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
+    out, again = tmp_path / "out", tmp_path / "run"
+    args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)
+    status, found, _ = run(capsys, *args, "--out", out, "--verify")
+    assert status == 0
+    assert (found["bounces_deg"], found["slip"]) == ([90, 135], 0.02)
+    assert {"bounce_deg", "goal", "aim", "open_world"}.isdisjoint(found)
+    hidden = HiddenMap.load(out / "belief.jxb")
+    assert hidden.angles == 2
+    with xr.open_dataset(out / "localization.nc") as dataset:
+        turned = dataset.turned_by.values
+        np.testing.assert_array_equal(turned[1:] >= 0, dataset.observations.values == 1)
+        assert set(turned.tolist()) <= {-1, 0, 1}
+    belief = Belief(hidden)
+    state = belief.start()
+    for observation, turn in zip(found["word"], turned[1:].tolist(), strict=True):
+        state = belief.observe(state, int(observation))
+        assert state.turn == (None if turn < 0 else turn)
+    run_it = ("robot", "run", out / "belief.jxb", "--simulate", room, "--noise", 0.02)
+    status, driven, _ = run(capsys, *run_it, "--out", again, "--speedup", 1000)
+    assert status == 0
+    status, replayed, _ = run(capsys, "robot", "replay", again / "run.jsonl")
+    assert replayed["observations"] == driven["observations"]
+
+
+@pytest.mark.slow
 def test_plans_of_a_robot_that_slips(capsys, room):
     ends = ("--start", "1.5,1.5,0", "--goal", "1.5,1.5,180")
     status, found, _ = run(
@@ -95,6 +122,22 @@ def test_bad_slips_are_refused(capsys, room, args, told):
     assert found is None
     assert told in error.replace("--", "").replace("open-world", "open_world")
     assert len(error.strip().splitlines()) <= 3
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (("90", "17"), "bounces: 17 deg is not a whole number of the 8 directions"),
+        (("90", "450"), "bounces: 90 and 450 deg are the same turn"),
+        (("90", "--goal", "position"), "goal: it is for robots that do not slip"),
+        (("90", "--aim", "mean"), "aim: it is for robots that do not slip"),
+        (("90", "--bounce", "45"), "bounce: expected one angle, or several in bounces"),
+    ],
+)
+def test_bad_choices_of_angles_are_refused(capsys, room, args, told):
+    status, found, error = run(capsys, "localize", room, "--slip", 0.02, "--bounces", *args)
+    assert (status, found) == (2, None)
+    assert told in error.replace("--", "")
 
 
 def test_a_bad_slip_of_a_plan_is_refused(capsys, room):

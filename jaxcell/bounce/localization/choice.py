@@ -8,11 +8,11 @@ from jaxtyping import Array, Float, Int
 
 from ...automata import Decisions, Homing, Policy, adaptive_choice, homing_sequence
 from ...automata.adaptive import Aim, levels
-from ...base.quantities import Checks, Result, derived, quantity
+from ...base.quantities import Checks, derived, quantity
 from ...space import CellSpace
 from ..dynamics import Collision
 from ..plans.roadmap import Roadmap
-from .result import RunOnMap
+from .result import RunOnMap, States
 from .run import Localization
 
 
@@ -20,7 +20,7 @@ Goal: TypeAlias = Literal["cell", "position", "class"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LocalizationPolicy(Result):
+class LocalizationPolicy(States):
     """The choice of angles at bumps that localizes a robot, with its numbers.
 
     State 0 is the start; the others are sets of cells in which the robot may bump. The
@@ -60,6 +60,10 @@ class LocalizationPolicy(Result):
     ]
     fixed: Homing
     "One sequence of angles for all starts, whatever is observed; without the first bump."
+
+    @property
+    def automaton(self) -> Policy:
+        return self.policy
 
     @property
     def answered(self) -> bool:
@@ -140,18 +144,6 @@ class LocalizationPolicy(Result):
     @derived("state", "colour: 1 until it is localized", kind="count")
     def color(self) -> Int[np.ndarray, "states"]:
         return self.policy.color
-
-    @derived("state", "cells where the robot may be", "cells", kind="count")
-    def uncertainty(self) -> Int[np.ndarray, "states"]:
-        return self.policy.uncertainty
-
-    @derived("state_bound", "where a state begins in member", kind="count")
-    def offset(self) -> Int[np.ndarray, "bounds"]:
-        return self.policy.offsets
-
-    @derived("entry", "cells of the states in turn", kind="index")
-    def member(self) -> Int[np.ndarray, "entries"]:
-        return self.policy.members
 
     @derived("state_bound", "where a state begins in bump_steps", kind="count")
     def bump_offset(self) -> Int[np.ndarray, "bounds"]:
@@ -353,17 +345,8 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
         fields = {one.name: getattr(policy, one.name) for one in dataclasses.fields(policy)}
         return cls(**fields, run=policy.drive(start))
 
-    @derived("", "where the robot starts")
-    def start_pose(self) -> str:
-        return self._pose(self.run.start)
-
-    @derived("", "where it is in the end")
-    def end_pose(self) -> str:
-        return self._pose(self.run.end)
-
     @functools.cached_property
     def beliefs(self) -> list[Int[np.ndarray, "_"]]:
-        """The cells where the robot may be, over time."""
         roadmap = self.roadmap
         cells = np.arange(roadmap.size, dtype=np.int32)
         found = [cells]
@@ -378,22 +361,7 @@ class AdaptivelyLocalized(RunOnMap, LocalizationPolicy):
             found.append(cells)
         return found
 
-    @derived("time", "cells where the robot may be", "cells", kind="count")
-    def belief_size(self) -> Int[np.ndarray, "times"]:
-        return np.array([cells.size for cells in self.beliefs], np.int32)
-
     @derived("time", "number of the angle that the robot has just turned by", kind="index")
     def turned_by(self) -> Int[np.ndarray, "times"]:
         turn = self.policy.turn[self.run.states]
         return np.where(np.append(0, self.run.observations) == 1, turn, -1).astype(np.int32)
-
-    def checks(self) -> Checks:
-        lost = sum(
-            not np.isin(z, cells) for z, cells in zip(self.run.path, self.beliefs, strict=True)
-        )
-        ends = np.setxor1d(self.run.candidates, self.beliefs[-1])
-        return {
-            **super().checks(),
-            "states_without_the_robot": (lost, 0),
-            "candidates_not_of_the_last_state": (ends.size, 0),
-        }

@@ -7,15 +7,39 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...automata import Filter, minimize
+from ...automata import Filter, Policy, minimize
 from ...base.quantities import Checks, Result, derived
 from ...space import CellSpace
 from ..periodic import BounceGroups
 from .run import Localization
 
 
+class States(Result):
+    """What there is to say of the states of a filter or a policy.
+
+    The configurations of state `s` are `member[offset[s]:offset[s + 1]]`.
+    """
+
+    @property
+    def automaton(self) -> Filter | Policy:
+        """What the states are of."""
+        raise NotImplementedError
+
+    @derived("state", "cells where the robot may be", "cells", kind="count")
+    def uncertainty(self) -> Int[np.ndarray, "states"]:
+        return self.automaton.uncertainty
+
+    @derived("state_bound", "where a state begins in member", kind="count")
+    def offset(self) -> Int[np.ndarray, "bounds"]:
+        return self.automaton.offsets
+
+    @derived("entry", "cells of the states in turn", kind="index")
+    def member(self) -> Int[np.ndarray, "entries"]:
+        return self.automaton.members
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
-class LocalizationFilter(Result):
+class LocalizationFilter(States):
     """A localization filter, with its numbers.
 
     The configurations of state `s` are `member[offset[s]:offset[s + 1]]`, and the states of
@@ -26,6 +50,10 @@ class LocalizationFilter(Result):
     tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles"}
 
     filter: Filter
+
+    @property
+    def automaton(self) -> Filter:
+        return self.filter
 
     @derived("", "states, nondeterministic", "1", kind="count")
     def nfa_states(self) -> int:
@@ -83,18 +111,6 @@ class LocalizationFilter(Result):
     def color(self) -> Int[np.ndarray, "states"]:
         return self.filter.color
 
-    @derived("state", "cells where the robot may be", "cells", kind="count")
-    def uncertainty(self) -> Int[np.ndarray, "states"]:
-        return self.filter.uncertainty
-
-    @derived("state_bound", "where a state begins in member", kind="count")
-    def offset(self) -> Int[np.ndarray, "bounds"]:
-        return self.filter.offsets
-
-    @derived("entry", "cells of the states in turn", kind="index")
-    def member(self) -> Int[np.ndarray, "entries"]:
-        return self.filter.members
-
     def checks(self) -> Checks:
         # What is left after either observation was there before, so both are no more together.
         known = np.where(self.transition >= 0, self.uncertainty[self.transition], 0)
@@ -106,15 +122,56 @@ class LocalizationFilter(Result):
         }
 
 
-class RunOnMap(Result):
-    """What there is to say of a simulated robot over time, and of where it may be at the end."""
+class Candidates(Result):
+    """Where a robot may be at the end of a run."""
 
     cells: CellSpace
+
+    @property
+    def cells_left(self) -> Int[np.ndarray, "candidates"]:
+        """The cells that are left."""
+        raise NotImplementedError
+
+    @derived("candidate", "x", "m")
+    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.cells_left)[0]
+
+    @derived("candidate", "y", "m")
+    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
+        return self.cells.centre(self.cells_left)[1]
+
+    @derived("candidate", "heading", "degree")
+    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
+        return np.rad2deg(self.cells.centre(self.cells_left)[2])
+
+
+class RunOnMap(Candidates):
+    """What there is to say of a simulated robot over time, and of where it may be at the end."""
+
     run: Localization
+    may_lose: ClassVar[bool] = False
+    "Whether the robot may be in none of the cells, so that this is reported without a limit."
+
+    @property
+    def cells_left(self) -> Int[np.ndarray, "candidates"]:
+        return self.run.candidates
+
+    @property
+    def beliefs(self) -> list[Int[np.ndarray, "_"]]:
+        """The cells where the robot may be, over time."""
+        raise NotImplementedError
 
     def _pose(self, cell: int) -> str:
         x, y, theta = map(float, self.cells.centre(cell))
         return f"{x:g} m, {y:g} m, {math.degrees(theta):g}°"
+
+    @derived("", "where the robot starts")
+    def start_pose(self) -> str:
+        return self._pose(self.run.start)
+
+    @derived("", "where it is in the end")
+    def end_pose(self) -> str:
+        return self._pose(self.run.end)
 
     @derived("time", "mappings", "mappings", kind="coordinate")
     def time(self) -> Int[np.ndarray, "times"]:
@@ -132,17 +189,18 @@ class RunOnMap(Result):
     def robot_theta(self) -> Float[np.ndarray, "times"]:
         return self.cells.centre(self.run.path)[2]
 
-    @derived("candidate", "x", "m")
-    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.run.candidates)[0]
+    @derived("time", "cells where the robot may be", "cells", kind="count")
+    def belief_size(self) -> Int[np.ndarray, "times"]:
+        return np.array([cells.size for cells in self.beliefs], np.int32)
 
-    @derived("candidate", "y", "m")
-    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.run.candidates)[1]
-
-    @derived("candidate", "heading", "degree")
-    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
-        return np.rad2deg(self.cells.centre(self.run.candidates)[2])
+    def checks(self) -> Checks:
+        beliefs = self.beliefs
+        lost = sum(not np.isin(z, cells) for z, cells in zip(self.run.path, beliefs, strict=True))
+        return {
+            **super().checks(),
+            "candidates_not_of_the_last_state": (np.setxor1d(self.cells_left, beliefs[-1]).size, 0),
+            "states_without_the_robot": (lost, math.inf if self.may_lose else 0),
+        }
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -153,6 +211,8 @@ class Localized(RunOnMap, LocalizationFilter):
     """
 
     title: ClassVar[str] = "Localization of a bouncing robot by its bumps"
+    # The filter may be of another map.
+    may_lose: ClassVar[bool] = True
     tables: ClassVar[Mapping[str, str]] = {"cycle": "cycles", "candidate": "candidates"}
 
     cells: CellSpace
@@ -192,33 +252,18 @@ class Localized(RunOnMap, LocalizationFilter):
     def longest_transient(self) -> int:
         return int(self.groups.longest_transient[0])
 
-    @derived("", "where the robot starts")
-    def start_pose(self) -> str:
-        return self._pose(self.run.start)
-
-    @derived("", "where it is in the end")
-    def end_pose(self) -> str:
-        return self._pose(self.run.end)
-
-    @derived("time", "cells where the robot may be", "cells", kind="count")
-    def belief_size(self) -> Int[np.ndarray, "times"]:
-        return self.uncertainty[self.run.states]
-
     @derived("time", "colour of the filter", kind="count")
     def belief_color(self) -> Int[np.ndarray, "times"]:
         return self.color[self.run.states]
 
+    @functools.cached_property
+    def beliefs(self) -> list[Int[np.ndarray, "_"]]:
+        return [self.filter.cells(state) for state in self.run.states.tolist()]
+
     def checks(self) -> Checks:
-        # The run follows the transitions, and ends with the cells of its last state. In some of the
-        # states the robot is in none of the cells if the filter is of another map.
         run = self.run
         follows = self.transition[run.states[:-1], run.observations] == run.states[1:]
-        beliefs = [self.member[self.offset[s] : self.offset[s + 1]] for s in run.states]
-        lost = sum(not np.isin(z, cells) for z, cells in zip(run.path, beliefs, strict=True))
-        ends = np.setxor1d(run.candidates, beliefs[-1])
         return {
             **super().checks(),
             "run_off_the_transitions": (int(np.count_nonzero(~follows)), 0),
-            "candidates_not_of_the_last_state": (ends.size, 0),
-            "states_without_the_robot": (lost, math.inf),
         }

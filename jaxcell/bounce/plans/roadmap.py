@@ -78,7 +78,7 @@ class Roadmap:
         **Raises:** `ValueError` and `MemoryError` as [`jaxcell.bounce.plan`][].
         """
         angles = np.asarray(bounces, float)
-        shift = _shifts(angles, cells.directions)
+        shift = different_shifts(angles, cells.directions)
         keep, change = _weights(keep, change)
         if method not in ("exact", "layered"):
             raise ValueError(f"method: expected 'exact' or 'layered', got {method!r}")
@@ -204,7 +204,9 @@ def describe_space(cells: CellSpace) -> dict[str, Any]:
     }
 
 
-def _shifts(bounces: Float[np.ndarray, "..."], directions: int) -> Int[np.ndarray, "angles"]:
+def different_shifts(
+    bounces: Float[np.ndarray, "..."], directions: int
+) -> Int[np.ndarray, "angles"]:
     """The angles as numbers of directions, each of which turns the robot to another side."""
     if bounces.ndim != 1 or not bounces.size:
         raise ValueError(f"bounces: expected a list of at least one angle, got {bounces.tolist()}")

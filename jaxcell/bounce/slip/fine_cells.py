@@ -26,8 +26,8 @@ MAX_CELLS = 100_000
 # By how many standard deviations a heading may drift in so many steps, a third of them bumps that
 # turn the robot by 2 radians.
 _DRIFT, _STEPS = 2.5, 36
-# Bytes of a cell: the entries of its row in two matrices, while they are made.
-_BYTES = 2000
+# Bytes of a cell: the entries of its row in a matrix, while it is made.
+_BYTES = 1000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -243,7 +243,11 @@ def slip_choices(
     coarse, fine = cells.cells, cells.fine
     assert coarse.workspace is not None
     size = cells.size
-    memory.check(needed(size), f"a map of {size} cells for a robot that slips", "use fewer cells")
+    memory.check(
+        needed(size, len(bounces)),
+        f"a map of {size} cells for a robot that slips",
+        "use fewer cells",
+    )
     points = qmc.Sobol(3 + ERRORS, seed=0).random(_SAMPLES)
     offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
     # Where in its direction a heading is decides in which it is next, not where the step leads:
@@ -296,9 +300,9 @@ def _normal(shares: Float[np.ndarray, "samples errors"]) -> Float[np.ndarray, "s
     return np.asarray(found / found.std(axis=0))
 
 
-def needed(cells: int = MAX_CELLS) -> int:
+def needed(cells: int = MAX_CELLS, angles: int = 1) -> int:
     """Bytes of the map of a robot that slips, among so many fine cells."""
-    return _BYTES * cells
+    return _BYTES * (1 + angles) * cells
 
 
 @functools.partial(jax.jit, static_argnames="slip")

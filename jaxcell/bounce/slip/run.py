@@ -1,6 +1,5 @@
 import dataclasses
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -8,21 +7,23 @@ from jaxtyping import Float, Int
 
 from ...automata import Belief, HiddenMap
 from ...automata.belief import NOWHERE, SMALL
-from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
+from ...base.quantities import PROBABILITY, Checks, derived, quantity
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS
+from ..dynamics import bounce_shift
+from ..localization.result import Candidates
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Slipped(Result):
+class Slipped(Candidates):
     """A run of a robot that slips from an unknown cell, and what its belief makes of it."""
 
     title: ClassVar[str] = "Localization of a bouncing robot that slips"
     tables: ClassVar[Mapping[str, str]] = {"candidate": "candidates"}
 
     cells: CellSpace
-    bounce: float
-    "The bouncing angle, in radians."
+    bounces: Float[np.ndarray, "angles"]
+    "The bouncing angle, or those to choose from at each bump, in radians."
     slip: Slip
     hidden: HiddenMap
     "The map that the belief is of, among fine cells."
@@ -31,6 +32,10 @@ class Slipped(Result):
     observations: Annotated[
         Int[np.ndarray, "steps"],
         quantity("move", "what the robot senses", values="0: it moved, 1: it bumped"),
+    ]
+    turned_by: Annotated[
+        Int[np.ndarray, "times"],
+        quantity("time", "number of the angle that the robot has just turned by", kind="index"),
     ]
     pose: Annotated[
         Float[np.ndarray, "times 3"],
@@ -66,6 +71,10 @@ class Slipped(Result):
     ]
 
     @property
+    def cells_left(self) -> Int[np.ndarray, "candidates"]:
+        return self.candidates
+
+    @property
     def answered(self) -> bool:
         return not self.is_nowhere
 
@@ -73,6 +82,11 @@ class Slipped(Result):
     def truth(self) -> Int[np.ndarray, "times"]:
         """The cell that the robot is in, or nearest to."""
         return nearest_cell(self.cells, *self.pose.T)
+
+    @property
+    def events(self) -> Int[np.ndarray, "steps"]:
+        """What was observed and done, as [`jaxcell.automata.HiddenMap.leaving`][] counts it."""
+        return 1 + self.turned_by[1:]
 
     @derived("", "fine cells", kind="count")
     def fine_cells(self) -> int:
@@ -102,18 +116,6 @@ class Slipped(Result):
     def truth_is_a_candidate(self) -> bool:
         return bool(np.isin(self.end, self.candidates))
 
-    @derived("candidate", "x", "m")
-    def candidate_x(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.candidates)[0]
-
-    @derived("candidate", "y", "m")
-    def candidate_y(self) -> Float[np.ndarray, "candidates"]:
-        return self.cells.centre(self.candidates)[1]
-
-    @derived("candidate", "heading", "degree")
-    def candidate_theta_deg(self) -> Float[np.ndarray, "candidates"]:
-        return np.rad2deg(self.cells.centre(self.candidates)[2])
-
     def checks(self) -> Checks:
         total = self.belief.sum(axis=1) + self.nowhere
         return {
@@ -128,7 +130,7 @@ class Slipped(Result):
 def slipping_run(
     hidden: HiddenMap,
     cells: CellSpace,
-    bounce: float,
+    bounces: Sequence[float] | Float[np.ndarray, "angles"],
     slip: Slip,
     start: int,
     *,
@@ -145,7 +147,7 @@ def slipping_run(
 
     - `hidden`: the map of the belief; its configurations are the cells.
     - `cells`: the cells of the map.
-    - `bounce`: bouncing angle in radians, counter-clockwise.
+    - `bounces`: the angles of that map in radians, counter-clockwise; the belief chooses.
     - `slip`: how large the errors are.
     - `start`: the cell of the robot, which the belief is not told.
     - `seed`: of the errors.
@@ -165,7 +167,7 @@ def slipping_run(
         >>> matrices = bounce.slip_matrices(fine, math.pi, slip)
         >>> hidden = automata.HiddenMap.of(*matrices, fine.coarse, fine.centres)
         >>> run = bounce.slipping_run(
-        ...     hidden, cells, math.pi, slip, 1, fine_side=1 / 3, fine_directions=18
+        ...     hidden, cells, [math.pi], slip, 1, fine_side=1 / 3, fine_directions=18
         ... )
         >>> bool(run.credible[-1] <= 4), run.truth_is_a_candidate
         (True, True)
@@ -174,17 +176,19 @@ def slipping_run(
     rng = np.random.default_rng([seed, start])
     legs = stride_legs(cells.directions, cells.cell, cells.cell if step is None else step)
     walls, belief = felt_walls(cells.workspace, slip.give), Belief(hidden)
-    shift = round(bounce * cells.directions / (2 * math.pi))
+    shifts = bounce_shift(np.asarray(bounces, float), cells.directions).tolist()
     pose, believed = np.stack(cells.centre(start)), start // cells.positions
     state = belief.start()
     poses, states, estimates = [pose], [state], [belief.estimate(state)]
     observations: list[int] = []
     while len(observations) < limit:
         errors = rng.standard_normal(ERRORS)
-        pose, bumped = slipping_step(pose, legs[believed], bounce, errors, walls, slip)
-        believed = (believed + shift * int(bumped)) % cells.directions
-        observations.append(int(bumped))
+        after = [slipping_step(pose, legs[believed], one, errors, walls, slip) for one in bounces]
+        observations.append(int(after[0][1]))
         state = belief.observe(state, observations[-1])
+        if state.turn is not None:
+            believed = (believed + shifts[state.turn]) % cells.directions
+        pose = after[state.turn or 0][0]
         poses.append(pose)
         states.append(state)
         estimates.append(belief.estimate(state))
@@ -196,19 +200,22 @@ def slipping_run(
         masses = np.pad(masses, (0, cells.size - masses.size))
         return masses.reshape(cells.directions, cells.positions).sum(axis=0)
 
+    turned_by = np.array([-1 if one.turn is None else one.turn for one in states], np.int32)
+    events = (1 + turned_by[1:]).tolist()
     try:
-        smoothed, path = belief.smoothed(observations), belief.likeliest_path(observations)
+        smoothed, path = belief.smoothed(events), belief.likeliest_path(events)
     except ValueError:
         # No path of the map has what it observed: it is nowhere.
         smoothed, path = np.zeros((0, hidden.cells)), np.zeros(0, np.int32)
     at_end = estimates[-1]
     return Slipped(
         cells=cells,
-        bounce=bounce,
+        bounces=np.asarray(bounces, float),
         slip=slip,
         hidden=hidden,
         **about,
         observations=np.array(observations, np.int8),
+        turned_by=turned_by,
         pose=np.stack(poses),
         belief=np.stack([by_position(one.weight) for one in states]),
         nowhere=np.array([one.nowhere for one in states]),

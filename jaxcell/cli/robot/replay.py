@@ -67,7 +67,12 @@ def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = No
         end = "no cell" if truth["end"] is None else configuration(space, truth["end"])
         rows += [("started at", configuration(space, truth["start"])), ("is at", end)]
         if cells:
-            rows.append(("may be at", "\n".join(configuration(space, z) for z in cells[:8])))
+            # A file of another map may end in a cell that the emulated map does not have.
+            places = (
+                configuration(space, z) if z < space.size else f"{z}, of another map"
+                for z in cells[:8]
+            )
+            rows.append(("may be at", "\n".join(places)))
             among = "yes" if truth["truth_is_a_candidate"] else "NO"
             rows.append(("the truth is among them", among))
     table(title, ("", ""), rows)

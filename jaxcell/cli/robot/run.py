@@ -259,7 +259,7 @@ class RobotRun:
                 )
             case BeliefTask():
                 return header, lambda walker, log: run_belief(
-                    walker, task.belief, task.bounce, log=log, limit=limit
+                    walker, task.belief, task.bounces, log=log, limit=limit
                 )
             case PlanTask():
                 return header, lambda walker, log: run_plan(walker, task.actions, log=log)

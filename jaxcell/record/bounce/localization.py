@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from jaxtyping import Float, Int
 
 from ...automata import Filter
 from ...bounce import Localization, Localized
@@ -14,7 +15,7 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import log_text, text_view
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, TEXT, TRAIL, cycle_color
-from ..canvas.prose import bouncing, counted, describe, made_with, table
+from ..canvas.prose import bouncing, counted, degrees, describe, made_with, table
 from ..canvas.stream import send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
@@ -40,8 +41,7 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
     every = np.arange(cells.directions)
     shown = {"direction": (every, every), "step": (turns, heading[turns])}
     map = CellMap(stream, cells)
-    beliefs = [found.filter.cells(state) for state in found.run.states.tolist()]
-    log_beliefs(stream, cells, beliefs)
+    log_beliefs(stream, cells, found.beliefs)
     length = max(0.7 * cells.cell, 0.035 * map.extent)
     # Below the arrows of the belief, one of which lies on it as long as the filter is right.
     log_robot(
@@ -89,6 +89,25 @@ def log_end(map: CellMap, run: Localization) -> None:
     stream.send_columns("map/truth", end, truth)
     style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=50)
     stream.log("map/truth", style, static=True)
+
+
+def log_turns(
+    map: CellMap,
+    xy: Float[np.ndarray, "times 2"],
+    turned_by: Int[np.ndarray, "times"],
+    bounces: Float[np.ndarray, "angles"],
+) -> None:
+    """Log by which of its angles the robot turns at a bump, when it is there."""
+    bumps = np.flatnonzero(turned_by >= 0)
+    labels = [
+        f"bump {i}: turn by {degrees(bounces[turn])}"
+        for i, turn in enumerate(turned_by[bumps].tolist(), 1)
+    ]
+    text = rr.Points2D.columns(positions=xy[bumps], labels=labels)
+    index = [rr.TimeColumn("step", sequence=np.arange(turned_by.size))]
+    map.stream.send_columns("map/turn", index, text.partition((turned_by >= 0).astype(int)))
+    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=60.0)
+    map.stream.log("map/turn", style, static=True)
 
 
 def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -> rrb.View:

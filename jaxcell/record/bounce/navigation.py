@@ -23,7 +23,7 @@ from ..canvas.marks import (
 )
 from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import describe, made_with, numbers, pose, times
+from ..canvas.prose import degrees, describe, made_with, numbers, pose, times
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 
@@ -136,7 +136,7 @@ def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
     counts = np.bincount(number, minlength=angle.size).tolist()
     turns = zip(angle.tolist(), counts, color_of, strict=True)
     return [
-        *((f"turn by {_degrees(one)}: {times(count)}", color) for one, count, color in turns),
+        *((f"turn by {degrees(one)}: {times(count)}", color) for one, count, color in turns),
         ("before the first bump", palette.TRAIL),
         ("the robot", palette.ROBOT),
         ("start", palette.START),
@@ -148,7 +148,7 @@ def _log_turns(map: CellMap, plan: Plan) -> None:
     """Log what the robot does at a bump, when it is there."""
     bumps = np.append(plan.actions != 0, False)
     labels = [
-        f"bump {i} of {plan.bumps}: turn by {_degrees(turn)}"
+        f"bump {i} of {plan.bumps}: turn by {degrees(turn)}"
         for i, turn in enumerate(plan.turns.tolist(), 1)
     ]
     at = map.xy(plan.visited[bumps])
@@ -261,10 +261,6 @@ def _action_string(plan: Plan) -> str:
         if action == 0:
             words.append(f"{count} {'step' if count == 1 else 'steps'}")
         else:
-            words += [_degrees(action)] * count
+            words += [degrees(action)] * count
     more = len(words) - _MAX_ACTIONS
     return ", ".join(words[:_MAX_ACTIONS]) + (f", and {more:,} more" if more > 0 else "")
-
-
-def _degrees(angle: float) -> str:
-    return f"{math.degrees(angle):.6g}°"

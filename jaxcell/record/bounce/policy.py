@@ -1,4 +1,3 @@
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,14 +19,13 @@ from ..canvas.palette import (
     KNOWN,
     PLAIN,
     ROBOT,
-    TEXT,
     TRAIL,
     Color,
 )
-from ..canvas.prose import counted, describe, made_with, pose, table, times
+from ..canvas.prose import counted, degrees, describe, made_with, pose, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
-from .localization import log_end
+from .localization import log_end, log_turns
 
 
 # Without the colours of the robot, and of what is known in the end.
@@ -69,7 +67,7 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
         order=18.0,
     )
     log_end(map, found.run)
-    _log_turns(map, found)
+    log_turns(map, map.xy(found.run.path), found.turned_by, found.bounces)
     last = found.run.observations.size
     log_curve(stream, "policy/uncertainty", found.belief_size)
     log_curve(stream, "policy/bits", np.log2(found.belief_size))
@@ -87,7 +85,7 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
     drawn = _drawn(found.policy, found.run.states.tolist())
     tree = _log_tree(stream, found, drawn)
     legend = [
-        *((f"turns by {_degrees(one)}", _angle_color(i)) for i, one in enumerate(found.bounces)),
+        *((f"turns by {degrees(one)}", _angle_color(i)) for i, one in enumerate(found.bounces)),
         ("localized", KNOWN),
         ("the state of the robot", CURRENT),
     ]
@@ -96,20 +94,6 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
     side = lay_out_tab("tree", "Policy", [tree], len(legend), text=False, shares=(3, 1))
     about = rrb.Vertical(text_view("text"), side, row_shares=[1, 1])
     return rrb.Horizontal(left, about, column_shares=[1, 1], name="Localization")
-
-
-def _log_turns(map: CellMap, found: AdaptivelyLocalized) -> None:
-    """Log what the robot does at a bump, when it is there."""
-    bumps = found.turned_by >= 0
-    labels = [
-        f"bump {i}: turn by {_degrees(found.bounces[turn])}"
-        for i, turn in enumerate(found.turned_by[bumps].tolist(), 1)
-    ]
-    text = rr.Points2D.columns(positions=map.xy(found.run.path[bumps]), labels=labels)
-    index = [rr.TimeColumn("step", sequence=found.time)]
-    map.stream.send_columns("map/turn", index, text.partition(bumps.astype(int)))
-    style = rr.Points2D.from_fields(colors=TEXT, radii=0.001, show_labels=True, draw_order=60.0)
-    map.stream.log("map/turn", style, static=True)
 
 
 def _drawn(policy: Policy, visited: Sequence[int]) -> list[int]:
@@ -202,7 +186,7 @@ def _name(found: AdaptivelyLocalized, state: int) -> str:
     """What hovering over a state shows."""
     turn = int(found.policy.turn[state])
     cells = counted(int(found.policy.uncertainty[state]), "cell").replace(",", "")
-    does = f"turn by {_degrees(found.bounces[turn])}" if turn >= 0 else "run to the first bump"
+    does = f"turn by {degrees(found.bounces[turn])}" if turn >= 0 else "run to the first bump"
     if state in found.policy.ends:
         does = "localized"
     return f"state {state}: {cells}, {does}"
@@ -266,7 +250,7 @@ worst**, and {found.mean_bumps:.3g} in the mean.
 
 def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Mapping[str, Any]) -> str:
     """What the recording shows."""
-    angles = ", ".join(_degrees(one) for one in found.bounces)
+    angles = ", ".join(degrees(one) for one in found.bounces)
     end = found.run.candidates.size
     where = "**one cell**" if end == 1 else f"one of **{end:,} cells**"
     fixed = ", ".join(f"{one:g}°" for one in found.fixed_turns_deg.tolist())
@@ -314,7 +298,3 @@ The tab **Bumps needed** shows how long it takes from everywhere.
 {describe(found.cells)}
 
 {made_with(spec)}"""
-
-
-def _degrees(angle: float) -> str:
-    return f"{math.degrees(angle):.6g}°"

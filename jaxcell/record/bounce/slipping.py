@@ -12,8 +12,9 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import legend_view, log_legend, log_text, text_view
 from ..canvas.palette import CATEGORIES, KNOWN, ROBOT, TRAIL
-from ..canvas.prose import bouncing, counted, describe, made_with
+from ..canvas.prose import bouncing, counted, degrees, describe, made_with
 from ..canvas.stream import send_blueprint
+from .localization import log_turns
 
 
 _MAX_CORNERS = 100
@@ -46,6 +47,9 @@ def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Mapping[str, Any]
         order=30.0,
     )
     marks = [picture, "belief", "likeliest", "trail", "robot", "candidates"]
+    if len(found.bounces) > 1:
+        log_turns(map, found.pose[:, :2], found.turned_by, found.bounces)
+        marks.append("turn")
     legend = scale.legend(_ROWS, shown=[])
     log_legend(stream, "legend", legend)
     log_text(stream, "text", _text(found, spec))
@@ -109,6 +113,16 @@ def _curves(stream: rr.RecordingStream, found: Slipped, last: int) -> rrb.Contai
     )
 
 
+def _turning(found: Slipped) -> str:
+    if len(found.bounces) == 1:
+        return bouncing(float(found.bounces[0]))
+    return (
+        "A robot runs straight. Where it bumps it turns by one of its angles, "
+        f"**{', '.join(map(degrees, found.bounces))}** (counter-clockwise): by the one after which "
+        "it can expect to know most at the next bump, which is the least entropy of its belief."
+    )
+
+
 def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
     word = found.word[:_MAX_OBSERVATIONS] + "..." * (len(found.word) > _MAX_OBSERVATIONS)
     if found.is_nowhere:
@@ -119,9 +133,10 @@ def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
             f"In the end {counted(found.candidates.size, 'cell')} hold it with probability 0.95; "
             f"the truth is {truth} them."
         )
+    says = " At a bump it says which way it turns." * (len(found.bounces) > 1)
     return f"""# Where is a robot that slips?
 
-{bouncing(found.bounce)} Its steps and turns are off by {100 * found.slip.step:.3g} %, and it does
+{_turning(found)} Its steps and turns are off by {100 * found.slip.step:.3g} %, and it does
 not see by how much.
 
 {describe(found.cells)} The *belief* is how probable each of {found.hidden.cells:,} finer cells is.
@@ -138,7 +153,7 @@ times):
 Press play, or drag the slider `step` at the bottom.
 
 - **colours**: how probable each position is, summed over the headings.
-- **vermilion arrow**: the robot, which the belief does not see; the line is its trail.
+- **vermilion arrow**: the robot, which the belief does not see; the line is its trail.{says}
 - **pink frame and blue arrow**: the likeliest cell.
 - **green frames**, at the end: the credible set.
 

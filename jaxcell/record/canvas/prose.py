@@ -32,15 +32,20 @@ def describe(cells: CellSpace) -> str:
 def bouncing(bounce: float) -> str:
     """How a robot with one bouncing angle, in radians, moves."""
     return (
-        f"A robot runs straight. Where it bumps it turns by **{math.degrees(bounce):.6g}°** "
+        f"A robot runs straight. Where it bumps it turns by **{degrees(bounce)}** "
         "(counter-clockwise), and runs on."
     )
+
+
+def degrees(angle: float) -> str:
+    """An angle in radians as people read it."""
+    return f"{math.degrees(angle):.6g}°"
 
 
 def pose(cells: CellSpace, cell: int) -> str:
     """Where a robot is, and its heading."""
     x, y, theta = (float(value) for value in cells.centre(cell))
-    return f"x = {x:.4g} m, y = {y:.4g} m, heading {math.degrees(theta):.6g}°"
+    return f"x = {x:.4g} m, y = {y:.4g} m, heading {degrees(theta)}"
 
 
 def made_with(spec: Mapping[str, Any]) -> str:

@@ -2,7 +2,7 @@ import dataclasses
 import math
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
@@ -26,30 +26,33 @@ class FilterTask(Task):
 
 
 @dataclasses.dataclass(frozen=True)
-class PolicyTask(Task):
-    """A localization policy."""
+class _Choice(Task):
+    """What chooses among bouncing angles."""
 
-    policy: Policy
+    kind: ClassVar[str]
     bounces: tuple[float, ...]
     "The angles that it chooses from, in radians."
 
     @property
     def header(self) -> dict[str, Any]:
         angles = [math.degrees(bounce) for bounce in self.bounces]
-        return {"kind": "policy", **super().header, "bounces_deg": angles}
+        return {"kind": self.kind, **super().header, "bounces_deg": angles}
 
 
 @dataclasses.dataclass(frozen=True)
-class BeliefTask(Task):
-    """A belief that localizes a robot that slips."""
+class PolicyTask(_Choice):
+    """A localization policy."""
 
+    kind: ClassVar[str] = "policy"
+    policy: Policy
+
+
+@dataclasses.dataclass(frozen=True)
+class BeliefTask(_Choice):
+    """A belief that localizes a robot that slips; it may have one angle only."""
+
+    kind: ClassVar[str] = "belief"
     belief: Belief
-    bounce: float
-    "The bouncing angle that it is for, in radians."
-
-    @property
-    def header(self) -> dict[str, Any]:
-        return {"kind": "belief", **super().header, "bounce_deg": math.degrees(self.bounce)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,8 +122,10 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
     if path.suffix == ".jxb":
         hidden = HiddenMap.load(path)
         fields = Fields(hidden.metadata, f"{path}: ")
-        bounce = math.radians(fields.number("bounce_deg"))
-        return BeliefTask(**common_fields(path, fields), belief=Belief(hidden), bounce=bounce)
+        common = common_fields(path, fields) | {"belief": Belief(hidden)}
+        if hidden.angles > 1 or "bounces_deg" in hidden.metadata:
+            return BeliefTask(**common, bounces=_angles(path, fields, hidden.angles))
+        return BeliefTask(**common, bounces=(math.radians(fields.number("bounce_deg")),))
     if read_kind(path) == "policy":
         return _policy(path)
     filter = Filter.load(path)
@@ -132,15 +137,19 @@ def load_task(path: str | os.PathLike[str], robot: int | None = None) -> AnyTask
 def _policy(path: Path) -> PolicyTask:
     policy = Policy.load(path)
     fields = Fields(policy.metadata, f"{path}: ")
+    bounces = _angles(path, fields, int(policy.turn.max()) + 1)
+    return PolicyTask(**common_fields(path, fields), policy=policy, bounces=bounces)
+
+
+def _angles(path: Path, fields: Fields, count: int) -> tuple[float, ...]:
+    """The angles to choose from, at least so many, in radians."""
     field, angles = f"{path}: bounces_deg", fields.get("bounces_deg")
-    count = int(policy.turn.max()) + 1
     expected = f"a list of at least {count} angles, as `jaxcell localize --out` writes it"
     if not isinstance(angles, list) or len(angles) < count:
         raise refused(field, expected, angles)
     for angle in angles:
         checked_number(field, angle, expected)
-    bounces = tuple(map(math.radians, angles))
-    return PolicyTask(**common_fields(path, fields), policy=policy, bounces=bounces)
+    return tuple(map(math.radians, angles))
 
 
 def _plan(path: Path, fields: Fields) -> PlanTask:
