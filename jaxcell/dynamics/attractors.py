@@ -100,11 +100,7 @@ def attractors(
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
     """Mappings after which an orbit is back, to 1e-3 of a cell; 0 if it is not within its half."""
-    apart = np.abs(orbit[::-1] - orbit[-1]) / box.width
-    around = np.array([kind == "periodic" for kind in box.axes])
-    full = (np.array(box.upper) - np.array(box.lower)) / box.width
-    apart = np.where(around, np.abs(apart - full * np.round(apart / full)), apart)
-    near = apart.max(axis=1) < 1e-3
+    near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
     if not back.size:

@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -66,11 +65,6 @@ class Basins(Result):
     labels: tuple[str, ...] = ()
     "What the axes are called; none for `x0`, `x1`, ..."
 
-    @functools.cached_property
-    def _share(self) -> Float[np.ndarray, "attractors"]:
-        count = len(self.attractor_cells)
-        return np.bincount(self.basin + 1, minlength=count + 1)[1:] / self.box.size
-
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
         return len(self.attractor_cells)
@@ -89,7 +83,8 @@ class Basins(Result):
 
     @derived("attractor", "cells that lead to it", kind="share")
     def fraction(self) -> Float[np.ndarray, "attractors"]:
-        return self._share
+        inside = np.bincount(self.basin + 1, minlength=self.attractors + 1)[1:]
+        return inside / self.box.size
 
     @derived("attractor", "cells of the attractor", kind="count")
     def cells_on(self) -> Int[np.ndarray, "attractors"]:
@@ -103,7 +98,7 @@ class Basins(Result):
     def mean_steps(self) -> Float[np.ndarray, "attractors"]:
         found = self.basin >= 0
         total = np.bincount(self.basin[found], self.step[found], minlength=self.attractors)
-        return total / np.maximum(1, self._share * self.box.size)
+        return total / np.maximum(1, self.fraction * self.box.size)
 
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:

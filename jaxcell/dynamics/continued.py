@@ -161,14 +161,17 @@ def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> floa
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]
     enclosed = inside.size > 0 and np.mean(old.basin[inside] == was)
-    size = np.array(box.upper) - np.array(box.lower)
-    apart = _apart(orbit / size, now.orbit[k] / size)
+    apart = _apart(box, orbit, now.orbit[k])
     if apart > _FAR and not enclosed:
         return 2.0
     return min(0.99, apart) if enclosed else 0.5 + min(0.49, apart)
 
 
-def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """The Hausdorff distance of two orbits."""
-    to_other = cKDTree(other).query(one)[0].max()
-    return float(max(to_other, cKDTree(one).query(other)[0].max()))
+def _apart(box: Box, *orbits: np.ndarray) -> float:
+    """The Hausdorff distance of two orbits, as a share of the sides of a box."""
+    size = np.array(box.upper) - np.array(box.lower)
+    around = np.array([kind == "periodic" for kind in box.axes])
+    one, other = ((orbit - np.array(box.lower)) / size for orbit in orbits)
+    one, other = (np.where(around, place % 1.0 % 1.0, place) for place in (one, other))
+    ahead, back = (cKDTree(place, boxsize=around.astype(float)) for place in (one, other))
+    return float(max(ahead.query(other)[0].max(), back.query(one)[0].max()))

@@ -1,7 +1,6 @@
 """The images of all cells of a box, in chunks of bounded memory."""
 
 import functools
-import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -11,7 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from ..mapping.section import bucket
 from ..space.box import Box
+from .batches import in_stages, with_last
 from .maps import Flow, Map
 
 
@@ -113,39 +114,23 @@ def changed_by_half_step(
 
 
 def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any) -> np.ndarray:
-    """The images of cells that have a time each.
+    """The images of cells that have a time each."""
 
-    Those that are away leave the batch every few steps, so that nobody waits for the slowest.
-    """
-    found = np.empty(cells.size, np.int32)
-    left = np.arange(cells.size)
+    def stage(state: Any, k: int) -> Any:
+        cells, points = state
+        steps = min(_STAGE, map.steps - k * _STAGE)
+        points, index, away = _cross(map, box, params, cells, points, steps)
+        return (cells, points), away | (k * _STAGE + steps >= map.steps), (index, points)
+
     start = np.asarray(cells)
-    points = np.asarray(box.centre(start, dtype))
-    steps = 0
-    while left.size:
-        size = quartered(left.size)
-        stage = min(_STAGE, map.steps - steps)
-        here, at = (with_last(x, size) for x in (start[left], points))
-        after, index, away = jax.device_get(_cross(map, box, params, here, at, stage))
-        steps += stage
-        away = away[: left.size] | (steps >= map.steps)
-        points, index = after[: left.size], index[: left.size]
-        if follow:
-            lost = away & (index == box.outside)
-            index[lost] = _followed(map, box, params, points[lost], follow)
-        found[left[away]] = index[away]
-        left, points = left[~away], points[~away]
-    return found
-
-
-def quartered(size: int) -> int:
-    """The next of a few sizes, a quarter of each other, so that few shapes are compiled."""
-    return int(max(1 << 10, 4 ** math.ceil(math.log(size, 4))))
-
-
-def with_last(values: np.ndarray, size: int) -> np.ndarray:
-    """With more of the last row."""
-    return np.concatenate([values, np.repeat(values[-1:], size - len(values), axis=0)])
+    index, points = in_stages((start, np.asarray(box.centre(start, dtype))), stage)
+    lost = index == box.outside
+    if follow and lost.any():
+        points = points[lost]
+        filled = with_last(points, bucket(len(points)))
+        ahead = _followed(map, box, params, filled, follow * map.steps)
+        index[lost] = np.asarray(ahead)[: len(points)]
+    return index
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
@@ -167,20 +152,14 @@ def _cross(map: Flow, box: Box, params: Any, cells: Any, points: Any, steps: Any
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
     """Whether a point is out of the box, or as many cells from a cell as a crossing asks for."""
     index = box.index(y)
-    apart = jnp.abs(box.coordinates(index) - here)
-    around = jnp.asarray(box.cells, jnp.int32) - apart
-    periodic = jnp.asarray([kind == "periodic" for kind in box.axes])
-    apart = jnp.where(periodic, jnp.minimum(apart, around), apart)
+    apart = box.apart(box.coordinates(index) - here)
     return (index >= box.size) | (jnp.max(apart) >= map.crossing)
 
 
-def _followed(map: Flow, box: Box, params: Any, points: np.ndarray, follow: int) -> np.ndarray:
+@functools.partial(jax.jit, static_argnames=("map", "box"))
+def _followed(map: Flow, box: Box, params: Any, points: Any, steps: Any) -> Any:
     """The cells of points outside, followed step by step."""
-    if not len(points):
-        return np.empty(0, np.int32)
-    filled = jnp.asarray(with_last(points, quartered(len(points))))
-    steps = functools.partial(_until_inside, map.one, box, params=params, follow=follow * map.steps)
-    return np.asarray(jax.vmap(steps)(filled))[: len(points)]
+    return jax.vmap(lambda x: _until_inside(map.one, box, x, params, steps))(points)
 
 
 def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
@@ -71,14 +70,14 @@ def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
 
 def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
     """From each cell to the nearest that is not among them."""
-    grid = own.reshape(box.shape)
+    grid = own.reshape(box.cells)
     pad = [
         (n, n) if kind == "periodic" else (0, 0)
-        for n, kind in zip(box.shape, box.axes, strict=True)
+        for n, kind in zip(box.cells, box.axes, strict=True)
     ]
     wide = np.pad(grid, pad, mode="wrap")
     far = ndimage.distance_transform_edt(wide, sampling=box.width)
-    middle = tuple(slice(low, low + n) for (low, _), n in zip(pad, box.shape, strict=True))
+    middle = tuple(slice(low, low + n) for (low, _), n in zip(pad, box.cells, strict=True))
     return far[middle].ravel()
 
 
@@ -102,7 +101,7 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
         >>> dynamics.basin_entropy(found, side=2)
         (0.0, 0.0)
     """
-    labels = found.basin.reshape(found.box.shape)
+    labels = found.basin.reshape(found.box.cells)
     whole = tuple(slice(0, n // side * side) for n in labels.shape)
     blocks = labels[whole]
     split = [part for n in blocks.shape for part in (n // side, side)]
@@ -138,7 +137,7 @@ def uncertainty_exponent(
         >>> dynamics.uncertainty_exponent(found, (1, 2))[1].tolist()
         [0.25, 0.5]
     """
-    labels = found.basin.reshape(found.box.shape)
+    labels = found.basin.reshape(found.box.cells)
     modes = ["wrap" if kind == "periodic" else "nearest" for kind in found.box.axes]
     share = []
     for radius in radii:
@@ -179,4 +178,4 @@ def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"
     both = np.zeros((one.attractors + 1, other.attractors + 1))
     np.add.at(both, (one.basin, other.basin), 1.0)
     own = both.sum(axis=1, keepdims=True)
-    return (both / np.maximum(own, 1))[:-1, :-1] if both.size else np.asarray(jnp.zeros((0, 0)))
+    return (both / np.maximum(own, 1))[:-1, :-1]

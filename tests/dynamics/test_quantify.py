@@ -99,6 +99,17 @@ def test_attractors_are_matched_by_where_they_are():
     np.testing.assert_allclose(found.fraction[0], [1, 0])
 
 
+def test_an_attractor_that_goes_round_is_matched_where_it_is():
+    def ring(x, p):
+        # At a height of 0.47, and what is above 0.5 leaves; then at 0.53, where all go.
+        lost = (p["p"] < 1) & (x[1] > 0.5)
+        return jnp.stack([x[0] + 0.31 + 0.02 * p["p"], jnp.where(lost, 9.0, 0.47 + 0.06 * p["p"])])
+
+    box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
+    found = dynamics.continuation(ring, box, {"p": [0.0, 1.0]})
+    assert [one.tolist() for one in found.label] == [[0], [0]]
+
+
 @pytest.mark.parametrize("params", [{"a": 1.0}, {"a": [1.0, 2.0], "b": [1.0]}])
 def test_parameters_of_unequal_length_are_refused(params):
     with pytest.raises(ValueError, match="params: expected"):
