@@ -3,6 +3,8 @@
 import dataclasses
 import functools
 import itertools
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -13,7 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..mapping import PeriodicGroups
+from ..mapping.section import bucket
 from ..space.box import Box
+from .batches import params_of, stacked, with_last
 from .maps import Flow, Map
 
 
@@ -23,7 +27,7 @@ _MAX_STARTS = 1 << 12
 SCATTERED = 256
 """Orbits from random points of the box."""
 _WINDOW = 256
-# Mappings before that, doubled until what merges stays the same.
+# Mappings before that, twice as many until what merges stays the same.
 _SETTLE = 64
 _MAX_SETTLE = 1 << 13
 
@@ -41,6 +45,8 @@ class Attractors:
     "An orbit on each attractor."
     sampled: Float[np.ndarray, "attractors"]
     "The share of orbits from random points of the box that end on each attractor."
+    scattered: int
+    "Number of these orbits."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -48,9 +54,16 @@ class Attractors:
 
 
 def attractors(
-    map: Map, box: Box, params: Any, groups: PeriodicGroups, *, follow: int = 0, seed: int = 0
-) -> Attractors:
-    """Find the attractors that the periodic groups of a cell map stand for.
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    groups: Sequence[PeriodicGroups],
+    *,
+    follow: int = 0,
+    scattered: int = SCATTERED,
+    seed: int = 0,
+) -> list[Attractors]:
+    """Find the attractors that the periodic groups of cell maps stand for.
 
     A limit cycle or a chaotic attractor makes many periodic groups, and a saddle makes one that
     attracts nothing. So the map itself, not that of the cells, is followed from a few points of
@@ -62,40 +75,33 @@ def attractors(
 
     **Arguments:**
 
-    - `map`, `box`, `params`, `follow`: as for [`jaxcell.dynamics.images`][].
-    - `groups`: the periodic groups of its images, with those of the two sinks.
+    - `map`, `box`, `follow`: as for [`jaxcell.dynamics.images`][].
+    - `members`: the parameters of each member, which are followed in one batch.
+    - `groups`: the periodic groups of the images of each, with those of the two sinks.
+    - `scattered`: orbits from random points of the box.
     - `seed`: of the points.
 
-    **Returns:** [`Attractors`][jaxcell.dynamics.attractors.Attractors].
+    **Returns:** [`Attractors`][jaxcell.dynamics.attractors.Attractors] of each.
     """
-    rng = np.random.default_rng(seed)
-    start, group = _starts(box, groups, rng)
-    scattered = rng.uniform(box.lower, box.upper, (SCATTERED, box.dimensions))
-    start = np.concatenate([start, scattered])
-    settle, before = _SETTLE, np.zeros(0)
-    while True:
-        orbit, start = _orbits(map, box, params, start, settle)
-        end = _merged(box, orbit, follow)
-        settled = np.array_equal(before, end)
-        if settled or settle >= _MAX_SETTLE:
-            break
-        settle, before = 2 * settle, end
-    count = int(end.max(initial=-1)) + 1
-    votes = np.zeros((int(groups.count), count + 1), np.int64)
-    np.add.at(votes, (group, end[: group.size]), 1)
-    # No orbit begins in a sink: those are the last two groups.
-    votes[-2:, -1] = 1
-    of_group = votes.argmax(axis=1)
-    index = box.index(orbit)
-    return Attractors(
-        of_group=np.where(of_group == count, -1, of_group),
-        several=np.count_nonzero(votes, axis=1) > 1,
-        count=count,
-        orbit=orbit[[int(np.argmax(end == k)) for k in range(count)]],
-        sampled=np.bincount(end[group.size :] + 1, minlength=count + 1)[1:] / SCATTERED,
-        cells=tuple(np.unique(index[end == k][index[end == k] < box.size]) for k in range(count)),
-        settled=settled,
-    )
+    starts, group = zip(*(_starts(box, one, scattered, seed) for one in groups), strict=True)
+    params, start = stacked(members), dict(enumerate(starts))
+    ends: dict[int, np.ndarray] = {}
+    found: dict[int, Attractors] = {}
+    done, more = 0, _SETTLE
+    while start:
+        rows = np.concatenate([*start.values()])
+        sizes = [len(one) for one in start.values()]
+        orbits = _orbits(map, box, params, np.repeat([*start], sizes), rows, more)
+        # Then as many again as there were.
+        done = more = done + more
+        for k, orbit in zip([*start], np.split(orbits, np.cumsum(sizes)[:-1]), strict=True):
+            before, ends[k] = ends.get(k), _merged(box, orbit, follow)
+            settled = before is not None and np.array_equal(before, ends[k])
+            start[k] = orbit[:, -1]
+            if settled or done >= _MAX_SETTLE:
+                found[k] = _of_orbits(box, groups[k], group[k], orbit, ends[k], settled)
+                del start[k]
+    return [found[k] for k in range(len(members))]
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
@@ -110,9 +116,10 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 
 
 def _starts(
-    box: Box, groups: PeriodicGroups, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "starts"]]:
-    """Random points of a few cells of each group, and the group of each."""
+    box: Box, groups: PeriodicGroups, scattered: int, seed: int
+) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
+    """Random points of a few cells of each group, and of the box; and the group of the first."""
+    rng = np.random.default_rng(seed)
     cells = np.flatnonzero(np.asarray(groups.step[: box.size]) == 0)
     group = np.asarray(groups.group)[cells]
     order = np.argsort(group, kind="stable")
@@ -124,62 +131,88 @@ def _starts(
     # Evenly along the group, some cells twice if it has few.
     chosen = (first[:, None] + np.arange(each) * size[:, None] // each).ravel()
     inside = rng.uniform(-0.5, 0.5, (chosen.size, box.dimensions))
-    return box.centre(cells[chosen]) + inside * box.width, group[chosen]
+    anywhere = rng.uniform(box.lower, box.upper, (scattered, box.dimensions))
+    start = np.concatenate([box.centre(cells[chosen]) + inside * box.width, anywhere])
+    return start, group[chosen]
+
+
+def _of_orbits(
+    box: Box,
+    groups: PeriodicGroups,
+    group: Int[np.ndarray, "of_groups"],
+    orbit: Float[np.ndarray, "starts window axes"],
+    end: Int[np.ndarray, "starts"],
+    settled: bool,
+) -> Attractors:
+    """The attractors that orbits end on, the first of which began in groups."""
+    count = int(end.max(initial=-1)) + 1
+    votes = np.zeros((int(groups.count), count + 1), np.int64)
+    np.add.at(votes, (group, end[: group.size]), 1)
+    # No orbit begins in a sink: those are the last two groups.
+    votes[-2:, -1] = 1
+    of_group = votes.argmax(axis=1)
+    index = box.index(orbit)
+    anywhere = end[group.size :]
+    return Attractors(
+        of_group=np.where(of_group == count, -1, of_group),
+        several=np.count_nonzero(votes, axis=1) > 1,
+        count=count,
+        orbit=orbit[[int(np.argmax(end == k)) for k in range(count)]],
+        sampled=np.bincount(anywhere + 1, minlength=count + 1)[1:] / anywhere.size,
+        scattered=anywhere.size,
+        cells=tuple(np.unique(index[end == k][index[end == k] < box.size]) for k in range(count)),
+        settled=settled,
+    )
 
 
 def _orbits(
-    map: Map, box: Box, params: Any, start: Float[np.ndarray, "starts axes"], settle: int
-) -> tuple[Float[np.ndarray, "starts window axes"], Float[np.ndarray, "starts axes"]]:
-    """The last mappings of orbits from points, and where they end."""
-    # One of few sizes, each compiled once.
-    size = 1 << max(4, (start.shape[0] - 1).bit_length())
-    filled = np.resize(start, (size, box.dimensions))
-    orbit = np.asarray(_orbits_of(map, box, params, jnp.asarray(filled), settle))
-    return orbit[: start.shape[0]], orbit[: start.shape[0], -1]
+    map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
+) -> Float[np.ndarray, "starts window axes"]:
+    """The last mappings of orbits from points."""
+    rows, size = len(start), bucket(len(start))
+    filled = (jnp.asarray(with_last(values, size)) for values in (member, start))
+    return np.asarray(_orbits_of(map, box, params, *filled, settle))[:rows]
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
-def _orbits_of(map: Map, box: Box, params: Any, start: Any, settle: Any) -> Any:
+def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle: Any) -> Any:
     # A flow is looked at step by step, so that two orbits on one cycle are seen to be on it.
     fine = map.one if isinstance(map, Flow) else map
 
-    def orbit(x):  # type: ignore[no-untyped-def]
-        x = jax.lax.fori_loop(0, settle, lambda _, y: map(y, params), x)
-        return jax.lax.scan(lambda y, _: (fine(y, params),) * 2, x, None, length=_WINDOW)[1]
+    def orbit(member, x):  # type: ignore[no-untyped-def]
+        own = params_of(params, member)
+        x = jax.lax.fori_loop(0, settle, lambda _, y: map(y, own), x)
+        return jax.lax.scan(lambda y, _: (fine(y, own),) * 2, x, None, length=_WINDOW)[1]
 
-    return jax.vmap(orbit)(start)
+    return jax.vmap(orbit)(member, start)
 
 
 def _merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
     """The attractor of each orbit, numbered as they come; -1 for those that leave the box."""
-    starts = orbit.shape[0]
     last = box.index(orbit[:, -1 - follow :])
-    lost = (last >= box.size).all(axis=1)
-    place = (orbit[~lost] - np.array(box.lower)) / box.width
-    edges = []
+    stays = np.flatnonzero((last < box.size).any(axis=1))
+    place = (orbit[stays] - np.array(box.lower)) / box.width
+    row, column, nodes = [], [], stays.size
     # Two points within half a cell of each other are in one cell of one of these grids.
-    for grid, shift in enumerate(itertools.product((0.0, 0.5), repeat=box.dimensions)):
+    for shift in itertools.product((0.0, 0.5), repeat=box.dimensions):
         corner = np.floor(np.nan_to_num(place + np.array(shift), nan=-1.0, posinf=-1, neginf=-1))
-        for axis, kind in enumerate(box.axes):
-            if kind == "periodic":
-                corner[..., axis] %= box.cells[axis]
-        flat = np.zeros(corner.shape[:-1])
-        for axis, cells in enumerate(box.cells):
-            flat = flat * (2 * cells + 3) + np.clip(corner[..., axis], -1, 2 * cells)
-        who = np.broadcast_to(np.flatnonzero(~lost)[:, None], flat.shape)
-        pairs = np.unique(np.stack([who.ravel(), flat.ravel()]), axis=1)
-        _, cell = np.unique(pairs[1], return_inverse=True)
-        edges.append((pairs[0].astype(np.int64), cell, grid))
-    offset, rows, columns = starts, [], []
-    for who, cell, _ in edges:
-        rows.append(who)
-        columns.append(offset + cell)
-        offset += int(cell.max(initial=-1)) + 1
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    graph = coo_array((np.ones(row.size), (row, column)), shape=(offset, offset))
+        key = np.arange(stays.size)[:, None]
+        for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+            along = corner[..., axis] % cells if kind == "periodic" else corner[..., axis]
+            key = key * (2 * cells + 3) + np.clip(along, -1, 2 * cells).astype(np.int64) + 1
+        # Sorted as a whole, since rows are in ascending order.
+        key = np.sort(key, axis=1).ravel()
+        key = key[np.diff(key, prepend=-1) > 0]
+        who, cell = np.divmod(key, math.prod(2 * n + 3 for n in box.cells))
+        of_cell = np.unique(cell, return_inverse=True)[1]
+        row.append(who)
+        column.append(nodes + of_cell)
+        nodes += int(of_cell.max(initial=-1)) + 1
+    edges = np.concatenate(row), np.concatenate(column)
+    graph = coo_array((np.ones(edges[0].size), edges), shape=(nodes, nodes))
     _, label = connected_components(graph, directed=False)
-    found = np.full(starts, -1)
-    found[~lost] = np.unique(label[:starts][~lost], return_inverse=True)[1]
+    found = np.full(orbit.shape[0], -1)
+    found[stays] = np.unique(label[: stays.size], return_inverse=True)[1]
     return found

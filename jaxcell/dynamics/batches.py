@@ -2,16 +2,33 @@
 
 import itertools
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+
+
+Part = TypeVar("Part")
+Found = TypeVar("Found")
 
 
 def with_last(rows: np.ndarray, size: int) -> np.ndarray:
     """With more of the last row."""
     return np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
+
+
+def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
+    """The parameters of several members as one tree, whose arrays have an axis for the members."""
+    kind = jnp.zeros(()).dtype if dtype is None else dtype
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), kind), *members)
+
+
+def params_of(params: Any, member: Any) -> Any:
+    """The parameters of one of several members."""
+    return jax.tree.map(lambda leaf: leaf[member], params)
 
 
 def in_stages(
@@ -42,3 +59,9 @@ def in_stages(
         if not left.size:
             break
     return found or ()
+
+
+def in_threads(compute: Callable[[Part], Found], parts: Iterable[Part]) -> Iterator[Found]:
+    """Compute parts on two threads, since XLA leaves cores idle between them."""
+    with ThreadPoolExecutor(2) as pool:
+        yield from pool.map(compute, parts)

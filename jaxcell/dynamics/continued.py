@@ -9,11 +9,15 @@ from scipy.spatial import cKDTree
 
 from ..base.quantities import Result, derived, quantity
 from ..space.box import Box
-from .basin import Basins, basins
-from .imaging import Say
+from .basin import Basins, basins_of_each
+from .batches import in_threads
+from .imaging import CHUNK, Say
 from .maps import Map
 
 
+# Parameters in one batch, and orbits from random points for each of them.
+_TOGETHER = 16
+_SCATTERED = 64
 # Attractors farther apart than this share of the box are not the same.
 _FAR = 0.1
 
@@ -102,11 +106,17 @@ def continuation(
         ([[1.0, 0.0], [0.75, 0.25], [0.5, 0.5]], [0, 1])
     """
     each = listed(params)
-    found = []
-    for k, one in enumerate(each):
+    found: list[Basins] = []
+    together = int(np.clip(CHUNK // box.size, 1, _TOGETHER))
+
+    def compute(first: int) -> list[Basins]:
+        members = each[first : first + together]
+        return basins_of_each(map, box, members, scattered=_SCATTERED, **options)
+
+    for part in in_threads(compute, range(0, len(each), together)):
+        found += part
         if say is not None:
-            say("parameters", k, len(each))
-        found.append(basins(map, box, one, **options))
+            say("parameters", len(found), len(each))
     label = match(found)
     names = 1 + max((int(one.max(initial=-1)) for one in label), default=-1)
     fraction = np.zeros((len(found), names))

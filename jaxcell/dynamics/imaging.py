@@ -1,8 +1,7 @@
 """The images of all cells of a box, in chunks of bounded memory."""
 
 import functools
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -12,7 +11,7 @@ from jaxtyping import Array, Int
 
 from ..mapping.section import bucket
 from ..space.box import Box
-from .batches import in_stages, with_last
+from .batches import in_stages, in_threads, params_of, stacked, with_last
 from .maps import Flow, Map
 
 
@@ -60,19 +59,34 @@ def images(
         >>> dynamics.images(lambda x, p: 2 * x, box).tolist()
         [1, 3, 5, 7, 1, 3, 5, 7]
     """
-    check_map(map, box, params)
-    found = np.empty(box.size, np.int32) if out is None else out
-    size = min(CHUNK, box.size)
+    whole = None if out is None else out[None]
+    return images_of_each(map, box, [params], follow=follow, dtype=dtype, out=whole, say=say)[0]
+
+
+def images_of_each(
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    *,
+    follow: int = 0,
+    dtype: Any = None,
+    out: Int[np.ndarray, "members cells"] | None = None,
+    say: Say | None = None,
+) -> Int[np.ndarray, "members cells"]:
+    """[`images`][jaxcell.dynamics.images] for each of some parameters, in one batch."""
+    check_map(map, box, members[0])
+    found = np.empty((len(members), box.size), np.int32) if out is None else out
+    size = min(max(1, CHUNK // len(members)), box.size)
 
     def compute(start: int) -> int:
         first = min(start, box.size - size)
         cells = np.arange(first, first + size, dtype=np.int32)
-        found[first : first + size] = _images_of(map, box, params, cells, follow, dtype)
-        return size
+        found[:, first : first + size] = _images_of(map, box, members, cells, follow, dtype)
+        return first + size
 
-    for done in _in_threads(compute, range(0, box.size, size)):
+    for done in in_threads(compute, range(0, box.size, size)):
         if say is not None:
-            say("mapping cells", min(done * size, box.size), box.size)
+            say("mapping cells", done, box.size)
     return found
 
 
@@ -99,18 +113,18 @@ def self_images(image: Int[np.ndarray, "cells"]) -> float:
 
 
 def changed_by_half_step(
-    map: Any, box: Box, params: Any, *, follow: int = 0, seed: int = 0
-) -> float | None:
+    map: Any, box: Box, members: Sequence[Any], *, follow: int = 0, seed: int = 0
+) -> list[float | None]:
     """The share of images that differ when steps are half as long, on 1 % of the cells.
 
     `None` for a map that has no steps.
     """
     if not hasattr(map, "halved"):
-        return None
+        return [None] * len(members)
     count = int(np.clip(box.size // 100, min(box.size, 256), 1 << 16))
     cells = np.random.default_rng(seed).integers(0, box.size, count, dtype=np.int32)
-    one, half = (_images_of(m, box, params, cells, follow, None) for m in (map, map.halved()))
-    return float(np.mean(one != half))
+    one, half = (_images_of(m, box, members, cells, follow, None) for m in (map, map.halved()))
+    return (one != half).mean(axis=1).tolist()
 
 
 def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any) -> np.ndarray:
@@ -173,27 +187,33 @@ def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box", "follow", "dtype"))
 def _images(
-    map: Map, box: Box, params: Any, cells: Int[Array, "size"], follow: int, dtype: Any
-) -> Int[Array, "size"]:
-    def image(cell):  # type: ignore[no-untyped-def]
-        y = map(box.centre(cell, dtype), params)
-        return _until_inside(map, box, y, params, follow) if follow else box.index(y)
+    map: Map,
+    box: Box,
+    params: Any,
+    members: Int[Array, "members"],
+    cells: Int[Array, "size"],
+    follow: int,
+    dtype: Any,
+) -> Int[Array, "members size"]:
+    def image(member, cell):  # type: ignore[no-untyped-def]
+        own = params_of(params, member)
+        y = map(box.centre(cell, dtype), own)
+        return _until_inside(map, box, y, own, follow) if follow else box.index(y)
 
-    return jax.vmap(image)(cells)
+    return jax.vmap(lambda member: jax.vmap(lambda cell: image(member, cell))(cells))(members)
 
 
 def _images_of(
-    map: Map, box: Box, params: Any, cells: Int[np.ndarray, "size"], follow: int, dtype: Any
-) -> Int[np.ndarray, "size"]:
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    cells: Int[np.ndarray, "size"],
+    follow: int,
+    dtype: Any,
+) -> Int[np.ndarray, "members size"]:
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
-    params = jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), params)
     if isinstance(map, Flow) and map.crossing:
-        return _crossing(map, box, params, cells, follow, kind)
-    return np.asarray(_images(map, box, params, jnp.asarray(cells), follow, kind))
-
-
-def _in_threads(compute: Callable[[int], int], starts: range) -> Iterator[int]:
-    """Run on two threads, since XLA leaves cores idle between chunks; yields how many are done."""
-    with ThreadPoolExecutor(2) as pool:
-        for done, _ in enumerate(pool.map(compute, starts), 1):
-            yield done
+        arrays = (jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), one) for one in members)
+        return np.stack([_crossing(map, box, one, cells, follow, kind) for one in arrays])
+    params, each = stacked(members, kind), jnp.arange(len(members))
+    return np.asarray(_images(map, box, params, each, jnp.asarray(cells), follow, kind))
