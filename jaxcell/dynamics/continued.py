@@ -67,6 +67,20 @@ class Continuation(Result):
     def vanishes(self) -> Int[np.ndarray, "names"]:
         return len(self.members) - 1 - np.argmax(self.fraction[::-1] > 0, axis=0)
 
+    @derived(
+        "name", "attractor whose basin it is in once it has vanished, -1 for none", kind="index"
+    )
+    def merges(self) -> Int[np.ndarray, "names"]:
+        into = np.full(self.attractors, -1)
+        for name, last in enumerate(self.vanishes):
+            if last + 1 == len(self.members):
+                continue
+            was, now = self.members[last], self.members[last + 1]
+            cells = was.attractor_cells[int(np.flatnonzero(self.label[last] == name)[0])]
+            votes = np.bincount(now.basin[cells] + 1, minlength=now.attractors + 1)
+            into[name] = np.append(self.label[last + 1], -1)[votes.argmax() - 1]
+        return into
+
 
 def continuation(
     map: Map,
@@ -80,7 +94,8 @@ def continuation(
 
     An attractor continues one of the parameters before if it lies in its basin; of several that do,
     and where none does, the nearest is taken, by the distance between the cells of both. One that
-    vanished keeps its name, and has it again when it comes back where it was.
+    vanished keeps its name, and has it again when it comes back where it was; until then it counts
+    as merged with the attractor in whose basin it lies.
 
     **Arguments:**
 
@@ -104,6 +119,8 @@ def continuation(
         ... )
         >>> found.fraction.tolist(), found.appears.tolist()
         ([[1.0, 0.0], [0.75, 0.25], [0.5, 0.5]], [0, 1])
+        >>> found.vanishes.tolist(), found.merges.tolist()
+        ([2, 2], [-1, -1])
     """
     each = listed(params)
     found: list[Basins] = []

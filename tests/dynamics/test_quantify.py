@@ -99,6 +99,34 @@ def test_attractors_are_matched_by_where_they_are():
     np.testing.assert_allclose(found.fraction[0], [1, 0])
 
 
+def test_what_becomes_of_attractors_is_reported():
+    def steps(x, p):
+        # To 0.1, 0.5 and 0.9, if not ever more of them from the right have gone or leave.
+        left = jnp.where(x < 0.7, 0.5, jnp.where(p["p"] >= 1, 0.5, 0.9))
+        return jnp.where(x < 0.3, jnp.where(p["p"] >= 2, 9.0, 0.1), left)
+
+    found = dynamics.continuation(steps, Box([0], [1], [50]), {"p": np.array([0, 1, 2.0])})
+    first = found.members[0].basin
+    middle, right, left = (int(found.label[0][first[cell]]) for cell in (25, 45, 5))
+    assert found.vanishes[[middle, right, left]].tolist() == [2, 0, 1]
+    assert found.merges[[middle, right, left]].tolist() == [-1, middle, -1]
+
+
+@pytest.mark.parametrize("by", ["cells", "orbits"])
+def test_parameters_in_a_batch_are_those_one_by_one(by):
+    def well(x, p):
+        return x + p["rate"] * (x - x**3) + p["shift"]
+
+    box, rates = Box([-2], [2], [41]), [0.1, 0.3, 0.9]
+    found = dynamics.continuation(well, box, {"rate": rates, "shift": 0.01}, by=by)
+    for member, rate in zip(found.members, rates, strict=True):
+        alone = dynamics.basins(well, box, {"rate": rate, "shift": 0.01}, by=by)
+        assert (member.image == alone.image).all()
+        assert (member.basin == alone.basin).all()
+        assert (member.step == alone.step).all()
+        np.testing.assert_allclose(member.orbit, alone.orbit)
+
+
 def test_an_attractor_that_goes_round_is_matched_where_it_is():
     def ring(x, p):
         # At a height of 0.47, and what is above 0.5 leaves; then at 0.53, where all go.
