@@ -65,6 +65,8 @@ class Basins(Result):
     changed: Annotated[
         float | None, quantity("", "images that differ with steps of half the length", kind="share")
     ]
+    duration: float | None = None
+    "The time of a mapping, if all cells have the same."
     labels: tuple[str, ...] = ()
     "What the axes are called; none for `x0`, `x1`, ..."
 
@@ -102,6 +104,10 @@ class Basins(Result):
         found = self.basin >= 0
         total = np.bincount(self.basin[found], self.step[found], minlength=self.attractors)
         return total / np.maximum(1, self.fraction * self.box.size)
+
+    @derived("attractor", "mean time to the attractor", kind="time")
+    def mean_time(self) -> Float[np.ndarray, "attractors"] | None:
+        return None if self.duration is None else self.duration * self.mean_steps
 
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
@@ -230,7 +236,9 @@ def basins_of_each(
     changed = changed_by_half_step(map, box, members, follow=follow)
     each = []
     for params, *parts in zip(members, image, groups, found, changed, strict=True):
-        one = _by_cells(box, params, labels, *parts)
+        one = _by_cells(box, params, *parts)
+        duration = getattr(map, "duration", None)
+        one = dataclasses.replace(one, duration=duration, labels=labels)
         if by == "orbits":
             cells = one.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
@@ -244,7 +252,6 @@ def basins_of_each(
 def _by_cells(
     box: Box,
     params: Any,
-    labels: tuple[str, ...],
     image: Int[np.ndarray, "cells"],
     groups: PeriodicGroups,
     found: of_map.Attractors,
@@ -274,5 +281,4 @@ def _by_cells(
         attractor_cells=tuple(found.cells[k] for k in order),
         settled=found.settled,
         changed=changed,
-        labels=labels,
     )

@@ -40,6 +40,11 @@ class Flow:
         steps = _LONG if self.crossing else self.steps
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, steps)
 
+    @property
+    def duration(self) -> float | None:
+        """The time of an application; none where cells have a time each."""
+        return None if self.crossing else self.dt * self.steps
+
     def one(self, x: Any, params: Any) -> Any:
         """One step, of `dt`."""
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, 1)
@@ -62,6 +67,11 @@ class Strobe:
             return self.field(t, y, params)
 
         return _advance(field, x, 0.0, self.period / self.steps, self.steps)
+
+    @property
+    def duration(self) -> float:
+        """The time of an application."""
+        return self.period
 
     def halved(self) -> "Strobe":
         """The same with steps of half the length."""
@@ -130,6 +140,11 @@ class Impacts:
             return jnp.where(hit, _rk4(field, met, 0.0, self.flow.dt - time), after)
 
         return jax.lax.fori_loop(0, self.flow.steps, step, jnp.asarray(x))
+
+    @property
+    def duration(self) -> float | None:
+        """The time of an application."""
+        return self.flow.duration
 
     def halved(self) -> "Impacts":
         """The same with steps of half the length."""

@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -24,6 +25,41 @@ def test_basin_stability_weighs_starts(found):
 
 def test_minimal_critical_shocks_are_those_of_attractors_jl(found):
     np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
+
+
+def test_times_and_shocks_are_those_of_attractors_jl(found):
+    # There sums over a basin are divided by all nine starts.
+    share = np.array([2 / 3, 1 / 3])
+    np.testing.assert_allclose(share * found.mean_steps, [5 / 9, 2 / 9])
+    pace = dynamics.convergence_pace(found)
+    np.testing.assert_allclose(share * pace, [0.40604, 0.16667], atol=1e-5)
+    mean, largest = dynamics.noncritical_shocks(found)
+    np.testing.assert_allclose(share * mean, [0.85003, 0.33333], atol=1e-5)
+    np.testing.assert_allclose(largest, [2.23607, 2], atol=1e-5)
+    np.testing.assert_allclose(dynamics.basin_stability(found, within=0.5), [1 / 9, 1 / 9])
+
+
+def test_times_are_those_of_a_flow():
+    # x' = -1, to a floor at 0.05: each mapping lasts 0.2 and goes two cells.
+    flow = dynamics.flow(lambda x, p: jnp.where(x < 0.1, 0.0, -1.0), 0.1, 2)
+    found = dynamics.basins(flow, Box([0], [1], [10]))
+    np.testing.assert_allclose(found.mean_time, 0.2 * found.mean_steps)
+    early = dynamics.basin_stability(found, within=0.45)
+    assert early[0] == pytest.approx(np.mean(found.step <= 2))
+
+
+def test_newtons_method_has_basins_of_wada():
+    def newton(x, p):
+        z = jax.lax.complex(x[0], x[1])
+        z = z - (z**3 - 1) / (3 * z**2)
+        return jnp.stack([z.real, z.imag])
+
+    found = dynamics.basins(newton, Box([-2.01, -2], [2, 2], [200, 200]), follow=20)
+    assert found.attractors == 3
+    np.testing.assert_allclose(found.fraction, 1 / 3, atol=0.05)
+    assert dynamics.wada(found) < 0.05
+    with pytest.raises(ValueError, match="wada: expected at least 3 basins, got 1"):
+        dynamics.wada(dynamics.basins(lambda x, p: x / 2, Box([-1], [1], [9])))
 
 
 def test_shocks_go_round_periodic_axes():
