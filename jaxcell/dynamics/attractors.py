@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import itertools
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,6 +26,8 @@ _MAX_STARTS = 1 << 12
 SCATTERED = 256
 """Orbits from random points of the box."""
 _WINDOW = 256
+# Orbits of each of two attractors that are nearer to each other than half a cell.
+_MIN_APART = 8
 # Mappings before that, twice as many until what merges stays the same.
 _SETTLE = 64
 _MAX_SETTLE = 1 << 13
@@ -194,25 +195,44 @@ def _merged(
     last = box.index(orbit[:, -1 - follow :])
     stays = np.flatnonzero((last < box.size).any(axis=1))
     place = (orbit[stays] - np.array(box.lower)) / box.width
-    row, column, nodes = [], [], stays.size
-    # Two points within half a cell of each other are in one cell of one of these grids.
+    label = _linked(box, place, 2)
+    # Attractors that come as near to each other as that are apart at half the length, unless too
+    # few orbits are left to tell. The orbits of a large one would be links of a chain still.
+    for k in range(int(label.max(initial=-1)) + 1):
+        own = np.flatnonzero(label == k)
+        finer = _linked(box, place[own], 4) if own.size >= 2 * _MIN_APART else np.zeros(1, int)
+        size = np.bincount(finer)
+        apart = np.flatnonzero(size >= max(_MIN_APART, own.size / 5))
+        if apart.size > 1 and size[apart].sum() >= 0.9 * own.size:
+            finer = np.where(np.isin(finer, apart), finer, size.argmax())
+            label[own] = label.max() + 1 + finer
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    found = np.full(orbit.shape[0], -1)
+    found[stays] = np.argsort(np.argsort(first))[label]
+    return found
+
+
+def _linked(
+    box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
+) -> Int[np.ndarray, "orbits"]:
+    """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
+    row, column, nodes = [], [], len(place)
+    counts = parts * np.array(box.cells)
     for shift in itertools.product((0.0, 0.5), repeat=box.dimensions):
-        corner = np.floor(np.nan_to_num(place + np.array(shift), nan=-1.0, posinf=-1, neginf=-1))
-        key = np.arange(stays.size)[:, None]
-        for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
-            along = corner[..., axis] % cells if kind == "periodic" else corner[..., axis]
-            key = key * (2 * cells + 3) + np.clip(along, -1, 2 * cells).astype(np.int64) + 1
+        corner = parts * place + np.array(shift)
+        corner = np.floor(np.nan_to_num(corner, nan=-1.0, posinf=-1, neginf=-1))
+        key = np.arange(len(place))[:, None]
+        for axis, (count, kind) in enumerate(zip(counts, box.axes, strict=True)):
+            along = corner[..., axis] % count if kind == "periodic" else corner[..., axis]
+            key = key * (count + 3) + np.clip(along, -1, count + 1).astype(np.int64) + 1
         # Sorted as a whole, since rows are in ascending order.
         key = np.sort(key, axis=1).ravel()
         key = key[np.diff(key, prepend=-1) > 0]
-        who, cell = np.divmod(key, math.prod(2 * n + 3 for n in box.cells))
+        who, cell = np.divmod(key, np.prod(counts + 3))
         of_cell = np.unique(cell, return_inverse=True)[1]
         row.append(who)
         column.append(nodes + of_cell)
         nodes += int(of_cell.max(initial=-1)) + 1
     edges = np.concatenate(row), np.concatenate(column)
     graph = coo_array((np.ones(edges[0].size), edges), shape=(nodes, nodes))
-    _, label = connected_components(graph, directed=False)
-    found = np.full(orbit.shape[0], -1)
-    found[stays] = np.unique(label[: stays.size], return_inverse=True)[1]
-    return found
+    return connected_components(graph, directed=False)[1][: len(place)]

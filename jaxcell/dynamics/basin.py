@@ -10,7 +10,7 @@ from ..mapping import PeriodicGroups
 from ..mapping.peel import peeled_groups
 from ..space.box import Box
 from . import attractors as of_map
-from .imaging import Say, changed_by_half_step, images_of_each, self_images
+from .imaging import Say, changed_by_half_step, images_of_each, self_images, torn_axes
 from .maps import Map
 from .orbits import orbit_basins
 
@@ -65,6 +65,8 @@ class Basins(Result):
     changed: Annotated[
         float | None, quantity("", "images that differ with steps of half the length", kind="share")
     ]
+    torn: tuple[int, ...] = ()
+    "Periodic axes at whose two ends the map differs."
     duration: float | None = None
     "The time of a mapping, if all cells have the same."
     labels: tuple[str, ...] = ()
@@ -143,7 +145,10 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        said = []
+        said = [
+            f"The axis {self.names[axis]} is periodic, but the map differs at its two ends."
+            for axis in self.torn
+        ]
         if self.self_images > 0.1:
             said.append(
                 f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
@@ -234,11 +239,12 @@ def basins_of_each(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
     changed = changed_by_half_step(map, box, members, follow=follow)
+    torn = torn_axes(map, box, members)
     each = []
-    for params, *parts in zip(members, image, groups, found, changed, strict=True):
+    for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
         one = _by_cells(box, params, *parts)
         duration = getattr(map, "duration", None)
-        one = dataclasses.replace(one, duration=duration, labels=labels)
+        one = dataclasses.replace(one, torn=ends, duration=duration, labels=labels)
         if by == "orbits":
             cells = one.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)

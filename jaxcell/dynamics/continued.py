@@ -40,6 +40,16 @@ class Continuation(Result):
         quantity("member name", "cells that lead to the attractor", kind="share"),
     ]
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        of_members = zip(self.parameters, self.members, strict=True)
+        doubted = [(where, one.remarks) for where, one in of_members if one.remarks]
+        if not doubted:
+            return ()
+        (where, said), count = doubted[0], len(doubted)
+        some = f"{count} of {len(self.members)} parameters have remarks, as {where}:"
+        return (" ".join([some, *said]),)
+
     @derived("", "attractors of all parameters", kind="count")
     def attractors(self) -> int:
         return self.fraction.shape[1]

@@ -107,6 +107,31 @@ def check_map(map: Map, box: Box, params: Any) -> None:
         )
 
 
+def torn_axes(map: Map, box: Box, members: Sequence[Any]) -> list[tuple[int, ...]]:
+    """The periodic axes at whose two ends a map differs, by 64 points of each end."""
+    points = np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
+    torn: list[tuple[int, ...]] = [()] * len(members)
+    for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
+        ends = np.stack([points, points])
+        ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
+        params, each = stacked(members), jnp.arange(len(members))
+        image = np.asarray(_mapped_points(map, params, each, jnp.asarray(ends)))
+        apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
+        # Orbits that part anyway may differ by rounding.
+        differs = np.median(apart, axis=1) > 1e-3
+        torn = [(*one, axis) if new else one for one, new in zip(torn, differs, strict=True)]
+    return torn
+
+
+@functools.partial(jax.jit, static_argnames="map")
+def _mapped_points(map: Map, params: Any, members: Any, points: Any) -> Any:
+    def one(member):  # type: ignore[no-untyped-def]
+        own = params_of(params, member)
+        return jax.vmap(jax.vmap(lambda x: map(x, own)))(points)
+
+    return jax.vmap(one)(members)
+
+
 def self_images(image: Int[np.ndarray, "cells"]) -> float:
     """The share of cells that are their own images, equilibria or too slow for the step."""
     return float(np.mean(image == np.arange(image.size, dtype=image.dtype)))

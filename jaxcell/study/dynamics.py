@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from ..dynamics import Basins, Continuation, System
 
 
-# Of the result, and of a chunk of a million cells while it is mapped.
+# While a result is made, of the result, and of a million cells while they are mapped.
 _BYTES_PER_CELL = 40
+_KEPT_PER_CELL = 18
 _CHUNK_BYTES = 400e6
 
 
@@ -60,13 +61,17 @@ class Dynamics(Study):
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
 
     def memory(self) -> float | int:
-        needed = _CHUNK_BYTES + _BYTES_PER_CELL * self.asked.box.size
+        given = read_params(self.params, dict(self.asked.params)).values()
+        members = max((len(value) for value in given if isinstance(value, list)), default=1)
+        cells = self.asked.box.size
+        needed = _CHUNK_BYTES + cells * (_BYTES_PER_CELL + _KEPT_PER_CELL * (members - 1))
         memory.check(needed, "dynamics", "give fewer --cells")
         return needed
 
     def run(self, say: Say = silent) -> "Basins | Continuation":
         from .. import dynamics
 
+        self.memory()
         system = self.asked
         params = read_params(self.params, dict(system.params))
         options: dict[str, Any] = {
