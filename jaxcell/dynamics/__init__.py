@@ -28,6 +28,7 @@ What gives which:
 - `chain`: a [`jaxcell.mapping.Chain`][], by samples and noise.
 - `basin_stability`, `convergence_pace`, `minimal_critical_shock`, `noncritical_shocks`,
     `basin_entropy`, `uncertainty_exponent`, `wada`, `overlap`: numbers about basins.
+- `refined`: basins whose boundaries are in finer cells.
 - `unstable_set`, `morse_sets`: what cells reach, and what recurs, by images of points of each cell.
 - `System`, `systems`: a map with its box, and six to start from.
 """
@@ -54,4 +55,5 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
+from .refined import refined as refined
 from .system import System as System
