@@ -55,5 +55,5 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
-from .refined import refined as refined
+from .refinement import refined as refined
 from .system import System as System
