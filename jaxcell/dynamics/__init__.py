@@ -28,7 +28,8 @@ What gives which:
 - `chain`: a [`jaxcell.mapping.Chain`][], by samples and noise.
 - `basin_stability`, `convergence_pace`, `minimal_critical_shock`, `noncritical_shocks`,
     `basin_entropy`, `uncertainty_exponent`, `wada`, `overlap`: numbers about basins.
-- `refined`: basins whose boundaries are in finer cells.
+- `refined`: basins whose boundaries are in finer cells; `relative_attractor`: a cover of what is in
+    a box for ever, by finer and finer cells.
 - `unstable_set`, `morse_sets`: what cells reach, and what recurs, by images of points of each cell.
 - `System`, `systems`: a map with its box, and six to start from.
 """
@@ -55,5 +56,5 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
-from .refinement import refined as refined
+from .refinement import refined as refined, relative_attractor as relative_attractor
 from .system import System as System

@@ -1,4 +1,4 @@
-"""Boundaries of basins in finer cells, where only cells beside another basin are divided."""
+"""Finer cells where they are wanted: at boundaries of basins, and on attractors."""
 
 import functools
 import itertools
@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..space.box import Box
+from ..space.cells import TOLERANCE
 from .basin import Basins
 from .batches import in_stages
-from .imaging import CHUNK
+from .imaging import CHUNK, check_map
 from .maps import Map
 
 
@@ -78,14 +79,13 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
         certain[cells] = k
     volume = np.bincount(found.basin + 1, minlength=found.attractors + 1).astype(float)
     uncertain = [edge.size / box.size]
-    halves = np.stack(np.meshgrid(*[[0, 1]] * box.dimensions), axis=-1).reshape(-1, box.dimensions)
+    parts = 2**box.dimensions
     for level in range(1, levels + 1):
-        places = 2 * _places(box, keys[-1][edge], level - 1)[:, None] + halves
-        new = np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
+        new = _halved(box, keys[-1][edge], level)
         label = _followed(map, found, certain, _centres(box, new, level))
         # What was said of the cells is taken back, and said of their parts.
         share = 0.5 ** (level * box.dimensions)
-        volume -= share * len(halves) * np.bincount(basins[-1][edge] + 1, minlength=volume.size)
+        volume -= share * parts * np.bincount(basins[-1][edge] + 1, minlength=volume.size)
         volume += share * np.bincount(label + 1, minlength=volume.size)
         keys.append(new)
         basins.append(label)
@@ -101,6 +101,72 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
         basin=basins[-1][edge],
         mapped=sum(new.size for new in keys[1:]),
     )
+
+
+def relative_attractor(
+    map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
+) -> Float[np.ndarray, "cells axes"]:
+    """Cover what of a box has always been in it, by halving cells and dropping those not reached.
+
+    Cells that no cell of the cover is mapped to are dropped, what is left is cut in two along each
+    axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors in
+    the box, and the unstable sets that lead to them.
+
+    **Arguments:**
+
+    - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
+    - `levels`: how often cells are halved.
+    - `samples`: points along each axis of a cell that are mapped, from face to face, at least 2.
+
+    **Returns:** the centres of the finest cells of the cover.
+
+    Steps towards both ends of a well, from the middle:
+
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([-2], [2], cells=[4])
+        >>> cover = dynamics.relative_attractor(lambda x, p: x + (x - x**3) / 3, box, levels=2)
+        >>> cover.ravel().tolist()
+        [-1.125, -0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875, 1.125]
+    """
+    check_map(map, box, params)
+    place = np.linspace(-0.5, 0.5, samples)
+    offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
+    params, keys = jax.tree.map(jnp.asarray, params), np.arange(box.size)
+    part = max(1, CHUNK // len(offsets))
+    for level in range(levels + 1):
+        keys = _halved(box, keys, level) if level else keys
+        points = _centres(box, keys, level)[:, None] + offsets / 2**level
+        hit = [
+            _keys_of(box, np.asarray(_image(map, params, points[k : k + part])), level)
+            for k in range(0, keys.size, part)
+        ]
+        keys = np.intersect1d(keys, np.concatenate([keys[:0], *hit]))
+    return _centres(box, keys, levels)
+
+
+@functools.partial(jax.jit, static_argnames="map")
+def _image(map: Map, params: Any, points: Any) -> Any:
+    return jax.vmap(jax.vmap(lambda x: map(x, params)))(points)
+
+
+def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
+    """The cells of a level that points are in, without those outside."""
+    count = np.array(box.cells) << level
+    place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
+    place = place.reshape(-1, box.dimensions)
+    kinds = np.array(box.axes)
+    place = np.where(kinds == "periodic", place % count, place)
+    place = np.where(kinds == "clamp", np.clip(place, 0, count - 1), place)
+    # What is not finite is not inside.
+    inside = ((place >= 0) & (place < count)).all(axis=1)
+    return np.unique(_keys(box, place[inside].astype(np.int64), level))
+
+
+def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
+    """The parts, of a level, of cells of the level before."""
+    halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
+    places = 2 * _places(box, keys, level - 1)[:, None] + halves
+    return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
 
 
 def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:

@@ -58,6 +58,29 @@ def test_one_basin_has_no_boundary():
     assert np.isnan(fine.exponent)
 
 
+def test_a_cover_by_subdivision_is_the_attractor_and_what_leads_to_it():
+    # x' = x - x^3 across, y' = -y: from (-1, 0) to (1, 0), through the saddle between them.
+    flow = dynamics.flow(lambda x, p: jnp.stack([x[0] - x[0] ** 3, -x[1]]), 0.1, 5)
+    cover = dynamics.relative_attractor(flow, Box([-2, -2], [2, 2], [5, 5]), levels=5)
+    width = 4 / (5 * 2**5)
+    assert np.abs(cover[:, 1]).max() < 2 * width
+    assert np.abs(cover[:, 0]).max() < 1 + 2 * width
+    assert np.diff(np.unique(cover[:, 0])).max() == pytest.approx(width)
+    assert cover[:, 0].max() > 1 - width
+
+
+def test_a_cover_of_henons_attractor_holds_its_orbit():
+    box = Box([-2, -2], [2, 2], [8, 8])
+    cover = dynamics.relative_attractor(henon, box, levels=5)
+    fine = Box([-2, -2], [2, 2], [256, 256])
+    point, orbit = jnp.array([0.1, 0.1]), []
+    for _ in range(300):
+        point = henon(point, None)
+        orbit.append(np.asarray(point))
+    assert np.isin(fine.index(np.array(orbit)[50:]), fine.index(cover)).mean() > 0.99
+    assert len(cover) < 0.03 * fine.size
+
+
 @pytest.mark.slow
 def test_a_fractal_boundary_has_the_exponent_of_grebogi():
     def grebogi(x, p):
