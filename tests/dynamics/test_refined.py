@@ -59,8 +59,8 @@ def test_one_basin_has_no_boundary():
 
 
 def test_a_cover_by_subdivision_is_the_attractor_and_what_leads_to_it():
-    # x' = x - x^3 across, y' = -y: from (-1, 0) to (1, 0), through the saddle between them.
-    flow = dynamics.flow(lambda x, p: jnp.stack([x[0] - x[0] ** 3, -x[1]]), 0.1, 5)
+    # x' = x - x^3 across, y' = -3 y: from (-1, 0) to (1, 0), through the saddle between them.
+    flow = dynamics.flow(lambda x, p: jnp.stack([x[0] - x[0] ** 3, -3 * x[1]]), 0.1, 5)
     cover = dynamics.relative_attractor(flow, Box([-2, -2], [2, 2], [5, 5]), levels=5)
     width = 4 / (5 * 2**5)
     assert np.abs(cover[:, 1]).max() < 2 * width
