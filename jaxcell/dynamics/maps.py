@@ -19,7 +19,17 @@ Field: TypeAlias = Callable[[Any, Any], Any]
 class Map(Protocol):
     """A map of a space to itself: where a point goes next, `map(x, params)`.
 
-    Any function of JAX that has a hash is one, such as one that is defined in a module.
+    Any function of JAX that has a hash is one, such as one that is defined in a module. For stiff
+    fields, a solve of diffrax with steps of its own choice:
+
+        def stiff(x, params):
+            term = diffrax.ODETerm(lambda t, y, p: field(y, p))
+            control = diffrax.PIDController(rtol=1e-6, atol=1e-9)
+            solver, times = diffrax.Kvaerno5(), (0.0, 1.0, 0.01)
+            found = diffrax.diffeqsolve(
+                term, solver, *times, x, params, stepsize_controller=control
+            )
+            return found.ys[-1]
     """
 
     def __call__(self, x: Any, params: Any, /) -> Any: ...
