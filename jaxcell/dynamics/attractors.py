@@ -26,6 +26,7 @@ _MAX_STARTS = 1 << 12
 SCATTERED = 256
 """Orbits from random points of the box."""
 _WINDOW = 256
+_GOLDEN = (5**0.5 - 1) / 2
 # Orbits of each of two attractors that are nearer to each other than half a cell.
 _MIN_APART = 8
 # Mappings before that, twice as many until what merges stays the same.
@@ -177,13 +178,19 @@ def _orbits(
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle: Any) -> Any:
-    # A flow is looked at step by step, so that two orbits on one cycle are seen to be on it.
-    fine = map.one if isinstance(map, Flow) else map
+    # A flow is looked at step by step, so that two orbits on one cycle are seen to be on it; and by
+    # uneven steps, since a cycle of a whole number of even ones is seen at as many points only.
+    parts = jnp.asarray(0.5 + np.arange(_WINDOW) * _GOLDEN % 1, start.dtype)
 
     def orbit(member, x):  # type: ignore[no-untyped-def]
         own = params_of(params, member)
         x = jax.lax.fori_loop(0, settle, lambda _, y: map(y, own), x)
-        return jax.lax.scan(lambda y, _: (fine(y, own),) * 2, x, None, length=_WINDOW)[1]
+
+        def step(y, part):  # type: ignore[no-untyped-def]
+            y = map.one(y, own, part) if isinstance(map, Flow) else map(y, own)
+            return y, y
+
+        return jax.lax.scan(step, x, parts)[1]
 
     return jax.vmap(orbit)(member, start)
 

@@ -55,9 +55,9 @@ class Flow:
         """The time of an application; none where cells have a time each."""
         return None if self.crossing else self.dt * self.steps
 
-    def one(self, x: Any, params: Any) -> Any:
-        """One step, of `dt`."""
-        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, 1)
+    def one(self, x: Any, params: Any, part: Any = 1.0) -> Any:
+        """One step, of `dt` or a part of it."""
+        return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt * part)
 
     def halved(self) -> "Flow":
         """The same with steps of half the length."""

@@ -144,6 +144,13 @@ def test_henons_map_has_one_attractor_and_loses_the_rest():
     assert found.period.tolist() == [0]
 
 
+def test_a_cycle_of_a_whole_number_of_steps_is_one_attractor():
+    # Round in 20 steps, between which are a thousand cells.
+    ring = dynamics.flow(lambda x, p: jnp.stack([0.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
+    found = dynamics.basins(ring, Box([0, 0], [1, 1], [20_000, 3], ["periodic", "sink"]))
+    assert found.attractors == 1
+
+
 @pytest.mark.parametrize("axes", [1, 2])
 def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     box = Box([-2] * axes, [2] * axes, [40] * axes)
