@@ -126,7 +126,7 @@ def relative_attractor(
         >>> box = space.Box([-2], [2], cells=[4])
         >>> cover = dynamics.relative_attractor(lambda x, p: x + (x - x**3) / 3, box, levels=2)
         >>> cover.ravel().tolist()
-        [-1.125, -0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875, 1.125]
+        [-0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875, 1.125]
     """
     check_map(map, box, params)
     place = np.linspace(-0.5, 0.5, samples)
