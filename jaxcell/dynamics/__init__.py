@@ -26,8 +26,10 @@ What gives which:
 - `basins`: attractors, basins and steps, a `Basins`. `continuation`: the same along parameters,
     matched, a `Continuation`.
 - `chain`: a [`jaxcell.mapping.Chain`][], by samples and noise.
-- `basin_stability`, `minimal_critical_shock`, `basin_entropy`, `uncertainty_exponent`, `overlap`:
-    numbers about basins.
+- `basin_stability`, `convergence_pace`, `minimal_critical_shock`, `noncritical_shocks`,
+    `basin_entropy`, `uncertainty_exponent`, `wada`, `overlap`: numbers about basins.
+- `refined`: basins whose boundaries are in finer cells; `relative_attractor`: a cover of what is in
+    a box for ever, by finer and finer cells.
 - `unstable_set`, `morse_sets`: what cells reach, and what recurs, by images of points of each cell.
 - `System`, `systems`: a map with its box, and six to start from.
 """
@@ -46,9 +48,13 @@ from .maps import (
 from .quantify import (
     basin_entropy as basin_entropy,
     basin_stability as basin_stability,
+    convergence_pace as convergence_pace,
     minimal_critical_shock as minimal_critical_shock,
+    noncritical_shocks as noncritical_shocks,
     overlap as overlap,
     uncertainty_exponent as uncertainty_exponent,
+    wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
+from .refinement import refined as refined, relative_attractor as relative_attractor
 from .system import System as System

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -13,7 +14,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..mapping import PeriodicGroups
+from ..mapping.section import bucket
 from ..space.box import Box
+from .batches import params_of, stacked, with_last
 from .maps import Flow, Map
 
 
@@ -23,7 +26,10 @@ _MAX_STARTS = 1 << 12
 SCATTERED = 256
 """Orbits from random points of the box."""
 _WINDOW = 256
-# Mappings before that, doubled until what merges stays the same.
+_GOLDEN = (5**0.5 - 1) / 2
+# Orbits of each of two attractors that are nearer to each other than half a cell.
+_MIN_APART = 8
+# Mappings before that, twice as many until what merges stays the same.
 _SETTLE = 64
 _MAX_SETTLE = 1 << 13
 
@@ -41,6 +47,8 @@ class Attractors:
     "An orbit on each attractor."
     sampled: Float[np.ndarray, "attractors"]
     "The share of orbits from random points of the box that end on each attractor."
+    scattered: int
+    "Number of these orbits."
     cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells that orbits on each attractor visit, in ascending order."
     settled: bool
@@ -48,9 +56,16 @@ class Attractors:
 
 
 def attractors(
-    map: Map, box: Box, params: Any, groups: PeriodicGroups, *, follow: int = 0, seed: int = 0
-) -> Attractors:
-    """Find the attractors that the periodic groups of a cell map stand for.
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    groups: Sequence[PeriodicGroups],
+    *,
+    follow: int = 0,
+    scattered: int = SCATTERED,
+    seed: int = 0,
+) -> list[Attractors]:
+    """Find the attractors that the periodic groups of cell maps stand for.
 
     A limit cycle or a chaotic attractor makes many periodic groups, and a saddle makes one that
     attracts nothing. So the map itself, not that of the cells, is followed from a few points of
@@ -62,49 +77,38 @@ def attractors(
 
     **Arguments:**
 
-    - `map`, `box`, `params`, `follow`: as for [`jaxcell.dynamics.images`][].
-    - `groups`: the periodic groups of its images, with those of the two sinks.
+    - `map`, `box`, `follow`: as for [`jaxcell.dynamics.images`][].
+    - `members`: the parameters of each member, which are followed in one batch.
+    - `groups`: the periodic groups of the images of each, with those of the two sinks.
+    - `scattered`: orbits from random points of the box.
     - `seed`: of the points.
 
-    **Returns:** [`Attractors`][jaxcell.dynamics.attractors.Attractors].
+    **Returns:** [`Attractors`][jaxcell.dynamics.attractors.Attractors] of each.
     """
-    rng = np.random.default_rng(seed)
-    start, group = _starts(box, groups, rng)
-    scattered = rng.uniform(box.lower, box.upper, (SCATTERED, box.dimensions))
-    start = np.concatenate([start, scattered])
-    settle, before = _SETTLE, np.zeros(0)
-    while True:
-        orbit, start = _orbits(map, box, params, start, settle)
-        end = _merged(box, orbit, follow)
-        settled = np.array_equal(before, end)
-        if settled or settle >= _MAX_SETTLE:
-            break
-        settle, before = 2 * settle, end
-    count = int(end.max(initial=-1)) + 1
-    votes = np.zeros((int(groups.count), count + 1), np.int64)
-    np.add.at(votes, (group, end[: group.size]), 1)
-    # No orbit begins in a sink: those are the last two groups.
-    votes[-2:, -1] = 1
-    of_group = votes.argmax(axis=1)
-    index = box.index(orbit)
-    return Attractors(
-        of_group=np.where(of_group == count, -1, of_group),
-        several=np.count_nonzero(votes, axis=1) > 1,
-        count=count,
-        orbit=orbit[[int(np.argmax(end == k)) for k in range(count)]],
-        sampled=np.bincount(end[group.size :] + 1, minlength=count + 1)[1:] / SCATTERED,
-        cells=tuple(np.unique(index[end == k][index[end == k] < box.size]) for k in range(count)),
-        settled=settled,
-    )
+    starts, group = zip(*(_starts(box, one, scattered, seed) for one in groups), strict=True)
+    params, start = stacked(members), dict(enumerate(starts))
+    ends: dict[int, np.ndarray] = {}
+    found: dict[int, Attractors] = {}
+    done, more = 0, _SETTLE
+    while start:
+        rows = np.concatenate([*start.values()])
+        sizes = [len(one) for one in start.values()]
+        orbits = _orbits(map, box, params, np.repeat([*start], sizes), rows, more)
+        # Then as many again as there were.
+        done = more = done + more
+        for k, orbit in zip([*start], np.split(orbits, np.cumsum(sizes)[:-1]), strict=True):
+            before, ends[k] = ends.get(k), _merged(box, orbit, follow)
+            settled = before is not None and np.array_equal(before, ends[k])
+            start[k] = orbit[:, -1]
+            if settled or done >= _MAX_SETTLE:
+                found[k] = _of_orbits(box, groups[k], group[k], orbit, ends[k], settled)
+                del start[k]
+    return [found[k] for k in range(len(members))]
 
 
 def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
     """Mappings after which an orbit is back, to 1e-3 of a cell; 0 if it is not within its half."""
-    apart = np.abs(orbit[::-1] - orbit[-1]) / box.width
-    around = np.array([kind == "periodic" for kind in box.axes])
-    full = (np.array(box.upper) - np.array(box.lower)) / box.width
-    apart = np.where(around, np.abs(apart - full * np.round(apart / full)), apart)
-    near = apart.max(axis=1) < 1e-3
+    near = box.apart((orbit[::-1] - orbit[-1]) / box.width).max(axis=1) < 1e-3
     half = near.size // 2
     back = np.flatnonzero(near[1:half])
     if not back.size:
@@ -114,9 +118,10 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 
 
 def _starts(
-    box: Box, groups: PeriodicGroups, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "starts"]]:
-    """Random points of a few cells of each group, and the group of each."""
+    box: Box, groups: PeriodicGroups, scattered: int, seed: int
+) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
+    """Random points of a few cells of each group, and of the box; and the group of the first."""
+    rng = np.random.default_rng(seed)
     cells = np.flatnonzero(np.asarray(groups.step[: box.size]) == 0)
     group = np.asarray(groups.group)[cells]
     order = np.argsort(group, kind="stable")
@@ -128,62 +133,113 @@ def _starts(
     # Evenly along the group, some cells twice if it has few.
     chosen = (first[:, None] + np.arange(each) * size[:, None] // each).ravel()
     inside = rng.uniform(-0.5, 0.5, (chosen.size, box.dimensions))
-    return box.centre(cells[chosen]) + inside * box.width, group[chosen]
+    anywhere = rng.uniform(box.lower, box.upper, (scattered, box.dimensions))
+    start = np.concatenate([box.centre(cells[chosen]) + inside * box.width, anywhere])
+    return start, group[chosen]
+
+
+def _of_orbits(
+    box: Box,
+    groups: PeriodicGroups,
+    group: Int[np.ndarray, "of_groups"],
+    orbit: Float[np.ndarray, "starts window axes"],
+    end: Int[np.ndarray, "starts"],
+    settled: bool,
+) -> Attractors:
+    """The attractors that orbits end on, the first of which began in groups."""
+    count = int(end.max(initial=-1)) + 1
+    votes = np.zeros((int(groups.count), count + 1), np.int64)
+    np.add.at(votes, (group, end[: group.size]), 1)
+    # No orbit begins in a sink: those are the last two groups.
+    votes[-2:, -1] = 1
+    of_group = votes.argmax(axis=1)
+    index = box.index(orbit)
+    anywhere = end[group.size :]
+    return Attractors(
+        of_group=np.where(of_group == count, -1, of_group),
+        several=np.count_nonzero(votes, axis=1) > 1,
+        count=count,
+        orbit=orbit[[int(np.argmax(end == k)) for k in range(count)]],
+        sampled=np.bincount(anywhere + 1, minlength=count + 1)[1:] / anywhere.size,
+        scattered=anywhere.size,
+        cells=tuple(np.unique(index[end == k][index[end == k] < box.size]) for k in range(count)),
+        settled=settled,
+    )
 
 
 def _orbits(
-    map: Map, box: Box, params: Any, start: Float[np.ndarray, "starts axes"], settle: int
-) -> tuple[Float[np.ndarray, "starts window axes"], Float[np.ndarray, "starts axes"]]:
-    """The last mappings of orbits from points, and where they end."""
-    # One of few sizes, each compiled once.
-    size = 1 << max(4, (start.shape[0] - 1).bit_length())
-    filled = np.resize(start, (size, box.dimensions))
-    orbit = np.asarray(_orbits_of(map, box, params, jnp.asarray(filled), settle))
-    return orbit[: start.shape[0]], orbit[: start.shape[0], -1]
+    map: Map, box: Box, params: Any, member: np.ndarray, start: np.ndarray, settle: int
+) -> Float[np.ndarray, "starts window axes"]:
+    """The last mappings of orbits from points."""
+    rows, size = len(start), bucket(len(start))
+    filled = (jnp.asarray(with_last(values, size)) for values in (member, start))
+    return np.asarray(_orbits_of(map, box, params, *filled, settle))[:rows]
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
-def _orbits_of(map: Map, box: Box, params: Any, start: Any, settle: Any) -> Any:
-    # A flow is looked at step by step, so that two orbits on one cycle are seen to be on it.
-    fine = map.one if isinstance(map, Flow) else map
+def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle: Any) -> Any:
+    # A flow is looked at step by step, so that two orbits on one cycle are seen to be on it; and by
+    # uneven steps, since a cycle of a whole number of even ones is seen at as many points only.
+    parts = jnp.asarray(0.5 + np.arange(_WINDOW) * _GOLDEN % 1, start.dtype)
 
-    def orbit(x):  # type: ignore[no-untyped-def]
-        x = jax.lax.fori_loop(0, settle, lambda _, y: map(y, params), x)
-        return jax.lax.scan(lambda y, _: (fine(y, params),) * 2, x, None, length=_WINDOW)[1]
+    def orbit(member, x):  # type: ignore[no-untyped-def]
+        own = params_of(params, member)
+        x = jax.lax.fori_loop(0, settle, lambda _, y: map(y, own), x)
 
-    return jax.vmap(orbit)(start)
+        def step(y, part):  # type: ignore[no-untyped-def]
+            y = map.one(y, own, part) if isinstance(map, Flow) else map(y, own)
+            return y, y
+
+        return jax.lax.scan(step, x, parts)[1]
+
+    return jax.vmap(orbit)(member, start)
 
 
 def _merged(
     box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
 ) -> Int[np.ndarray, "starts"]:
     """The attractor of each orbit, numbered as they come; -1 for those that leave the box."""
-    starts = orbit.shape[0]
     last = box.index(orbit[:, -1 - follow :])
-    lost = (last >= box.size).all(axis=1)
-    place = (orbit[~lost] - np.array(box.lower)) / box.width
-    edges = []
-    # Two points within half a cell of each other are in one cell of one of these grids.
-    for grid, shift in enumerate(itertools.product((0.0, 0.5), repeat=box.dimensions)):
-        corner = np.floor(np.nan_to_num(place + np.array(shift), nan=-1.0, posinf=-1, neginf=-1))
-        for axis, kind in enumerate(box.axes):
-            if kind == "periodic":
-                corner[..., axis] %= box.cells[axis]
-        flat = np.zeros(corner.shape[:-1])
-        for axis, cells in enumerate(box.cells):
-            flat = flat * (2 * cells + 3) + np.clip(corner[..., axis], -1, 2 * cells)
-        who = np.broadcast_to(np.flatnonzero(~lost)[:, None], flat.shape)
-        pairs = np.unique(np.stack([who.ravel(), flat.ravel()]), axis=1)
-        _, cell = np.unique(pairs[1], return_inverse=True)
-        edges.append((pairs[0].astype(np.int64), cell, grid))
-    offset, rows, columns = starts, [], []
-    for who, cell, _ in edges:
-        rows.append(who)
-        columns.append(offset + cell)
-        offset += int(cell.max(initial=-1)) + 1
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    graph = coo_array((np.ones(row.size), (row, column)), shape=(offset, offset))
-    _, label = connected_components(graph, directed=False)
-    found = np.full(starts, -1)
-    found[~lost] = np.unique(label[:starts][~lost], return_inverse=True)[1]
+    stays = np.flatnonzero((last < box.size).any(axis=1))
+    place = (orbit[stays] - np.array(box.lower)) / box.width
+    label = _linked(box, place, 2)
+    # Attractors that come as near to each other as that are apart at half the length, unless too
+    # few orbits are left to tell. The orbits of a large one would be links of a chain still.
+    for k in range(int(label.max(initial=-1)) + 1):
+        own = np.flatnonzero(label == k)
+        finer = _linked(box, place[own], 4) if own.size >= 2 * _MIN_APART else np.zeros(1, int)
+        size = np.bincount(finer)
+        apart = np.flatnonzero(size >= max(_MIN_APART, own.size / 5))
+        if apart.size > 1 and size[apart].sum() >= 0.9 * own.size:
+            finer = np.where(np.isin(finer, apart), finer, size.argmax())
+            label[own] = label.max() + 1 + finer
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    found = np.full(orbit.shape[0], -1)
+    found[stays] = np.argsort(np.argsort(first))[label]
     return found
+
+
+def _linked(
+    box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
+) -> Int[np.ndarray, "orbits"]:
+    """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
+    row, column, nodes = [], [], len(place)
+    counts = parts * np.array(box.cells)
+    for shift in itertools.product((0.0, 0.5), repeat=box.dimensions):
+        corner = parts * place + np.array(shift)
+        corner = np.floor(np.nan_to_num(corner, nan=-1.0, posinf=-1, neginf=-1))
+        key = np.arange(len(place))[:, None]
+        for axis, (count, kind) in enumerate(zip(counts, box.axes, strict=True)):
+            along = corner[..., axis] % count if kind == "periodic" else corner[..., axis]
+            key = key * (count + 3) + np.clip(along, -1, count + 1).astype(np.int64) + 1
+        # Sorted as a whole, since rows are in ascending order.
+        key = np.sort(key, axis=1).ravel()
+        key = key[np.diff(key, prepend=-1) > 0]
+        who, cell = np.divmod(key, np.prod(counts + 3))
+        of_cell = np.unique(cell, return_inverse=True)[1]
+        row.append(who)
+        column.append(nodes + of_cell)
+        nodes += int(of_cell.max(initial=-1)) + 1
+    edges = np.concatenate(row), np.concatenate(column)
+    graph = coo_array((np.ones(edges[0].size), edges), shape=(nodes, nodes))
+    return connected_components(graph, directed=False)[1][: len(place)]

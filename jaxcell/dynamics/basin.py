@@ -1,16 +1,16 @@
 import dataclasses
-import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Result, derived, quantity
+from ..mapping import PeriodicGroups
 from ..mapping.peel import peeled_groups
 from ..space.box import Box
 from . import attractors as of_map
-from .imaging import Say, changed_by_half_step, images, self_images
+from .imaging import Say, changed_by_half_step, images_of_each, self_images, torn_axes
 from .maps import Map
 from .orbits import orbit_basins
 
@@ -55,6 +55,8 @@ class Basins(Result):
         quantity("attractor", "orbits from random starts that end on it", kind="share"),
     ]
     "A check of `fraction` that knows nothing of cells."
+    scattered: int
+    "Number of these starts."
     attractor_cells: tuple[Int[np.ndarray, "_"], ...]
     "The cells of each attractor."
     settled: Annotated[
@@ -63,13 +65,12 @@ class Basins(Result):
     changed: Annotated[
         float | None, quantity("", "images that differ with steps of half the length", kind="share")
     ]
+    torn: tuple[int, ...] = ()
+    "Periodic axes at whose two ends the map differs."
+    duration: float | None = None
+    "The time of a mapping, if all cells have the same."
     labels: tuple[str, ...] = ()
     "What the axes are called; none for `x0`, `x1`, ..."
-
-    @functools.cached_property
-    def _share(self) -> Float[np.ndarray, "attractors"]:
-        count = len(self.attractor_cells)
-        return np.bincount(self.basin + 1, minlength=count + 1)[1:] / self.box.size
 
     @derived("", "number of attractors", kind="count")
     def attractors(self) -> int:
@@ -89,7 +90,8 @@ class Basins(Result):
 
     @derived("attractor", "cells that lead to it", kind="share")
     def fraction(self) -> Float[np.ndarray, "attractors"]:
-        return self._share
+        inside = np.bincount(self.basin + 1, minlength=self.attractors + 1)[1:]
+        return inside / self.box.size
 
     @derived("attractor", "cells of the attractor", kind="count")
     def cells_on(self) -> Int[np.ndarray, "attractors"]:
@@ -103,7 +105,11 @@ class Basins(Result):
     def mean_steps(self) -> Float[np.ndarray, "attractors"]:
         found = self.basin >= 0
         total = np.bincount(self.basin[found], self.step[found], minlength=self.attractors)
-        return total / np.maximum(1, self._share * self.box.size)
+        return total / np.maximum(1, self.fraction * self.box.size)
+
+    @derived("attractor", "mean time to the attractor", kind="time")
+    def mean_time(self) -> Float[np.ndarray, "attractors"] | None:
+        return None if self.duration is None else self.duration * self.mean_steps
 
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
@@ -139,7 +145,10 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        said = []
+        said = [
+            f"The axis {self.names[axis]} is periodic, but the map differs at its two ends."
+            for axis in self.torn
+        ]
         if self.self_images > 0.1:
             said.append(
                 f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
@@ -151,7 +160,7 @@ class Basins(Result):
                 "shorter steps."
             )
         # Three standard errors of what is sampled.
-        doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / of_map.SCATTERED) + 0.02
+        doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / self.scattered) + 0.02
         for k in np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt):
             said.append(
                 f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
@@ -203,41 +212,79 @@ def basins(
         >>> found.attractors, found.period.tolist(), found.fraction.round(2).tolist()
         (2, [1, 1], [0.5, 0.5])
     """
-    image = images(map, box, params, follow=follow, dtype=dtype, say=say)
+    options: dict[str, Any] = {"follow": follow, "dtype": dtype, "by": by, "seed": seed}
+    return basins_of_each(map, box, [params], labels=labels, say=say, **options)[0]
+
+
+def basins_of_each(
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    *,
+    follow: int = 0,
+    dtype: Any = None,
+    by: Literal["cells", "orbits"] = "cells",
+    scattered: int = of_map.SCATTERED,
+    seed: int = 0,
+    labels: tuple[str, ...] = (),
+    say: Say | None = None,
+) -> list[Basins]:
+    """[`basins`][jaxcell.dynamics.basins] for each of some parameters, in one batch."""
+    image = images_of_each(map, box, members, follow=follow, dtype=dtype, say=say)
     if say is not None:
         say("finding groups and attractors", 0, 0)
-    groups = peeled_groups(np.append(image, np.array([box.outside, box.nowhere], np.int32)))
-    found = of_map.attractors(map, box, params, groups, follow=follow, seed=seed)
+    sinks = np.array([box.outside, box.nowhere], np.int32)
+    groups = [peeled_groups(np.append(one, sinks)) for one in image]
+    found = of_map.attractors(
+        map, box, members, groups, follow=follow, scattered=scattered, seed=seed
+    )
+    changed = changed_by_half_step(map, box, members, follow=follow)
+    torn = torn_axes(map, box, members)
+    each = []
+    for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
+        one = _by_cells(box, params, *parts)
+        duration = getattr(map, "duration", None)
+        one = dataclasses.replace(one, torn=ends, duration=duration, labels=labels)
+        if by == "orbits":
+            cells = one.attractor_cells
+            basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
+            several = np.zeros(box.size, bool)
+            followed = {"left": basin < -1, "basin": np.maximum(basin, -1), "step": step}
+            one = dataclasses.replace(one, several=several, **followed)
+        each.append(one)
+    return each
+
+
+def _by_cells(
+    box: Box,
+    params: Any,
+    image: Int[np.ndarray, "cells"],
+    groups: PeriodicGroups,
+    found: of_map.Attractors,
+    changed: float | None,
+) -> Basins:
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     # The sinks have the last two numbers of cells, and so of groups.
     live = int(groups.count) - 2
     reached = found.of_group[group]
-    # A group whose orbits leave the box is one of the cells alone: what leads to it leads outside.
-    left = (reached < 0) & (group != live + 1)
     order = np.argsort(-np.bincount(reached[reached >= 0], minlength=found.count), kind="stable")
     rank = np.empty(found.count + 1, np.int32)
     rank[order], rank[-1] = np.arange(found.count), -1
-    basin = rank[reached]
-    several = found.several[group]
-    cells = tuple(found.cells[k] for k in order)
-    if by == "orbits":
-        basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
-        left, basin = basin < -1, np.maximum(basin, -1)
-        several = np.zeros(box.size, bool)
     return Basins(
         box,
         params,
         image,
-        basin=basin,
+        basin=rank[reached],
         group=group,
         step=step,
         group_period=np.asarray(groups.group_period)[:live],
-        several=several,
-        left=left,
+        several=found.several[group],
+        # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
+        left=(reached < 0) & (group != live + 1),
         orbit=found.orbit[order],
         sampled=found.sampled[order],
-        attractor_cells=cells,
+        scattered=found.scattered,
+        attractor_cells=tuple(found.cells[k] for k in order),
         settled=found.settled,
-        changed=changed_by_half_step(map, box, params, follow=follow),
-        labels=labels,
+        changed=changed,
     )

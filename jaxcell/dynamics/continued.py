@@ -9,11 +9,15 @@ from scipy.spatial import cKDTree
 
 from ..base.quantities import Result, derived, quantity
 from ..space.box import Box
-from .basin import Basins, basins
-from .imaging import Say
+from .basin import Basins, basins_of_each
+from .batches import in_threads
+from .imaging import CHUNK, Say
 from .maps import Map
 
 
+# Parameters in one batch, and orbits from random points for each of them.
+_TOGETHER = 16
+_SCATTERED = 64
 # Attractors farther apart than this share of the box are not the same.
 _FAR = 0.1
 
@@ -35,6 +39,16 @@ class Continuation(Result):
         Float[np.ndarray, "members names"],
         quantity("member name", "cells that lead to the attractor", kind="share"),
     ]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        of_members = zip(self.parameters, self.members, strict=True)
+        doubted = [(where, one.remarks) for where, one in of_members if one.remarks]
+        if not doubted:
+            return ()
+        (where, said), count = doubted[0], len(doubted)
+        some = f"{count} of {len(self.members)} parameters have remarks, as {where}:"
+        return (" ".join([some, *said]),)
 
     @derived("", "attractors of all parameters", kind="count")
     def attractors(self) -> int:
@@ -63,6 +77,20 @@ class Continuation(Result):
     def vanishes(self) -> Int[np.ndarray, "names"]:
         return len(self.members) - 1 - np.argmax(self.fraction[::-1] > 0, axis=0)
 
+    @derived(
+        "name", "attractor whose basin it is in once it has vanished, -1 for none", kind="index"
+    )
+    def merges(self) -> Int[np.ndarray, "names"]:
+        into = np.full(self.attractors, -1)
+        for name, last in enumerate(self.vanishes):
+            if last + 1 == len(self.members):
+                continue
+            was, now = self.members[last], self.members[last + 1]
+            cells = was.attractor_cells[int(np.flatnonzero(self.label[last] == name)[0])]
+            votes = np.bincount(now.basin[cells] + 1, minlength=now.attractors + 1)
+            into[name] = np.append(self.label[last + 1], -1)[votes.argmax() - 1]
+        return into
+
 
 def continuation(
     map: Map,
@@ -76,7 +104,8 @@ def continuation(
 
     An attractor continues one of the parameters before if it lies in its basin; of several that do,
     and where none does, the nearest is taken, by the distance between the cells of both. One that
-    vanished keeps its name, and has it again when it comes back where it was.
+    vanished keeps its name, and has it again when it comes back where it was; until then it counts
+    as merged with the attractor in whose basin it lies.
 
     **Arguments:**
 
@@ -100,13 +129,21 @@ def continuation(
         ... )
         >>> found.fraction.tolist(), found.appears.tolist()
         ([[1.0, 0.0], [0.75, 0.25], [0.5, 0.5]], [0, 1])
+        >>> found.vanishes.tolist(), found.merges.tolist()
+        ([2, 2], [-1, -1])
     """
     each = listed(params)
-    found = []
-    for k, one in enumerate(each):
+    found: list[Basins] = []
+    together = int(np.clip(CHUNK // box.size, 1, _TOGETHER))
+
+    def compute(first: int) -> list[Basins]:
+        members = each[first : first + together]
+        return basins_of_each(map, box, members, scattered=_SCATTERED, **options)
+
+    for part in in_threads(compute, range(0, len(each), together)):
+        found += part
         if say is not None:
-            say("parameters", k, len(each))
-        found.append(basins(map, box, one, **options))
+            say("parameters", len(found), len(each))
     label = match(found)
     names = 1 + max((int(one.max(initial=-1)) for one in label), default=-1)
     fraction = np.zeros((len(found), names))
@@ -161,14 +198,17 @@ def _cost(orbit: np.ndarray, old: Basins, was: int, now: Basins, k: int) -> floa
     index = old.box.index(now.orbit[k])
     inside = index[index < box.size]
     enclosed = inside.size > 0 and np.mean(old.basin[inside] == was)
-    size = np.array(box.upper) - np.array(box.lower)
-    apart = _apart(orbit / size, now.orbit[k] / size)
+    apart = _apart(box, orbit, now.orbit[k])
     if apart > _FAR and not enclosed:
         return 2.0
     return min(0.99, apart) if enclosed else 0.5 + min(0.49, apart)
 
 
-def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """The Hausdorff distance of two orbits."""
-    to_other = cKDTree(other).query(one)[0].max()
-    return float(max(to_other, cKDTree(one).query(other)[0].max()))
+def _apart(box: Box, *orbits: np.ndarray) -> float:
+    """The Hausdorff distance of two orbits, as a share of the sides of a box."""
+    size = np.array(box.upper) - np.array(box.lower)
+    around = np.array([kind == "periodic" for kind in box.axes])
+    one, other = ((orbit - np.array(box.lower)) / size for orbit in orbits)
+    one, other = (np.where(around, place % 1.0 % 1.0, place) for place in (one, other))
+    ahead, back = (cKDTree(place, boxsize=around.astype(float)) for place in (one, other))
+    return float(max(ahead.query(other)[0].max(), back.query(one)[0].max()))

@@ -1,9 +1,7 @@
 """The images of all cells of a box, in chunks of bounded memory."""
 
 import functools
-import math
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -11,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from ..mapping.section import bucket
 from ..space.box import Box
+from .batches import in_stages, in_threads, params_of, stacked, with_last
 from .maps import Flow, Map
 
 
@@ -59,19 +59,34 @@ def images(
         >>> dynamics.images(lambda x, p: 2 * x, box).tolist()
         [1, 3, 5, 7, 1, 3, 5, 7]
     """
-    check_map(map, box, params)
-    found = np.empty(box.size, np.int32) if out is None else out
-    size = min(CHUNK, box.size)
+    whole = None if out is None else out[None]
+    return images_of_each(map, box, [params], follow=follow, dtype=dtype, out=whole, say=say)[0]
+
+
+def images_of_each(
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    *,
+    follow: int = 0,
+    dtype: Any = None,
+    out: Int[np.ndarray, "members cells"] | None = None,
+    say: Say | None = None,
+) -> Int[np.ndarray, "members cells"]:
+    """[`images`][jaxcell.dynamics.images] for each of some parameters, in one batch."""
+    check_map(map, box, members[0])
+    found = np.empty((len(members), box.size), np.int32) if out is None else out
+    size = min(max(1, CHUNK // len(members)), box.size)
 
     def compute(start: int) -> int:
         first = min(start, box.size - size)
         cells = np.arange(first, first + size, dtype=np.int32)
-        found[first : first + size] = _images_of(map, box, params, cells, follow, dtype)
-        return size
+        found[:, first : first + size] = _images_of(map, box, members, cells, follow, dtype)
+        return first + size
 
-    for done in _in_threads(compute, range(0, box.size, size)):
+    for done in in_threads(compute, range(0, box.size, size)):
         if say is not None:
-            say("mapping cells", min(done * size, box.size), box.size)
+            say("mapping cells", done, box.size)
     return found
 
 
@@ -92,60 +107,69 @@ def check_map(map: Map, box: Box, params: Any) -> None:
         )
 
 
+def torn_axes(map: Map, box: Box, members: Sequence[Any]) -> list[tuple[int, ...]]:
+    """The periodic axes at whose two ends a map differs, by 64 points of each end."""
+    points = np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
+    torn: list[tuple[int, ...]] = [()] * len(members)
+    for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
+        ends = np.stack([points, points])
+        ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
+        params, each = stacked(members), jnp.arange(len(members))
+        image = np.asarray(_mapped_points(map, params, each, jnp.asarray(ends)))
+        apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
+        # Orbits that part anyway may differ by rounding.
+        differs = np.median(apart, axis=1) > 1e-3
+        torn = [(*one, axis) if new else one for one, new in zip(torn, differs, strict=True)]
+    return torn
+
+
+@functools.partial(jax.jit, static_argnames="map")
+def _mapped_points(map: Map, params: Any, members: Any, points: Any) -> Any:
+    def one(member):  # type: ignore[no-untyped-def]
+        own = params_of(params, member)
+        return jax.vmap(jax.vmap(lambda x: map(x, own)))(points)
+
+    return jax.vmap(one)(members)
+
+
 def self_images(image: Int[np.ndarray, "cells"]) -> float:
     """The share of cells that are their own images, equilibria or too slow for the step."""
     return float(np.mean(image == np.arange(image.size, dtype=image.dtype)))
 
 
 def changed_by_half_step(
-    map: Any, box: Box, params: Any, *, follow: int = 0, seed: int = 0
-) -> float | None:
+    map: Any, box: Box, members: Sequence[Any], *, follow: int = 0, seed: int = 0
+) -> list[float | None]:
     """The share of images that differ when steps are half as long, on 1 % of the cells.
 
     `None` for a map that has no steps.
     """
     if not hasattr(map, "halved"):
-        return None
+        return [None] * len(members)
     count = int(np.clip(box.size // 100, min(box.size, 256), 1 << 16))
     cells = np.random.default_rng(seed).integers(0, box.size, count, dtype=np.int32)
-    one, half = (_images_of(m, box, params, cells, follow, None) for m in (map, map.halved()))
-    return float(np.mean(one != half))
+    one, half = (_images_of(m, box, members, cells, follow, None) for m in (map, map.halved()))
+    return (one != half).mean(axis=1).tolist()
 
 
 def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any) -> np.ndarray:
-    """The images of cells that have a time each.
+    """The images of cells that have a time each."""
 
-    Those that are away leave the batch every few steps, so that nobody waits for the slowest.
-    """
-    found = np.empty(cells.size, np.int32)
-    left = np.arange(cells.size)
+    def stage(state: Any, k: int) -> Any:
+        cells, points = state
+        steps = min(_STAGE, map.steps - k * _STAGE)
+        points, index, away = _cross(map, box, params, cells, points, steps)
+        return (cells, points), away | (k * _STAGE + steps >= map.steps), (index, points)
+
     start = np.asarray(cells)
-    points = np.asarray(box.centre(start, dtype))
-    steps = 0
-    while left.size:
-        size = quartered(left.size)
-        stage = min(_STAGE, map.steps - steps)
-        here, at = (with_last(x, size) for x in (start[left], points))
-        after, index, away = jax.device_get(_cross(map, box, params, here, at, stage))
-        steps += stage
-        away = away[: left.size] | (steps >= map.steps)
-        points, index = after[: left.size], index[: left.size]
-        if follow:
-            lost = away & (index == box.outside)
-            index[lost] = _followed(map, box, params, points[lost], follow)
-        found[left[away]] = index[away]
-        left, points = left[~away], points[~away]
-    return found
-
-
-def quartered(size: int) -> int:
-    """The next of a few sizes, a quarter of each other, so that few shapes are compiled."""
-    return int(max(1 << 10, 4 ** math.ceil(math.log(size, 4))))
-
-
-def with_last(values: np.ndarray, size: int) -> np.ndarray:
-    """With more of the last row."""
-    return np.concatenate([values, np.repeat(values[-1:], size - len(values), axis=0)])
+    index, points = in_stages((start, np.asarray(box.centre(start, dtype))), stage)
+    lost = index == box.outside
+    if follow and lost.any():
+        points = points[lost]
+        filled = with_last(points, bucket(len(points)))
+        ahead = _followed(map, box, params, filled, follow * map.steps)
+        index[lost] = np.asarray(ahead)[: len(points)]
+    return index
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
@@ -167,20 +191,14 @@ def _cross(map: Flow, box: Box, params: Any, cells: Any, points: Any, steps: Any
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
     """Whether a point is out of the box, or as many cells from a cell as a crossing asks for."""
     index = box.index(y)
-    apart = jnp.abs(box.coordinates(index) - here)
-    around = jnp.asarray(box.cells, jnp.int32) - apart
-    periodic = jnp.asarray([kind == "periodic" for kind in box.axes])
-    apart = jnp.where(periodic, jnp.minimum(apart, around), apart)
+    apart = box.apart(box.coordinates(index) - here)
     return (index >= box.size) | (jnp.max(apart) >= map.crossing)
 
 
-def _followed(map: Flow, box: Box, params: Any, points: np.ndarray, follow: int) -> np.ndarray:
+@functools.partial(jax.jit, static_argnames=("map", "box"))
+def _followed(map: Flow, box: Box, params: Any, points: Any, steps: Any) -> Any:
     """The cells of points outside, followed step by step."""
-    if not len(points):
-        return np.empty(0, np.int32)
-    filled = jnp.asarray(with_last(points, quartered(len(points))))
-    steps = functools.partial(_until_inside, map.one, box, params=params, follow=follow * map.steps)
-    return np.asarray(jax.vmap(steps)(filled))[: len(points)]
+    return jax.vmap(lambda x: _until_inside(map.one, box, x, params, steps))(points)
 
 
 def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:
@@ -194,27 +212,33 @@ def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:
 
 @functools.partial(jax.jit, static_argnames=("map", "box", "follow", "dtype"))
 def _images(
-    map: Map, box: Box, params: Any, cells: Int[Array, "size"], follow: int, dtype: Any
-) -> Int[Array, "size"]:
-    def image(cell):  # type: ignore[no-untyped-def]
-        y = map(box.centre(cell, dtype), params)
-        return _until_inside(map, box, y, params, follow) if follow else box.index(y)
+    map: Map,
+    box: Box,
+    params: Any,
+    members: Int[Array, "members"],
+    cells: Int[Array, "size"],
+    follow: int,
+    dtype: Any,
+) -> Int[Array, "members size"]:
+    def image(member, cell):  # type: ignore[no-untyped-def]
+        own = params_of(params, member)
+        y = map(box.centre(cell, dtype), own)
+        return _until_inside(map, box, y, own, follow) if follow else box.index(y)
 
-    return jax.vmap(image)(cells)
+    return jax.vmap(lambda member: jax.vmap(lambda cell: image(member, cell))(cells))(members)
 
 
 def _images_of(
-    map: Map, box: Box, params: Any, cells: Int[np.ndarray, "size"], follow: int, dtype: Any
-) -> Int[np.ndarray, "size"]:
+    map: Map,
+    box: Box,
+    members: Sequence[Any],
+    cells: Int[np.ndarray, "size"],
+    follow: int,
+    dtype: Any,
+) -> Int[np.ndarray, "members size"]:
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
-    params = jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), params)
     if isinstance(map, Flow) and map.crossing:
-        return _crossing(map, box, params, cells, follow, kind)
-    return np.asarray(_images(map, box, params, jnp.asarray(cells), follow, kind))
-
-
-def _in_threads(compute: Callable[[int], int], starts: range) -> Iterator[int]:
-    """Run on two threads, since XLA leaves cores idle between chunks; yields how many are done."""
-    with ThreadPoolExecutor(2) as pool:
-        for done, _ in enumerate(pool.map(compute, starts), 1):
-            yield done
+        arrays = (jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), one) for one in members)
+        return np.stack([_crossing(map, box, one, cells, follow, kind) for one in arrays])
+    params, each = stacked(members, kind), jnp.arange(len(members))
+    return np.asarray(_images(map, box, params, each, jnp.asarray(cells), follow, kind))

@@ -19,7 +19,17 @@ Field: TypeAlias = Callable[[Any, Any], Any]
 class Map(Protocol):
     """A map of a space to itself: where a point goes next, `map(x, params)`.
 
-    Any function of JAX that has a hash is one, such as one that is defined in a module.
+    Any function of JAX that has a hash is one, such as one that is defined in a module. For stiff
+    fields, a solve of diffrax with steps of its own choice:
+
+        def stiff(x, params):
+            term = diffrax.ODETerm(lambda t, y, p: field(y, p))
+            control = diffrax.PIDController(rtol=1e-6, atol=1e-9)
+            solver, times = diffrax.Kvaerno5(), (0.0, 1.0, 0.01)
+            found = diffrax.diffeqsolve(
+                term, solver, *times, x, params, stepsize_controller=control
+            )
+            return found.ys[-1]
     """
 
     def __call__(self, x: Any, params: Any, /) -> Any: ...
@@ -40,9 +50,14 @@ class Flow:
         steps = _LONG if self.crossing else self.steps
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, steps)
 
-    def one(self, x: Any, params: Any) -> Any:
-        """One step, of `dt`."""
-        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, 1)
+    @property
+    def duration(self) -> float | None:
+        """The time of an application; none where cells have a time each."""
+        return None if self.crossing else self.dt * self.steps
+
+    def one(self, x: Any, params: Any, part: Any = 1.0) -> Any:
+        """One step, of `dt` or a part of it."""
+        return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt * part)
 
     def halved(self) -> "Flow":
         """The same with steps of half the length."""
@@ -62,6 +77,11 @@ class Strobe:
             return self.field(t, y, params)
 
         return _advance(field, x, 0.0, self.period / self.steps, self.steps)
+
+    @property
+    def duration(self) -> float:
+        """The time of an application."""
+        return self.period
 
     def halved(self) -> "Strobe":
         """The same with steps of half the length."""
@@ -130,6 +150,11 @@ class Impacts:
             return jnp.where(hit, _rk4(field, met, 0.0, self.flow.dt - time), after)
 
         return jax.lax.fori_loop(0, self.flow.steps, step, jnp.asarray(x))
+
+    @property
+    def duration(self) -> float | None:
+        """The time of an application."""
+        return self.flow.duration
 
     def halved(self) -> "Impacts":
         """The same with steps of half the length."""

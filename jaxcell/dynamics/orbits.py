@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Int
 
 from ..space.box import Box
-from .imaging import CHUNK, Say, quartered, with_last
+from .batches import in_stages
+from .imaging import CHUNK, Say
 from .maps import Map
 
 
@@ -57,24 +58,19 @@ def orbit_basins(
 
 def _of_chunk(
     map: Map, box: Box, params: Any, owner: Any, cells: Int[np.ndarray, "size"], follow: int
-) -> tuple[np.ndarray, np.ndarray]:
-    found, since = np.full((2, cells.size), _NONE, np.int32)
-    left = np.arange(cells.size)
-    label, begun, visits, away = np.zeros((4, cells.size), np.int32)
-    state: tuple[Any, ...] = (box.centre(cells), label + _NONE, begun, visits, away)
-    for done in range(0, _MAX_MAPPINGS, _STAGE):
-        filled = tuple(with_last(x, quartered(left.size)) for x in state)
-        after = jax.device_get(_visit(map, box, params, owner, filled, done, follow))
-        state = tuple(x[: left.size] for x in after)
+) -> tuple[np.ndarray, ...]:
+    def stage(state: Any, k: int) -> Any:
+        done = (k + 1) * _STAGE
+        state = jax.device_get(_visit(map, box, params, owner, state, k * _STAGE, follow))
         _, label, begun, visits, away = state
-        lost = away > follow
-        ended = (visits >= _VISITS) | lost
-        found[left[ended]] = np.where(lost, _OUTSIDE, label)[ended]
-        since[left[ended]] = np.where(lost, done + _STAGE, begun)[ended]
-        left, state = left[~ended], tuple(x[~ended] for x in state)
-        if not left.size:
-            break
-    return found, since
+        lost, settled = away > follow, visits >= _VISITS
+        basin = np.where(lost, _OUTSIDE, np.where(settled, label, _NONE)).astype(np.int32)
+        since = np.where(lost, done, np.where(settled, begun, _NONE)).astype(np.int32)
+        return state, lost | settled | (done >= _MAX_MAPPINGS), (basin, since)
+
+    begun, visits, away = np.zeros((3, cells.size), np.int32)
+    label = np.full(cells.size, _NONE, np.int32)
+    return in_stages((box.centre(cells), label, begun, visits, away), stage)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))

@@ -1,8 +1,8 @@
 """Numbers about basins: stability, shocks, entropy and uncertainty."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
@@ -12,7 +12,10 @@ from .basin import Basins
 
 
 def basin_stability(
-    found: Basins, weight: Callable[[np.ndarray], np.ndarray] | None = None
+    found: Basins,
+    weight: Callable[[np.ndarray], np.ndarray] | None = None,
+    *,
+    within: float = math.inf,
 ) -> Float[np.ndarray, "attractors"]:
     """The share of starts that lead to each attractor, by a density of starts.
 
@@ -21,6 +24,7 @@ def basin_stability(
     - `found`: the basins.
     - `weight`: the density at points `[cells, axes]`, not necessarily normalised; by default all
         cells weigh the same.
+    - `within`: the most time to the attractor, in mappings where the map has no time.
 
     **Returns:** the shares, which sum to less than 1 where starts leave the box.
 
@@ -33,11 +37,77 @@ def basin_stability(
         >>> dynamics.basin_stability(found, lambda x: x[:, 0] > 0.25).round(3).tolist()
         [0.333, 0.667]
     """
-    if weight is None:
-        return found.fraction
-    mass = np.asarray(weight(found.box.centre(np.arange(found.box.size, dtype=np.int32))))
-    total = np.bincount(found.basin + 1, mass, minlength=found.attractors + 1)
-    return total[1:] / mass.sum()
+    mass = np.ones(found.box.size)
+    if weight is not None:
+        mass = np.asarray(weight(found.box.centre(np.arange(found.box.size, dtype=np.int32))))
+    come = np.where(_times(found) <= within, found.basin, -1)
+    return np.bincount(come + 1, mass, minlength=found.attractors + 1)[1:] / mass.sum()
+
+
+def convergence_pace(found: Basins) -> Float[np.ndarray, "attractors"]:
+    """The mean over each basin of the time to the attractor by the distance to it.
+
+    Cells of the attractor have a pace of 0. Mean times are those of the basins themselves,
+    `found.mean_time`.
+
+    **Returns:** time, in mappings where the map has none, by length in the units of the box.
+
+    **Arguments:**
+
+    - `found`: the basins.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[4])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> dynamics.convergence_pace(found).tolist()
+        [2.0, 2.0]
+    """
+    times = _times(found)
+
+    def pace(own: np.ndarray, far: np.ndarray) -> float:
+        return float(np.where(far > 0, times[own] / np.where(far > 0, far, 1), 0).mean())
+
+    return np.array([pace(own, far) for own, far in _basins_with_distance(found)])
+
+
+def noncritical_shocks(
+    found: Basins,
+) -> tuple[Float[np.ndarray, "attractors"], Float[np.ndarray, "attractors"]]:
+    """How far from the attractor the cells of its basin are, on average and at most.
+
+    **Returns:** the mean and the largest distance for each attractor, in the units of the box.
+
+    **Arguments:**
+
+    - `found`: the basins.
+
+    Cells to the right of the middle stay, the others go to the left end:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [1], cells=[4])
+        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(found)]
+        [[0.125, 0.125], [0.25, 0.25]]
+    """
+    lengths = [far for _, far in _basins_with_distance(found)]
+    return np.array([far.mean() for far in lengths]), np.array([far.max() for far in lengths])
+
+
+def _times(found: Basins) -> Float[np.ndarray, "cells"]:
+    return found.step * (found.duration or 1.0)
+
+
+def _basins_with_distance(found: Basins) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The cells of each basin, and how far each is from the attractor."""
+    for k, cells in enumerate(found.attractor_cells):
+        away = np.ones(found.box.size, bool)
+        away[cells] = False
+        own = np.flatnonzero(found.basin == k)
+        yield own, _distance(found.box, away)[own]
 
 
 def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
@@ -71,14 +141,14 @@ def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
 
 def _distance(box: Box, own: np.ndarray) -> Float[np.ndarray, "cells"]:
     """From each cell to the nearest that is not among them."""
-    grid = own.reshape(box.shape)
+    grid = own.reshape(box.cells)
     pad = [
         (n, n) if kind == "periodic" else (0, 0)
-        for n, kind in zip(box.shape, box.axes, strict=True)
+        for n, kind in zip(box.cells, box.axes, strict=True)
     ]
     wide = np.pad(grid, pad, mode="wrap")
     far = ndimage.distance_transform_edt(wide, sampling=box.width)
-    middle = tuple(slice(low, low + n) for (low, _), n in zip(pad, box.shape, strict=True))
+    middle = tuple(slice(low, low + n) for (low, _), n in zip(pad, box.cells, strict=True))
     return far[middle].ravel()
 
 
@@ -102,7 +172,7 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
         >>> dynamics.basin_entropy(found, side=2)
         (0.0, 0.0)
     """
-    labels = found.basin.reshape(found.box.shape)
+    labels = found.basin.reshape(found.box.cells)
     whole = tuple(slice(0, n // side * side) for n in labels.shape)
     blocks = labels[whole]
     split = [part for n in blocks.shape for part in (n // side, side)]
@@ -138,20 +208,53 @@ def uncertainty_exponent(
         >>> dynamics.uncertainty_exponent(found, (1, 2))[1].tolist()
         [0.25, 0.5]
     """
-    labels = found.basin.reshape(found.box.shape)
-    modes = ["wrap" if kind == "periodic" else "nearest" for kind in found.box.axes]
-    share = []
-    for radius in radii:
-        size = 2 * radius + 1
-        high = ndimage.maximum_filter(labels, size, mode=modes)
-        low = ndimage.minimum_filter(labels, size, mode=modes)
-        share.append(np.mean(high != low))
-    uncertain = np.array(share)
+    labels = found.basin.reshape(found.box.cells)
+    uncertain = np.array([_mixed(found.box, labels, radius).mean() for radius in radii])
     seen = uncertain > 0
     if np.count_nonzero(seen) < 2:
         return float("nan"), uncertain
     slope = np.polyfit(np.log(np.array(radii)[seen]), np.log(uncertain[seen]), 1)[0]
     return float(slope), uncertain
+
+
+def wada(found: Basins, radius: float = 3.0) -> float:
+    """The share of a boundary that is not a boundary of all basins, which is 0 for those of Wada.
+
+    With all other basins merged, each basin has a boundary; those of Wada are one (Daza et al.
+    2018). Cells that lead to no attractor count as a basin.
+
+    **Arguments:**
+
+    - `found`: three basins or more.
+    - `radius`: cells that one boundary may be from another.
+
+    **Returns:** the largest share of the cells of one boundary that are farther from another.
+
+    **Raises:** `ValueError` for fewer basins.
+
+    Three stripes, of which only the one in the middle has a boundary with both others:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([0], [3], cells=[30])
+        >>> found = dynamics.basins(lambda x, p: jnp.floor(x) + 0.5, box)
+        >>> dynamics.wada(found)
+        1.0
+    """
+    labels = found.basin.reshape(found.box.cells)
+    names = np.unique(labels)
+    if names.size < 3:
+        raise ValueError(f"wada: expected at least 3 basins, got {names.size}")
+    edges = [_mixed(found.box, (labels == name).astype(np.int8), 1) for name in names]
+    far = [ndimage.distance_transform_edt(~edge) > radius for edge in edges]
+    return max(float(np.mean(beyond[edge])) for edge in edges for beyond in far)
+
+
+def _mixed(box: Box, labels: np.ndarray, radius: int) -> np.ndarray:
+    """Which cells have another label within a radius, along any axis."""
+    modes = ["wrap" if kind == "periodic" else "nearest" for kind in box.axes]
+    high = ndimage.maximum_filter(labels, 2 * radius + 1, mode=modes)
+    return high != ndimage.minimum_filter(labels, 2 * radius + 1, mode=modes)
 
 
 def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"]:
@@ -179,4 +282,4 @@ def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"
     both = np.zeros((one.attractors + 1, other.attractors + 1))
     np.add.at(both, (one.basin, other.basin), 1.0)
     own = both.sum(axis=1, keepdims=True)
-    return (both / np.maximum(own, 1))[:-1, :-1] if both.size else np.asarray(jnp.zeros((0, 0)))
+    return (both / np.maximum(own, 1))[:-1, :-1]

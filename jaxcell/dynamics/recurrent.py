@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..space.box import Box
+from .batches import with_last
 from .imaging import check_map
 from .maps import Map
 
@@ -152,9 +153,9 @@ def _mapped(
     """The cells of the images of points of cells, a few hundred cells at a time."""
     found = []
     for k in range(0, cells.size, _PART):
-        part = np.resize(cells[k : k + _PART], _PART)
+        part = with_last(cells[k : k + _PART], _PART)
         found.append(np.asarray(_of_part(map, box, params, part, offsets * box.width)))
-    return np.concatenate(found)
+    return np.concatenate(found)[: cells.size]
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))

@@ -56,7 +56,7 @@ _MAGNETS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 
 def _magnetic(x, p):  # type: ignore[no-untyped-def]
     place, speed = x[:2], x[2:]
-    apart = jnp.asarray(_MAGNETS) - place
+    apart = jnp.asarray(_MAGNETS) - place[None]
     distance = jnp.sqrt(jnp.sum(apart**2, axis=1) + p["height"] ** 2)
     pull = jnp.sum(p["pull"] * apart / distance[:, None] ** 3, axis=0)
     return jnp.concatenate([speed, pull - p["omega"] ** 2 * place - p["damping"] * speed])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 from .cells import TOLERANCE
 
@@ -18,7 +18,7 @@ class Box:
     """A box of equal cells, of any number of dimensions.
 
     Cells are numbered from 0, along the last axis first, so that an array over cells becomes one
-    over the axes by `array.reshape(box.shape)`. A point on the face between two cells belongs to
+    over the axes by `array.reshape(box.cells)`. A point on the face between two cells belongs to
     the upper one, to 1e-9 of a cell. After the cells come two sinks: `outside` for points that left
     the box, and `nowhere` for those with a coordinate that is not finite.
 
@@ -89,12 +89,8 @@ class Box:
             )
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of cells along each axis, the shape of an array over the cells."""
-        return self.cells
-
-    @property
     def dimensions(self) -> int:
+        """Number of axes."""
         return len(self.cells)
 
     @property
@@ -125,6 +121,16 @@ class Box:
         """The coordinates of cells, counted in cells along each axis."""
         xp = index.__array_namespace__()
         return xp.stack(self._unravel(index), axis=-1)
+
+    def apart(self, cells: Num[Any, "... axes"]) -> Num[Any, "... axes"]:
+        """How far apart along each axis differences in cells are, by the shorter way round."""
+        xp = cells.__array_namespace__()
+        along = []
+        for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
+            here = xp.abs(cells[..., axis])
+            around = kind == "periodic"
+            along.append(xp.minimum(here % count, count - here % count) if around else here)
+        return xp.stack(along, axis=-1)
 
     def centre(self, index: Int[Any, "..."], dtype: Any = None) -> Float[Any, "... axes"]:
         """The centres of cells.

@@ -1,5 +1,5 @@
 import dataclasses
-import re
+import functools
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from ..dynamics import Basins, Continuation, System
 
 
-# Of the result, and of a chunk of a million cells while it is mapped.
+# While a result is made, of the result, and of a million cells while they are mapped.
 _BYTES_PER_CELL = 40
+_KEPT_PER_CELL = 18
 _CHUNK_BYTES = 400e6
 
 
@@ -44,6 +45,7 @@ class Dynamics(Study):
         require("follow", self.follow, "a whole number from 0", lambda x: x >= 0)
         require("seed", self.seed, "a whole number from 0", lambda x: x >= 0)
 
+    @functools.cached_property
     def asked(self) -> "System":
         """The system with the cells that are asked for.
 
@@ -59,14 +61,18 @@ class Dynamics(Study):
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
 
     def memory(self) -> float | int:
-        needed = _CHUNK_BYTES + _BYTES_PER_CELL * self.asked().box.size
+        given = read_params(self.params, dict(self.asked.params)).values()
+        members = max((len(value) for value in given if isinstance(value, list)), default=1)
+        cells = self.asked.box.size
+        needed = _CHUNK_BYTES + cells * (_BYTES_PER_CELL + _KEPT_PER_CELL * (members - 1))
         memory.check(needed, "dynamics", "give fewer --cells")
         return needed
 
     def run(self, say: Say = silent) -> "Basins | Continuation":
         from .. import dynamics
 
-        system = self.asked()
+        self.memory()
+        system = self.asked
         params = read_params(self.params, dict(system.params))
         options: dict[str, Any] = {
             "follow": self.follow,
@@ -79,7 +85,7 @@ class Dynamics(Study):
         return dynamics.basins(system.map, system.box, params, say=say, **options)
 
     def heading(self, spec: dict[str, Any]) -> str:
-        return self.asked().about or f"The system {self.system}"
+        return self.asked.about or f"The system {self.system}"
 
 
 def load_system(reference: str) -> "System":
@@ -128,7 +134,7 @@ def read_params(given: tuple[str, ...], known: "dict[str, Any]") -> "dict[str, A
 
 
 def _number_or_list(text: str) -> float | list[float]:
-    if not re.search(":", text):
+    if ":" not in text:
         return float(text)
     first, last, count = text.split(":")
     if int(count) < 1:

@@ -12,4 +12,5 @@ TASKS: dict[str, str] = {
     "plans": "jaxcell.study:Plans",
     "patrol": "jaxcell.study:PatrolGraph",
     "drift": "jaxcell.study:Drift",
+    "dynamics": "jaxcell.study:Dynamics",
 }

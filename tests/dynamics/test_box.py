@@ -25,7 +25,7 @@ def test_the_centre_of_a_cell_is_in_it(corners):
     box = Box(*corners)
     cells = np.arange(box.size, dtype=np.int32)
     assert (box.index(box.centre(cells)) == cells).all()
-    assert (np.ravel_multi_index(box.coordinates(cells).T, box.shape) == cells).all()
+    assert (np.ravel_multi_index(box.coordinates(cells).T, box.cells) == cells).all()
 
 
 @given(boxes(), st.data())
@@ -47,7 +47,7 @@ def test_points_are_found_as_numpy_finds_them(corners, data):
     if (np.abs(place - np.round(place) + 1e-9) < 1e-10).any():
         return
     found = int(box.index(point))
-    assert found == (np.ravel_multi_index(expected, box.shape) if inside else box.outside)
+    assert found == (np.ravel_multi_index(expected, box.cells) if inside else box.outside)
 
 
 def test_an_edge_belongs_to_the_upper_cell_and_the_last_to_none():
@@ -66,6 +66,12 @@ def test_numpy_and_jax_agree_under_jit_and_vmap():
     cells = np.arange(12, dtype=np.int32)
     np.testing.assert_array_equal(jax.vmap(box.centre)(jnp.asarray(cells)), box.centre(cells))
     assert box.centre(jnp.asarray(cells), jnp.float32).dtype == jnp.float32
+
+
+def test_cells_are_apart_by_the_shorter_way_round():
+    box = Box([0, 0], [1, 5], [10, 10], ["periodic", "sink"])
+    assert box.apart(np.array([[7, 7], [-12, -9], [5, 0]])).tolist() == [[3, 7], [2, 9], [5, 0]]
+    np.testing.assert_allclose(box.apart(jnp.array([9.5, 9.5])), [0.5, 9.5])
 
 
 def test_far_points_do_not_overflow():

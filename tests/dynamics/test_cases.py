@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxcell import dynamics
+from jaxcell.dynamics import systems
 from jaxcell.mapping.peel import peeled_groups
 from jaxcell.space import Box
 
@@ -143,6 +144,13 @@ def test_henons_map_has_one_attractor_and_loses_the_rest():
     assert found.period.tolist() == [0]
 
 
+def test_a_cycle_of_a_whole_number_of_steps_is_one_attractor():
+    # Round in 20 steps, between which are a thousand cells.
+    ring = dynamics.flow(lambda x, p: jnp.stack([0.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
+    found = dynamics.basins(ring, Box([0, 0], [1, 1], [20_000, 3], ["periodic", "sink"]))
+    assert found.attractors == 1
+
+
 @pytest.mark.parametrize("axes", [1, 2])
 def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     box = Box([-2] * axes, [2] * axes, [40] * axes)
@@ -178,6 +186,18 @@ def test_orbits_that_leave_are_followed_as_far_as_it_is_said():
     assert dynamics.basins(back, box, by="orbits", follow=1).outside_share == 0
 
 
+def test_a_periodic_axis_that_the_map_does_not_respect_is_named():
+    box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
+    torn = dynamics.continuation(lambda x, p: x * p["rate"], box, {"rate": [0.5, 1.0]})
+    said = "The axis x0 is periodic, but the map differs at its two ends."
+    assert torn.members[0].remarks[0] == said
+    # The identity is the same at both ends.
+    assert not any("periodic" in one for one in torn.members[1].remarks)
+    assert torn.remarks[0].startswith(f"2 of 2 parameters have remarks, as rate=0.5: {said}")
+    twice = dynamics.basins(lambda x, p: jnp.stack([2 * x[0], 0.5 * x[1]]), box)
+    assert not any("periodic" in one for one in twice.remarks)
+
+
 def test_what_is_not_finite_is_not_outside():
     def map(x, p):
         return jnp.where(x < 0.25, jnp.inf - jnp.inf, jnp.where(x < 0.5, x + 10, x))
@@ -211,6 +231,27 @@ def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     side = np.sqrt(0.4 * 27)
     start = [[side, side, 27], [-side, -side, 27]]
     assert dynamics.unstable_set(dynamics.flow(lorenz, 0.01, 10), box, start).size == 33_320
+
+
+@pytest.mark.slow
+def test_attractors_that_come_near_to_each_other_are_two():
+    # A chaotic one and a cycle, half a cell apart. Attractors.jl: 0.645 of 1,000 starts, 0.18 and
+    # 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
+    found = dynamics.basins(systems.lorenz84.map, systems.lorenz84.box, systems.lorenz84.params)
+    assert found.period.tolist() == [1, 0, 0]
+    np.testing.assert_allclose(found.sampled, [0.645, 0.18, 0.175], atol=0.08)
+    assert sum("take basins by orbits" in said for said in found.remarks) == 3
+
+
+@pytest.mark.slow
+def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
+    # Of starts at rest; on their way orbits leave the thin box around that, and come back.
+    system = systems.magnetic
+    box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [61, 61, 1, 1])
+    found = dynamics.basins(system.map, box, system.params, follow=200)
+    assert found.attractors == 3
+    # Attractors.jl: 0.314, 0.309 and 0.377 of some hundred starts, by orbits 0.332, 0.331, 0.337.
+    np.testing.assert_allclose(found.fraction, [0.337, 0.332, 0.331], atol=0.01)
 
 
 @pytest.mark.slow

@@ -1,3 +1,4 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -24,6 +25,41 @@ def test_basin_stability_weighs_starts(found):
 
 def test_minimal_critical_shocks_are_those_of_attractors_jl(found):
     np.testing.assert_allclose(dynamics.minimal_critical_shock(found), [2, 1])
+
+
+def test_times_and_shocks_are_those_of_attractors_jl(found):
+    # There sums over a basin are divided by all nine starts.
+    share = np.array([2 / 3, 1 / 3])
+    np.testing.assert_allclose(share * found.mean_steps, [5 / 9, 2 / 9])
+    pace = dynamics.convergence_pace(found)
+    np.testing.assert_allclose(share * pace, [0.40604, 0.16667], atol=1e-5)
+    mean, largest = dynamics.noncritical_shocks(found)
+    np.testing.assert_allclose(share * mean, [0.85003, 0.33333], atol=1e-5)
+    np.testing.assert_allclose(largest, [2.23607, 2], atol=1e-5)
+    np.testing.assert_allclose(dynamics.basin_stability(found, within=0.5), [1 / 9, 1 / 9])
+
+
+def test_times_are_those_of_a_flow():
+    # x' = -1, to a floor at 0.05: each mapping lasts 0.2 and goes two cells.
+    flow = dynamics.flow(lambda x, p: jnp.where(x < 0.1, 0.0, -1.0), 0.1, 2)
+    found = dynamics.basins(flow, Box([0], [1], [10]))
+    np.testing.assert_allclose(found.mean_time, 0.2 * found.mean_steps)
+    early = dynamics.basin_stability(found, within=0.45)
+    assert early[0] == pytest.approx(np.mean(found.step <= 2))
+
+
+def test_newtons_method_has_basins_of_wada():
+    def newton(x, p):
+        z = jax.lax.complex(x[0], x[1])
+        z = z - (z**3 - 1) / (3 * z**2)
+        return jnp.stack([z.real, z.imag])
+
+    found = dynamics.basins(newton, Box([-2.01, -2], [2, 2], [200, 200]), follow=20)
+    assert found.attractors == 3
+    np.testing.assert_allclose(found.fraction, 1 / 3, atol=0.05)
+    assert dynamics.wada(found) < 0.05
+    with pytest.raises(ValueError, match="wada: expected at least 3 basins, got 1"):
+        dynamics.wada(dynamics.basins(lambda x, p: x / 2, Box([-1], [1], [9])))
 
 
 def test_shocks_go_round_periodic_axes():
@@ -97,6 +133,45 @@ def test_attractors_are_matched_by_where_they_are():
     assert found.appears.tolist() == [0, 1]
     assert found.vanishes.tolist() == [4, 4]
     np.testing.assert_allclose(found.fraction[0], [1, 0])
+
+
+def test_what_becomes_of_attractors_is_reported():
+    def steps(x, p):
+        # To 0.1, 0.5 and 0.9, if not ever more of them from the right have gone or leave.
+        left = jnp.where(x < 0.7, 0.5, jnp.where(p["p"] >= 1, 0.5, 0.9))
+        return jnp.where(x < 0.3, jnp.where(p["p"] >= 2, 9.0, 0.1), left)
+
+    found = dynamics.continuation(steps, Box([0], [1], [50]), {"p": np.array([0, 1, 2.0])})
+    first = found.members[0].basin
+    middle, right, left = (int(found.label[0][first[cell]]) for cell in (25, 45, 5))
+    assert found.vanishes[[middle, right, left]].tolist() == [2, 0, 1]
+    assert found.merges[[middle, right, left]].tolist() == [-1, middle, -1]
+
+
+@pytest.mark.parametrize("by", ["cells", "orbits"])
+def test_parameters_in_a_batch_are_those_one_by_one(by):
+    def well(x, p):
+        return x + p["rate"] * (x - x**3) + p["shift"]
+
+    box, rates = Box([-2], [2], [41]), [0.1, 0.3, 0.9]
+    found = dynamics.continuation(well, box, {"rate": rates, "shift": 0.01}, by=by)
+    for member, rate in zip(found.members, rates, strict=True):
+        alone = dynamics.basins(well, box, {"rate": rate, "shift": 0.01}, by=by)
+        assert (member.image == alone.image).all()
+        assert (member.basin == alone.basin).all()
+        assert (member.step == alone.step).all()
+        np.testing.assert_allclose(member.orbit, alone.orbit)
+
+
+def test_an_attractor_that_goes_round_is_matched_where_it_is():
+    def ring(x, p):
+        # At a height of 0.47, and what is above 0.5 leaves; then at 0.53, where all go.
+        lost = (p["p"] < 1) & (x[1] > 0.5)
+        return jnp.stack([x[0] + 0.31 + 0.02 * p["p"], jnp.where(lost, 9.0, 0.47 + 0.06 * p["p"])])
+
+    box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
+    found = dynamics.continuation(ring, box, {"p": [0.0, 1.0]})
+    assert [one.tolist() for one in found.label] == [[0], [0]]
 
 
 @pytest.mark.parametrize("params", [{"a": 1.0}, {"a": [1.0, 2.0], "b": [1.0]}])

@@ -10,6 +10,7 @@ from recordings import Recording
 
 from jaxcell import study
 from jaxcell.cli.app import run
+from jaxcell.sweep import Spec, open_sweep, run_sweep
 
 
 OWN = """
@@ -55,6 +56,40 @@ def test_several_values_follow_the_attractors(own, tmp_path, capsys):
     curve = recorded.over("member", "/fractions/attractor_1", "Scalars:scalars")
     np.testing.assert_allclose([value for (value,) in curve.values()], [0.5, 0.25, 0])
     assert len(recorded.pictures("member", "/box/basins")) == 3
+
+
+def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
+    ran = []
+    run_alone = study.Dynamics.run
+
+    def counted(self, *more):
+        ran.append(self.params)
+        if len(ran) == 2:
+            raise KeyboardInterrupt
+        return run_alone(self, *more)
+
+    monkeypatch.setattr(study.Dynamics, "run", counted)
+    edges = ["edge=0.5", "edge=0.75", "edge=0.9"]
+    spec = tmp_path / "spec.toml"
+    text = f'task = "dynamics"\nchunk = 1\n[fixed]\nsystem = "{own}"\n[list]\nparams = {edges}\n'
+    spec.write_text(text)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(Spec.load(spec), tmp_path / "out")
+    run_sweep(Spec.load(spec), tmp_path / "out", resume=True)
+    assert ran == [(edges[0],), (edges[1],), (edges[1],), (edges[2],)]
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.attractors.values.tolist() == [2, 2, 2]
+        assert dataset.outside_share.values.tolist() == [0, 0, 0]
+
+
+def test_what_does_not_fit_is_refused_with_the_number(own, monkeypatch):
+    monkeypatch.setattr("jaxcell.base.memory.free", lambda: 10**9)
+    small = study.Dynamics(system=own, cells=(1_000,))
+    assert small.memory() < 10**9
+    for asked in ({"cells": (40_000_000,)}, {"params": ("edge=0:1:2000",), "cells": (30_000,)}):
+        with pytest.raises(MemoryError, match=r"dynamics needs about \d\.\d GB of memory, and 1.0"):
+            study.Dynamics(system=own, **asked).run()
 
 
 @pytest.mark.parametrize(

@@ -161,11 +161,13 @@ def test_parameters_are_refused_by_name(name):
         "plans": {"map": LAB, "bounces": [90]},
         "patrol": {"file": LINE},
         "drift": {"file": GYRES},
+        "dynamics": {"system": "henon"},
     }[name]
     swept, bad = {
         "rooms": ("room", -1),
         "patrol": ("share", 1.5),
         "drift": ("rho", 1.5),
+        "dynamics": ("follow", -1),
     }.get(name, ("cell", 0.0))
     called = study_of(name).__name__ if study_of(name) else f"'{name}'"
     with pytest.raises(ValueError, match=f"colour: expected a parameter of {called}, one of"):

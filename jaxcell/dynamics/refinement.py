@@ -1,0 +1,246 @@
+"""Finer cells where they are wanted: at boundaries of basins, and on attractors."""
+
+import functools
+import itertools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..space.box import Box
+from ..space.cells import TOLERANCE
+from .basin import Basins
+from .batches import in_stages
+from .imaging import CHUNK, check_map
+from .maps import Map
+
+
+# Mappings between two looks at which points have come to a cell that is not at a boundary, and the
+# most of these looks.
+_STAGE = 8
+_MAX_STAGES = 64
+_UNSURE = -2
+
+
+class Refined(NamedTuple):
+    """Basins whose cells at boundaries have been halved along each axis, again and again."""
+
+    fraction: Float[np.ndarray, "attractors"]
+    "The share of the box that leads to each attractor, by the finest cells."
+    uncertain: Float[np.ndarray, "levels"]
+    "The share of the box that cells at a boundary take, by level; the first is that of the basins."
+    exponent: float
+    "The slope of its logarithm over that of the length of cells; 1 for smooth boundaries."
+    boundary: Float[np.ndarray, "cells axes"]
+    "Centres of the finest cells that are at a boundary."
+    basin: Int[np.ndarray, "cells"]
+    "The attractor that each of them leads to, -1 for none."
+    mapped: int
+    "Finer cells that were followed."
+
+
+def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
+    """Refine the boundaries of basins.
+
+    A cell with another basin beside it is cut in two along each axis, and the centres of its parts
+    are mapped until they come to a cell that has its own basin on all sides. Parts that have
+    another basin beside them are cut again. A fractal boundary also passes between cells of one
+    basin, which are not cut: there the exponent is somewhat large, and
+    [`uncertainty_exponent`][jaxcell.dynamics.uncertainty_exponent] of finer cells is better.
+
+    **Arguments:**
+
+    - `map`: the map that the basins are of.
+    - `found`: the basins.
+    - `levels`: how often cells are halved.
+
+    **Returns:** [`Refined`][jaxcell.dynamics.refinement.Refined].
+
+    Starts above 0.3 go up, the others down; cells of a quarter cannot say so:
+
+        >>> import jax.numpy as jnp
+        >>> from jaxcell import dynamics, space
+        >>> def up_or_down(x, p):
+        ...     return jnp.where(x > 0.3, 0.9, 0.1)
+        >>> found = dynamics.basins(up_or_down, space.Box([0], [1], cells=[4]))
+        >>> found.fraction.tolist(), dynamics.refined(up_or_down, found).fraction.tolist()
+        ([0.75, 0.25], [0.6875, 0.3125])
+    """
+    box = found.box
+    # By level, the cells that were followed in ascending order, and the basin of each.
+    keys = [np.arange(box.size)]
+    basins = [found.basin]
+    edge = np.flatnonzero(_at_boundary(box, keys, basins))
+    certain = np.append(found.basin, [-1, -1]).astype(np.int32)
+    certain[edge] = _UNSURE
+    for k, cells in enumerate(found.attractor_cells):
+        certain[cells] = k
+    volume = np.bincount(found.basin + 1, minlength=found.attractors + 1).astype(float)
+    uncertain = [edge.size / box.size]
+    parts = 2**box.dimensions
+    for level in range(1, levels + 1):
+        new = _halved(box, keys[-1][edge], level)
+        label = _followed(map, found, certain, _centres(box, new, level))
+        # What was said of the cells is taken back, and said of their parts.
+        share = 0.5 ** (level * box.dimensions)
+        volume -= share * parts * np.bincount(basins[-1][edge] + 1, minlength=volume.size)
+        volume += share * np.bincount(label + 1, minlength=volume.size)
+        keys.append(new)
+        basins.append(label)
+        edge = np.flatnonzero(_at_boundary(box, keys, basins))
+        uncertain.append(edge.size * share / box.size)
+    seen = np.flatnonzero(uncertain)
+    slope = np.polyfit(seen, np.log2(np.array(uncertain)[seen]), 1)[0] if seen.size > 1 else np.nan
+    return Refined(
+        fraction=volume[1:] / box.size,
+        uncertain=np.array(uncertain),
+        exponent=-float(slope),
+        boundary=_centres(box, keys[-1][edge], levels),
+        basin=basins[-1][edge],
+        mapped=sum(new.size for new in keys[1:]),
+    )
+
+
+def relative_attractor(
+    map: Map, box: Box, params: Any = None, *, levels: int = 4, samples: int = 3
+) -> Float[np.ndarray, "cells axes"]:
+    """Cover what of a box has always been in it, by halving cells and dropping those not reached.
+
+    Cells that no cell of the cover is mapped to are dropped, what is left is cut in two along each
+    axis, and so on: the subdivision of Dellnitz & Hohmann 1997. The cover holds the attractors in
+    the box, and the unstable sets that lead to them.
+
+    **Arguments:**
+
+    - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
+    - `levels`: how often cells are halved.
+    - `samples`: points along each axis of a cell that are mapped, from face to face, at least 2.
+
+    **Returns:** the centres of the finest cells of the cover.
+
+    Steps towards both ends of a well, from the middle:
+
+        >>> from jaxcell import dynamics, space
+        >>> box = space.Box([-2], [2], cells=[4])
+        >>> cover = dynamics.relative_attractor(lambda x, p: x + (x - x**3) / 3, box, levels=2)
+        >>> cover.ravel().tolist()
+        [-0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875, 1.125]
+    """
+    check_map(map, box, params)
+    place = np.linspace(-0.5, 0.5, samples)
+    offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
+    params, keys = jax.tree.map(jnp.asarray, params), np.arange(box.size)
+    part = max(1, CHUNK // len(offsets))
+    for level in range(levels + 1):
+        keys = _halved(box, keys, level) if level else keys
+        points = _centres(box, keys, level)[:, None] + offsets / 2**level
+        hit = [
+            _keys_of(box, np.asarray(_image(map, params, points[k : k + part])), level)
+            for k in range(0, keys.size, part)
+        ]
+        keys = np.intersect1d(keys, np.concatenate([keys[:0], *hit]))
+    return _centres(box, keys, levels)
+
+
+@functools.partial(jax.jit, static_argnames="map")
+def _image(map: Map, params: Any, points: Any) -> Any:
+    return jax.vmap(jax.vmap(lambda x: map(x, params)))(points)
+
+
+def _keys_of(box: Box, points: Float[np.ndarray, "... axes"], level: int) -> np.ndarray:
+    """The cells of a level that points are in, without those outside."""
+    count = np.array(box.cells) << level
+    place = np.floor((points - np.array(box.lower)) / box.width * 2**level + TOLERANCE)
+    place = place.reshape(-1, box.dimensions)
+    kinds = np.array(box.axes)
+    place = np.where(kinds == "periodic", place % count, place)
+    place = np.where(kinds == "clamp", np.clip(place, 0, count - 1), place)
+    # What is not finite is not inside.
+    inside = ((place >= 0) & (place < count)).all(axis=1)
+    return np.unique(_keys(box, place[inside].astype(np.int64), level))
+
+
+def _halved(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "parts"]:
+    """The parts, of a level, of cells of the level before."""
+    halves = np.array(list(itertools.product((0, 1), repeat=box.dimensions)))
+    places = 2 * _places(box, keys, level - 1)[:, None] + halves
+    return np.sort(_keys(box, places.reshape(-1, box.dimensions), level))
+
+
+def _places(box: Box, keys: Int[np.ndarray, "cells"], level: int) -> Int[np.ndarray, "cells axes"]:
+    """The coordinates of cells of a level, which a 32-bit box may not number."""
+    return np.stack(np.unravel_index(keys, tuple(n << level for n in box.cells)), axis=-1)
+
+
+def _keys(box: Box, places: Int[np.ndarray, "cells axes"], level: int) -> Int[np.ndarray, "cells"]:
+    return np.ravel_multi_index(tuple(places.T), tuple(n << level for n in box.cells))
+
+
+def _centres(
+    box: Box, keys: Int[np.ndarray, "cells"], level: int
+) -> Float[np.ndarray, "cells axes"]:
+    return np.array(box.lower) + (_places(box, keys, level) + 0.5) * (box.width / 2**level)
+
+
+def _at_boundary(
+    box: Box, keys: list[Int[np.ndarray, "_"]], basins: list[Int[np.ndarray, "_"]]
+) -> Bool[np.ndarray, "cells"]:
+    """Which cells of the finest level have another basin beside them, or at a corner."""
+    level = len(keys) - 1
+    places, own = _places(box, keys[-1], level), basins[-1]
+    count = np.array(box.cells) << level
+    around = np.array([kind == "periodic" for kind in box.axes])
+    differs = np.zeros(own.size, bool)
+    for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
+        beside = places + np.array(step)
+        beside = np.where(around, beside % count, np.clip(beside, 0, count - 1))
+        differs |= _basin_at(box, keys, basins, beside) != own
+    return differs
+
+
+def _basin_at(
+    box: Box,
+    keys: list[Int[np.ndarray, "_"]],
+    basins: list[Int[np.ndarray, "_"]],
+    places: Int[np.ndarray, "cells axes"],
+) -> Int[np.ndarray, "cells"]:
+    """The basin of cells of the finest level, of the cell that holds them if they were not cut."""
+    finest = len(keys) - 1
+    basin = basins[0][_keys(box, places >> finest, 0)]
+    for level in range(1, finest + 1):
+        wanted = _keys(box, places >> (finest - level), level)
+        at = np.minimum(np.searchsorted(keys[level], wanted), keys[level].size - 1)
+        basin = np.where(keys[level][at] == wanted, basins[level][at], basin)
+    return basin
+
+
+def _followed(
+    map: Map, found: Basins, certain: Int[np.ndarray, "_"], points: Float[np.ndarray, "cells axes"]
+) -> Int[np.ndarray, "cells"]:
+    """The basins of points, by the first cell that they come to and that is not at a boundary."""
+    params, known = jax.tree.map(jnp.asarray, found.params), jnp.asarray(certain)
+    # Where points never come to one, as the last cell that they were in has it.
+    guess = np.append(found.basin, [-1, -1])
+
+    def stage(state: Any, k: int) -> Any:
+        points, index = jax.device_get(_ahead(map, found.box, params, known, state[0]))
+        label = certain[index]
+        unsure = label == _UNSURE
+        return (points,), ~unsure | (k + 1 >= _MAX_STAGES), (np.where(unsure, guess[index], label),)
+
+    parts = [in_stages((points[k : k + CHUNK],), stage)[0] for k in range(0, len(points), CHUNK)]
+    return np.concatenate([np.empty(0, guess.dtype), *parts])
+
+
+@functools.partial(jax.jit, static_argnames=("map", "box"))
+def _ahead(map: Map, box: Box, params: Any, certain: Any, points: Any) -> Any:
+    def ahead(x):  # type: ignore[no-untyped-def]
+        def step(_, y):  # type: ignore[no-untyped-def]
+            return jnp.where(certain[box.index(y)] == _UNSURE, map(y, params), y)
+
+        y = jax.lax.fori_loop(0, _STAGE, step, x)
+        return y, box.index(y)
+
+    return jax.vmap(ahead)(points)

@@ -1,0 +1,94 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcell import dynamics
+from jaxcell.space import Box
+
+
+def sloping(x, p):
+    """To one of two points, on both sides of a line that is parallel to no axis."""
+    return jnp.where(x[0] + 0.37 * x[1] > 0.113, jnp.array([0.8, 0.5]), jnp.array([-0.8, 0.5]))
+
+
+def test_a_line_is_refined_to_its_exact_share():
+    found = dynamics.basins(sloping, Box([-1, -1], [1, 1], [20, 20]))
+    fine = dynamics.refined(sloping, found, 5)
+    right = (1 - 0.113) / 2
+    np.testing.assert_allclose(np.sort(fine.fraction), [right, 1 - right], atol=1e-3)
+    assert fine.exponent == pytest.approx(1, abs=0.02)
+    # Cells at the line, and no others, are followed: 400 * 4^5 there are.
+    assert fine.mapped < 20_000
+    apart = fine.boundary @ np.array([1, 0.37]) - 0.113
+    assert np.abs(apart).max() < 1.4 * 0.1 / 2**5
+    assert (fine.basin == found.basin[found.box.index(np.array([0.8, 0.5]))])[apart > 0].all()
+
+
+def henon(x, p):
+    return jnp.stack([1 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]])
+
+
+def test_refined_basins_are_those_of_finer_cells():
+    coarse = dynamics.basins(henon, Box([-2, -2], [2, 2], [101, 101]))
+    fine = dynamics.refined(henon, coarse, 2)
+    # 0.43249 of 2000^2 cells; of 101^2, 0.4287.
+    assert fine.fraction[0] == pytest.approx(0.4325, abs=0.001)
+    assert fine.mapped < 0.2 * coarse.box.size * 16
+    # By bisection along a line: cells at the boundary are where the basin changes.
+    x = np.unique(fine.boundary[:, 0])
+    assert np.diff(x).min() == pytest.approx(4 / 404)
+
+
+def test_boundaries_go_round_periodic_axes():
+    def halves(x, p):
+        return jnp.where((x > 0.25) & (x < 0.7), 0.5, 0.0)
+
+    found = dynamics.basins(halves, Box([0], [1], [10], "periodic"))
+    fine = dynamics.refined(halves, found, 4)
+    np.testing.assert_allclose(np.sort(fine.fraction), [0.45, 0.55], atol=1 / 160)
+    assert fine.boundary.size == 4
+
+
+def test_one_basin_has_no_boundary():
+    def back(x, p):
+        return x / 2
+
+    fine = dynamics.refined(back, dynamics.basins(back, Box([-1], [1], [9])))
+    assert (fine.fraction.tolist(), fine.mapped, fine.boundary.size) == ([1], 0, 0)
+    assert np.isnan(fine.exponent)
+
+
+def test_a_cover_by_subdivision_is_the_attractor_and_what_leads_to_it():
+    # x' = x - x^3 across, y' = -3 y: from (-1, 0) to (1, 0), through the saddle between them.
+    flow = dynamics.flow(lambda x, p: jnp.stack([x[0] - x[0] ** 3, -3 * x[1]]), 0.1, 5)
+    cover = dynamics.relative_attractor(flow, Box([-2, -2], [2, 2], [5, 5]), levels=5)
+    width = 4 / (5 * 2**5)
+    assert np.abs(cover[:, 1]).max() < 2 * width
+    assert np.abs(cover[:, 0]).max() < 1 + 2 * width
+    assert np.diff(np.unique(cover[:, 0])).max() == pytest.approx(width)
+    assert cover[:, 0].max() > 1 - width
+
+
+def test_a_cover_of_henons_attractor_holds_its_orbit():
+    box = Box([-2, -2], [2, 2], [8, 8])
+    cover = dynamics.relative_attractor(henon, box, levels=5)
+    fine = Box([-2, -2], [2, 2], [256, 256])
+    point, orbit = jnp.array([0.1, 0.1]), []
+    for _ in range(300):
+        point = henon(point, None)
+        orbit.append(np.asarray(point))
+    assert np.isin(fine.index(np.array(orbit)[50:]), fine.index(cover)).mean() > 0.99
+    assert len(cover) < 0.03 * fine.size
+
+
+@pytest.mark.slow
+def test_a_fractal_boundary_has_the_exponent_of_grebogi():
+    def grebogi(x, p):
+        angle = x[0] + 1.32 * jnp.sin(2 * x[0]) - 0.9 * jnp.sin(4 * x[0]) - x[1] * jnp.sin(x[0])
+        return jnp.stack([angle, -0.3 * jnp.cos(x[0])])
+
+    box = Box([0, -0.5], [2 * np.pi, 0.5], [100, 100], ["periodic", "sink"])
+    fine = dynamics.refined(grebogi, dynamics.basins(grebogi, box, by="orbits"), 4)
+    # Of all cells of this size it is 0.21, and the paper says 0.2.
+    assert 0.2 < fine.exponent < 0.32
+    np.testing.assert_allclose(fine.fraction, 0.5, atol=0.01)
