@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.base.certificate import Outcome
-from jaxcell.optimize import resistance
+from jaxcell.optimize import conductance, resistance
 from jaxcell.optimize.conductance import minimum_commute
 from jaxcell.optimize.graph import Graph
 from jaxcell.optimize.tour import on_walk, shortest_tour
