@@ -295,14 +295,14 @@ def test_large_graphs_say_that_times_are_of_one_patroller(capsys, monkeypatch):
 
 
 def stubbed_capture(monkeypatch):
-    """A search that gives a random walk, and what it is asked for."""
+    """A search that gives each robot a random walk, and what it is asked for."""
     asked = []
 
-    def search(graph, times, **options):
+    def search(graph, times, *, robots, **options):
         asked.append(times)
         walk = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
-        least = walk_capture_probabilities(graph, walk, times).min()
-        return MaximinCapture(walk[None], float(least), 0, Certificate(1, 0.0, 1e-4))
+        least = 1 - (1 - walk_capture_probabilities(graph, walk, times).min()) ** robots
+        return MaximinCapture(np.stack([walk] * robots), float(least), 0, Certificate(1, 0.0, 1e-4))
 
     monkeypatch.setattr("jaxcell.patrol.maximin_capture", search)
     return asked
@@ -323,7 +323,7 @@ def test_attacks_of_different_lengths_on_two_patrollers(capsys, monkeypatch, tmp
         captured = 1 - (P @ late).max() ** 2
         assert two["vertices"][vertex]["captured"] == pytest.approx(captured)
     assert two["value"] == pytest.approx(min(one["captured"] for one in two["vertices"]))
-    assert two["goal"] == "least chance that one of 2 patrollers captures within its attack time"
+    assert two["goal"] == "least chance that 2 patrollers capture within its attack time"
 
 
 def test_visits_are_those_of_the_file(capsys, tmp_path):

@@ -9,7 +9,7 @@ import scipy.optimize
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks import ascent, capture, sequential_lp
+from jaxcell.patrol.walks import capture, sequential_lp
 from jaxcell.patrol.walks.capture import maximin_capture, walk_capture_probabilities
 from jaxcell.patrol.walks.linearized import LinearizedCapture
 from jaxcell.patrol.walks.polytope import ChainPolytope
@@ -251,7 +251,7 @@ def test_programs_of_few_attacks_end_where_those_of_all_do(monkeypatch):
 
 def test_too_large_for_linear_programs(monkeypatch):
     monkeypatch.setattr(capture, "_POLISHED", 0)
-    monkeypatch.setattr(ascent, "_STEPS", 300)
+    monkeypatch.setattr(capture, "_STEPS", 300)
     found = maximin_capture(GRID, 4, starts=1, throw=False)
     assert found.value == pytest.approx(
         walk_capture_probabilities(GRID, found.matrices[0], 4).min()
