@@ -15,7 +15,7 @@ from ...mapping import Chain
 from ...optimize import Graph
 from .ascent import Ascent, late_gain
 from .descent import descend
-from .linearized import LinearizedCapture
+from .linearized import DenseCapture, LinearizedCapture
 from .polytope import ChainPolytope
 from .sequential_lp import Linearized, maximize_least_capture
 from .steps import Steps, chances
@@ -160,7 +160,7 @@ def maximin_capture(
             return LinearizedCapture(among, moves, int(attack[0]))
         where = jnp.asarray(among.tails), jnp.asarray(among.heads)
         probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
-        return _Dense(np.asarray(probability), np.asarray(slope))
+        return DenseCapture(np.asarray(probability), np.asarray(slope))
 
     if graph.vertices > _EXACT:
         tolerance = max(tolerance, _LITTLE)
@@ -171,24 +171,6 @@ def maximin_capture(
     if stationary is None:
         matrices, value = _without_rare_moves(matrices, arguments)
     return MaximinCapture(matrices, value, best, certificate)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Dense:
-    """Probabilities of capture with all of their derivatives."""
-
-    probability: Float[np.ndarray, "robots starts targets"]
-    slope: Float[np.ndarray, "robots starts targets moves"]
-
-    def slopes(
-        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
-    ) -> Float[np.ndarray, "attacks moves"]:
-        return self.slope[robot, starts, targets]
-
-    def along(
-        self, robot: int, change: Float[np.ndarray, "moves"]
-    ) -> Float[np.ndarray, "starts targets"]:
-        return self.slope[robot] @ change
 
 
 def walk_capture_probabilities(

@@ -1,4 +1,6 @@
-"""Probabilities of capture and their derivatives where all edges and attacks take as long."""
+"""Probabilities of capture near some chains: values and derivatives, sparse or all of them."""
+
+import dataclasses
 
 import numpy as np
 import scipy.sparse
@@ -63,3 +65,21 @@ class LinearizedCapture:
         for _ in range(attack_time - 1):
             late.append(self._away * (matrix @ late[-1]))
         return late
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DenseCapture:
+    """Probabilities of capture with all of their derivatives."""
+
+    probability: Float[np.ndarray, "robots starts targets"]
+    slope: Float[np.ndarray, "robots starts targets moves"]
+
+    def slopes(
+        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
+    ) -> Float[np.ndarray, "attacks moves"]:
+        return self.slope[robot, starts, targets]
+
+    def along(
+        self, robot: int, change: Float[np.ndarray, "moves"]
+    ) -> Float[np.ndarray, "starts targets"]:
+        return self.slope[robot] @ change
