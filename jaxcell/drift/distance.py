@@ -110,7 +110,18 @@ def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], **options: Any)
     - `waters`, `flows`: of each layer, with all records.
     - `options`: further ones of [`jaxcell.drift.drift_map`][].
 
+    **Returns:** the duration.
+
     **Raises:** as [`jaxcell.drift.drift_map`][].
+
+    The surface of the bundled sea at its first record, which is steady:
+
+        >>> from jaxcell import bundled, drift
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> step = drift.nearest_step([water], [flow], **drift.METHODS["drifters"])
+        >>> round(step / drift.crossing_time(water, flow))
+        4
     """
     means = [flow.mean() for flow in flows]
     crossing = max(map(crossing_time, waters, means))

@@ -144,6 +144,7 @@ def test_henons_map_has_one_attractor_and_loses_the_rest():
     assert found.period.tolist() == [0]
 
 
+@pytest.mark.slow
 def test_a_cycle_of_a_whole_number_of_steps_is_one_attractor():
     # Round in 20 steps, between which are a thousand cells.
     ring = dynamics.flow(lambda x, p: jnp.stack([0.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
