@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..mapping import Chain
+from ..mapping.section import bucket
 from .drift_map import drift_map
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
@@ -144,7 +145,10 @@ def _shares(
     places = (np.arange(points) + 0.5) / points - 0.5
     right, up = (np.tile(one.ravel(), water.cells) for one in np.meshgrid(places, places))
     origin = np.repeat(np.arange(water.cells), points**2)
-    x, y = water.column[origin] + right, water.row[origin] + up
+    # Layers of one grid differ in their cells; of one size, they are compiled once.
+    drifters, size = origin.size, bucket(origin.size)
+    origin = np.resize(origin, size)
+    x, y = water.column[origin] + np.resize(right, size), water.row[origin] + np.resize(up, size)
     # Half a cell at a time, and no longer than from one record to the next.
     between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
     longest, found, now = _STEPS * min(crossing_time(water, flow) / 2, between), {}, 0.0
@@ -164,7 +168,7 @@ def _shares(
             x, y = (np.where(on, moved, here) for moved, here in zip(after, (x, y), strict=True))
         now = time
         cell: Int[np.ndarray, drifters] = water.landing(
-            x[None], y[None], origin=origin, exits=True
+            x[None, :drifters], y[None, :drifters], origin=origin[:drifters], exits=True
         )[0]
         found[time] = np.bincount(cell[cell >= 0], minlength=water.cells) / cell.size
     return found

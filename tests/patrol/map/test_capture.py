@@ -85,6 +85,7 @@ def simulate(policy, starts, view, steps, random):
     return seen
 
 
+@pytest.mark.slow
 def test_simulated_walks_are_caught_as_often_as_the_law_says(lab):
     _, visible, found = lab
     random, runs = np.random.default_rng(0), 40_000
