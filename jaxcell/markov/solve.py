@@ -16,6 +16,7 @@ some seconds for 10^5 cells of a plane.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse
@@ -82,20 +83,25 @@ def solve_transient(
             break
     else:
         return total, products
-    levels = Levels.of(step)
-    small = levels.work <= _LARGEST_ELIMINATION
     leaving = 1 - np.asarray(step.sum(axis=1))
     leaving[leaving <= _CLOSED] = 0
+    sure = np.ones(1)
     try:
-        total, more = _solve(matrix, right)
-        sure = _solve(step, leaving[:, None])[0] if small else np.ones(1)
+        if step.shape[0] > _LARGEST_COMPLETE:
+            total, more = _solve_large(matrix, right)
+            products += more
+        else:
+            solve = _factored(step)
+            total, sure = solve(right, adjoint), solve(leaving[:, None])
     except RuntimeError:
         # The matrix is singular to rounding; what the products have given is as good as any.
-        sure, more = np.full(1, np.nan), 0
-    if small and not np.abs(sure - 1).max() <= _ILL:
-        with one_blas_thread():
-            total = eliminate(step, leaving, right, levels, adjoint=adjoint)
-    return total, products + more
+        sure = np.full(1, np.nan)
+    if not np.abs(sure - 1).max() <= _ILL:
+        levels = Levels.of(step)
+        if levels.work <= _LARGEST_ELIMINATION:
+            with one_blas_thread():
+                total = eliminate(step, leaving, right, levels, adjoint=adjoint)
+    return total, products
 
 
 def solve_stationary(
@@ -144,12 +150,26 @@ def _solve(
     """Solve `x = right + matrix x` with a factorisation; give the products it took beside."""
     if matrix.shape[0] > _LARGEST_COMPLETE:
         return _solve_large(matrix, right)
+    return _factored(matrix)(right), 0
+
+
+def _factored(matrix: scipy.sparse.csr_array) -> Callable[..., Float[np.ndarray, "rows columns"]]:
+    """Solve `x = right + matrix x`, or with the transposed matrix, with one factorisation.
+
+    **Raises:** `RuntimeError` if the matrix is singular to rounding.
+    """
     identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
     factor = linalg.splu((identity - matrix).tocsc())
-    total = factor.solve(right)
-    # One correction makes the residual as small as the rounding of a product.
-    total += factor.solve(right - (total - matrix @ total))
-    return total, 0
+
+    def solve(
+        right: Float[np.ndarray, "rows columns"], adjoint: bool = False
+    ) -> Float[np.ndarray, "rows columns"]:
+        step, form = (matrix.T, "T") if adjoint else (matrix, "N")
+        total = factor.solve(right, form)
+        # One correction makes the residual as small as the rounding of a product.
+        return np.asarray(total + factor.solve(right - (total - step @ total), form))
+
+    return solve
 
 
 def _solve_large(
