@@ -14,7 +14,7 @@ from ..mapping.section import bucket
 from .drift_map import drift_map
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
-from .water import Water
+from .water import Water, on_grid
 
 
 HOURS = (6.0, 24.0)
@@ -41,6 +41,16 @@ class Distance:
     "The share of them that left the grid."
     map_left: Float[np.ndarray, "times"]
     "That of the map."
+
+    @property
+    def worst(self) -> float:
+        """The largest total variation."""
+        return float(self.total_variation.max())
+
+    @property
+    def worst_hours(self) -> float:
+        """When it is the largest."""
+        return float(self.hours[self.total_variation.argmax()])
 
 
 def distances(
@@ -133,7 +143,7 @@ def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], **options: Any)
     for water, flow, mean in zip(waters, flows, means, strict=True):
         maps = [(drift_map(water, mean, step, **options), step) for step in steps]
         found = distances(water, flow, maps)
-        worst = np.maximum(worst, [one.total_variation.max() for one in found])
+        worst = np.maximum(worst, [one.worst for one in found])
     return steps[int(worst.argmin())]
 
 
@@ -155,7 +165,7 @@ def _shares(
     for time in times:
         moves = math.ceil((time - now) / longest)
         for start in np.linspace(now, time, moves, endpoint=False).tolist():
-            on = _on_grid(water, x, y)
+            on = on_grid(water.number.shape, water.wraps, x, y)
             after = advect(
                 flow,
                 jnp.asarray(x),
@@ -172,9 +182,3 @@ def _shares(
         )[0]
         found[time] = np.bincount(cell[cell >= 0], minlength=water.cells) / cell.size
     return found
-
-
-def _on_grid(water: Water, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    rows, columns = water.number.shape
-    on = (y >= -0.5) & (y < rows - 0.5)
-    return on if water.wraps else on & (x >= -0.5) & (x < columns - 0.5)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..mapping import Chain
 from ..markov.hitting import cell_mask
 from .flow import Flow, advect, checked_duration
-from .water import Water
+from .water import Water, on_grid
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -116,9 +116,7 @@ def _paths(key, flow, sides, x, y, begin, duration, rho, substeps):  # type: ign
     def step(place, now):  # type: ignore[no-untyped-def]
         x, y = place
         key, began = now
-        on = (y >= -0.5) & (y < rows - 0.5)
-        if not flow.wraps:
-            on &= (x >= -0.5) & (x < columns - 0.5)
+        on = on_grid((rows, columns), flow.wraps, x, y)
         end_x, end_y = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
         row = jnp.clip(jnp.round(y).astype(jnp.int32), 0, rows - 1)
         column = jnp.round(x).astype(jnp.int32)

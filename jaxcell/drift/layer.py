@@ -178,8 +178,7 @@ class Layer(Ends):
     def closer(self) -> tuple[str, Distance] | None:
         """What brings the map closest to drifters, of some settings that were tried, if it is far
         from them; `None` if it is not, or if nothing helps."""
-        worst = self.distance.total_variation.max()
-        if worst <= FAR:
+        if self.distance.worst <= FAR:
             return None
         options, step = self.options, self.behaviour.duration
         tried = {
@@ -190,8 +189,8 @@ class Layer(Ends):
         mean = self.flow.mean()
         maps = [(drift_map(self.water, mean, d, **with_), d) for d, with_ in tried.values()]
         found = zip(tried, distances(self.water, self.flow, maps), strict=True)
-        best = min(found, key=lambda one: float(one[1].total_variation.max()))
-        return best if best[1].total_variation.max() < worst else None
+        best = min(found, key=lambda one: one[1].worst)
+        return best if best[1].worst < self.distance.worst else None
 
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "cells"]:
@@ -320,12 +319,10 @@ class Layer(Ends):
             advice = {"duration": "a longer duration", "spread": 'the spread "sampled"'}
             instead = " or ".join(advice[one] for one in self.remedies or ())
             found.append(f"At {self.depth:g} m: {self.warning}{instead and f'; take {instead}'}.")
-        far = self.distance.total_variation.max()
-        if far > FAR:
-            at = self.distance.hours[self.distance.total_variation.argmax()]
+        if (far := self.distance).worst > FAR:
             found.append(
-                f"At {self.depth:g} m: after {at:.3g} h the map has {far:.0%} of drifters in a "
-                f"wrong cell; {_instead(self.closer)}."
+                f"At {self.depth:g} m: after {far.worst_hours:.3g} h the map has {far.worst:.0%} "
+                f"of drifters in a wrong cell; {_instead(self.closer)}."
             )
         if self.almost_for_ever_cells:
             found.append(
@@ -368,6 +365,4 @@ def _instead(closer: tuple[str, Distance] | None) -> str:
     if closer is None:
         return "no other duration or method that was tried brings it closer"
     setting, distance = closer
-    at = distance.total_variation.argmax()
-    share, hours = distance.total_variation[at], distance.hours[at]
-    return f"by {setting} it is {share:.0%} at most, after {hours:.3g} h"
+    return f"by {setting} it is {distance.worst:.0%} at most, after {distance.worst_hours:.3g} h"

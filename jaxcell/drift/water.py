@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 import scipy.ndimage
@@ -227,6 +228,13 @@ class Water:
         away = np.hypot(east, north)
         tied = away <= away.min(axis=1, keepdims=True) * (1 + 1e-9)
         return np.where(tied, shore[near], self.cells).min(axis=1)
+
+
+def on_grid(shape: tuple[int, ...], wraps: bool, x: Any, y: Any) -> Any:
+    """Whether points are on a grid of so many rows and columns, which may go round the Earth."""
+    rows, columns = shape
+    on = (y >= -0.5) & (y < rows - 0.5)
+    return on if wraps else on & (x >= -0.5) & (x < columns - 0.5)
 
 
 def square(
