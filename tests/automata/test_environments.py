@@ -29,7 +29,7 @@ def test_a_robot_finds_out_which_lab_it_is_in(labs):
     outcomes = set()
     for room in "ab":
         image, observation = labs[room, 45]
-        for cell in range(image.size):
+        for cell in range(0, image.size, 3):
             state = Environments(filters).start()
             for _ in range(100):
                 state, cell = state.observe(int(observation[cell])), image[cell]

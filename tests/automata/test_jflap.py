@@ -104,18 +104,24 @@ def test_the_nondeterministic_file_is_the_graph(labs):
             assert cells == filter.cells(int(filter.run(string).states[-1])).tolist()
 
 
+@pytest.fixture(scope="module")
+def lab_filter(labs):
+    return Filter.of(subset_construction(*labs["a", 45]))
+
+
 @given(name=st.text())
 @example(name="</text>]]>&amp;\r\n\0\ufffe")
-def test_any_name_is_a_note(labs, name):
-    filter = Filter.of(subset_construction(*labs["a", 45]))
+def test_any_name_is_a_note(labs, lab_filter, name):
     allowed = re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", name)
     # XML readers give every line end as a line feed.
     expected = re.sub("\r\n?", "\n", allowed)
-    for text in (to_jflap(filter, name=name), nondeterministic_to_jflap(*labs["a", 45], name=name)):
+    for text in (
+        to_jflap(lab_filter, name=name),
+        nondeterministic_to_jflap(*labs["a", 45], name=name),
+    ):
         assert (JflapFile(text).note or "") == expected
 
 
-def test_other_kinds_are_refused(labs):
-    filter = Filter.of(subset_construction(*labs["a", 45]))
+def test_other_kinds_are_refused(lab_filter):
     with pytest.raises(ValueError, match="kind is 'mealy'; expected 'fa' or 'moore'"):
-        to_jflap.__wrapped__(filter, "mealy")
+        to_jflap.__wrapped__(lab_filter, "mealy")

@@ -83,7 +83,7 @@ def test_labs(labs, open_world):
         assert len(quotient.transition) == len(set(moore_blocks(filter)))
         assert quotient.open_world == open_world
         image, observation = graph
-        for cell in rng.integers(0, image.size, 50):
+        for cell in rng.integers(0, image.size, 20):
             string = []
             for _ in range(60):
                 string.append(int(observation[cell]))

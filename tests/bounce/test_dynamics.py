@@ -23,11 +23,15 @@ from jaxcell.mapping import periodic_groups, section_groups
 from jaxcell.space import CellSpace, Workspace
 
 
-# Of a few numbers of free squares, for each is compiled anew.
-GRIDS = st.sampled_from([1, 21]).flatmap(
-    lambda free: st.permutations([True] * free + [False] * (30 - free)).map(
-        lambda one: np.reshape(one, (5, 6))
-    )
+def grids(free):
+    """Grids of 5 x 6 squares. Each number of free ones is compiled anew."""
+    squares = st.permutations([True] * free + [False] * (30 - free))
+    return squares.map(lambda one: np.reshape(one, (5, 6)))
+
+
+GRIDS = st.sampled_from([1, 21]).flatmap(grids)
+DIRECTIONS = st.sampled_from([(1, 4), (21, 8), (21, 24)]).flatmap(
+    lambda sizes: st.tuples(grids(sizes[0]), st.just(sizes[1]))
 )
 CURVED = Workspace(
     [
@@ -54,8 +58,9 @@ def eq_2_4(cells, direction, position, shift):
     return (direction + shift) % cells.directions * cells.positions + position, True
 
 
-@given(GRIDS, st.sampled_from([4, 8, 24]), st.integers(-30, 30))
-def test_image_follows_the_equation(free, directions, shift):
+@given(DIRECTIONS, st.integers(-30, 30))
+def test_image_follows_the_equation(grid, shift):
+    free, directions = grid
     cells = CellSpace.of_grid(free, directions)
     result = bounce_map(cells, 2 * math.pi * shift / directions, collision="endpoint")
     pairs = [eq_2_4(cells, *divmod(z, cells.positions), shift) for z in range(cells.size)]
