@@ -9,9 +9,11 @@ from typing import Annotated, Any
 
 import tyro
 
+from ..base.bundled import found
 from .demo import Demo
 from .export import Export
 from .info import Info
+from .maps import Maps
 from .options import check_out
 from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
@@ -44,6 +46,7 @@ _COMMANDS = {
     "groups": Groups,
     "info": Info,
     "localize": Localize,
+    "maps": Maps,
     "navigate": Navigate,
     "patrol graph": PatrolGraph,
     "patrol map": PatrolMap,
@@ -80,9 +83,9 @@ def run(args: Sequence[str]) -> int:
         print(f"jaxcell {__version__}")
         return 0
     try:
-        name, command = _read(list(args))
-    except ValueError as error:
-        print(f"jaxcell run: {error}", file=sys.stderr)
+        name, command = _read([found(word) for word in args])
+    except (ValueError, OSError) as error:
+        print(f"jaxcell {args[0]}: {_line(error)}", file=sys.stderr)
         return 2
     try:
         if (out := getattr(command, "out", None)) is not None:
