@@ -35,9 +35,9 @@ def test_each_file_has_a_name_of_its_own():
 def test_a_name_that_is_nearly_one_is_corrected(capsys):
     with pytest.raises(FileNotFoundError, match="did you mean @lab_a"):
         bundled("@lab_aa")
-    assert main(["groups", "@lab_aa", "--bounce", "90"]) == 2
+    assert main(["patrol", "map", "@lab_aa"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("jaxcell groups: @lab_aa: ")
+    assert said.startswith("jaxcell patrol map: @lab_aa: ")
     assert len(said.splitlines()) == 1
 
 
