@@ -34,7 +34,7 @@ bench: .venv/.dev
 	$(BIN)/python experiments/benchmarks/run.py $(if $(JSON),--json "$(JSON)")
 
 docs: .venv/.dev
-	$(BIN)/mkdocs build --quiet --config-file docs/mkdocs.yml
+	$(BIN)/mkdocs build --config-file docs/mkdocs.yml
 
 pictures: .venv/.dev
 	$(BIN)/python data/pictures/make_pictures.py

@@ -85,7 +85,7 @@ def test_links_lead_somewhere(page):
             assert (page.parent / link).exists(), link
 
 
-def run(page, folder, capsys, monkeypatch):
+def run(page, folder, capsys, monkeypatch, with_commands=True):
     """Do what a page says in a folder, from the top to the bottom."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
@@ -99,22 +99,30 @@ def run(page, folder, capsys, monkeypatch):
             assert printed
         elif block.language == "text":
             assert printed == block.body
-        else:
+        elif with_commands:
             for line in commands(block):
                 if line.startswith("jaxcell") and not any(one in line for one in NOT_HERE):
                     assert main(shlex.split(line)[1:]) == 0, line
             capsys.readouterr()
 
 
-@pytest.mark.parametrize(
-    "page",
-    [page if page == README else pytest.param(page, marks=pytest.mark.slow) for page in PAGES],
-    ids=name,
-)
-def test_it_does_what_it_says(page, tmp_path, capsys, monkeypatch):
-    # A user has JAX as it comes, and not the strictness of these tests.
+@pytest.fixture
+def as_it_comes():
+    """JAX as users have it, and not as strict as in these tests."""
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        run(page, tmp_path, capsys, monkeypatch)
+        yield
+
+
+@pytest.mark.usefixtures("as_it_comes")
+def test_the_code_of_readme_works(tmp_path, capsys, monkeypatch):
+    run(README, tmp_path, capsys, monkeypatch, with_commands=False)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("as_it_comes")
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_it_does_what_it_says(page, tmp_path, capsys, monkeypatch):
+    run(page, tmp_path, capsys, monkeypatch)
 
 
 def test_readme_is_short():
