@@ -147,7 +147,9 @@ def _directions(command: Any) -> int | None:
         angle
         for value in values
         for angle in (value if isinstance(value, tuple) else [value])
-        if angle is not None and math.isfinite(angle)
+        if angle is not None
     ]
+    if not hasattr(command, "directions") or not all(map(math.isfinite, angles)):
+        return None
     wanted = math.lcm(*((Fraction(str(angle)) / 360).denominator for angle in angles))
-    return wanted if hasattr(command, "directions") and wanted <= _MAX_DIRECTIONS else None
+    return wanted if wanted <= _MAX_DIRECTIONS else None

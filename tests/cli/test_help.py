@@ -98,6 +98,12 @@ def test_an_angle_between_directions_names_those_that_would_do(capsys, args, dir
     assert said.endswith(f"; --directions {directions} would do\n")
 
 
+@pytest.mark.parametrize("angle", ["nan", "0.01"])
+def test_no_directions_are_named_where_none_would_do(capsys, angle):
+    assert main(["groups", *LAB, "--bounce", angle]) == 2
+    assert capsys.readouterr().err.endswith("which are 45 deg apart\n")
+
+
 def test_help_into_a_closed_pipe_is_quiet():
     code = "import sys; from jaxcell.cli import main; sys.exit(main(['--help']))"
     run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=-1)
