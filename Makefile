@@ -37,6 +37,7 @@ docs: .venv/.dev
 	$(BIN)/mkdocs build --config-file docs/mkdocs.yml
 
 pictures: .venv/.dev
+	$(BIN)/python data/pictures/make_figures.py
 	$(BIN)/python data/pictures/make_pictures.py
 
 .venv/bin/python:
