@@ -1,12 +1,15 @@
 """Help: what a command needs comes first, in its usage and on its page, and there is an example."""
 
+import ast
 import contextlib
 import dataclasses
 import difflib
 import inspect
 import io
+import itertools
 import re
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, NoReturn, get_args, get_type_hints
 
@@ -141,7 +144,11 @@ def _shown(kind: type) -> type:
         dataclasses.fields(kind),
         key=lambda field: (not _required(field), field.name in last, depth[field.name]),
     )
-    annotations = {field.name: _described(field.name, hints[field.name]) for field in fields}
+    said = _documentation(kind)
+    annotations = {
+        field.name: _described(field.name, hints[field.name], said.get(field.name))
+        for field in fields
+    }
     shown = type(kind.__name__, (kind,), {"__doc__": kind.__doc__, "__annotations__": annotations})
     shown.__dataclass_fields__ = {field.name: field for field in fields}  # type: ignore[attr-defined]
     return shown
@@ -151,10 +158,31 @@ def _required(field: "dataclasses.Field[Any]") -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def _described(name: str, hint: Any) -> Any:
+def _documentation(kind: type) -> dict[str, str]:
+    """What is said below each field, in one line: lines of a source are no lines of help."""
+    found = {}
+    for base in reversed(kind.__mro__):
+        try:
+            source = inspect.getsource(base)
+        except (OSError, TypeError):
+            # Of a class that no file has.
+            continue
+        (parsed,) = ast.parse(textwrap.dedent(source)).body
+        for field, text in itertools.pairwise(getattr(parsed, "body", [])):
+            match field, text:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(said))),
+                ):
+                    found[name] = " ".join(said.split())
+    return found
+
+
+def _described(name: str, hint: Any, said: str | None) -> Any:
     """An annotation with the unit in place of its type, and without a default that says nothing."""
     options: dict[str, Any] = {
-        "help_behavior_hint": lambda label: "" if label in _NOTHING else f"(default: {label})"
+        "help": said,
+        "help_behavior_hint": lambda label: "" if label in _NOTHING else f"(default: {label})",
     }
     if (metavar := _metavar(name, hint)) is not None:
         options["metavar"] = metavar

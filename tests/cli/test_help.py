@@ -45,6 +45,12 @@ def test_usage_names_what_is_required(capsys):
     assert usage == f"usage: jaxcell {wanted}"
 
 
+def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "250")
+    said = page(capsys, "localize", "--help")
+    assert "A robot that slips takes the one after which its belief has the least entropy" in said
+
+
 def test_each_command_is_in_the_list(capsys):
     said = page(capsys, "--help")
     assert all(f"\n  {command}  " in said for command in COMMANDS)
