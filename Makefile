@@ -6,7 +6,7 @@ AS_USERS := tests/cli tests/robot tests/sweep
 UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" \
 	$(AS_USERS) tests/space tests/record/test_group_recordings.py
 
-.PHONY: demo test test-all fuzz lint bench pictures clean
+.PHONY: demo test test-all fuzz lint bench docs pictures clean
 
 demo: .venv/.runtime
 	$(BIN)/jaxcell demo --out runs/demo
@@ -33,7 +33,11 @@ lint: .venv/.dev
 bench: .venv/.dev
 	$(BIN)/python experiments/benchmarks/run.py $(if $(JSON),--json "$(JSON)")
 
+docs: .venv/.dev
+	$(BIN)/mkdocs build --config-file docs/mkdocs.yml
+
 pictures: .venv/.dev
+	$(BIN)/python data/pictures/make_figures.py
 	$(BIN)/python data/pictures/make_pictures.py
 
 .venv/bin/python:
@@ -50,4 +54,4 @@ pictures: .venv/.dev
 	touch $@
 
 clean:
-	rm -rf .venv runs
+	rm -rf .venv runs docs/site

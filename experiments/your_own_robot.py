@@ -1,6 +1,6 @@
 """A robot of your own: one that leaves each wall at a random angle.
 
-    jaxcell run experiments/your_own_robot.py:RandomBounce data/maps/complex.json --out runs/mine
+    jaxcell run experiments/your_own_robot.py:RandomBounce @complex --out runs/mine
 
 Say where each cell leads, and what is asked; options, tables, JSON, NetCDF, a recording, and sweeps
 with `task = "experiments/your_own_robot.py:RandomBounce"` follow.

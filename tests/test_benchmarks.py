@@ -17,7 +17,7 @@ ROWS = [
     {**ROW, "peer": "gldpy", "peer_s": None, "ratio": None},
     {**ROW, "peer": None, "peer_s": None, "ratio": None},
 ]
-README = "before\n<!-- bench -->\nold\n<!-- /bench -->\nafter\n"
+PAGE = "before\n<!-- bench -->\nold\n<!-- /bench -->\nafter\n"
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def benchmarks():
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / "README.md").write_text(README)
+    (tmp_path / "page.md").write_text(PAGE)
     script(tmp_path, "good", f"Path(sys.argv[2]).write_text({json.dumps(ROWS)!r})")
     return tmp_path
 
@@ -44,7 +44,7 @@ def make_bench(benchmarks, folder):
     return benchmarks["run"].main(
         [
             *("--scripts", str(folder), "--logs", str(folder / "logs")),
-            *("--readme", str(folder / "README.md"), "--json", str(folder / "bench.json")),
+            *("--page", str(folder / "page.md"), "--json", str(folder / "bench.json")),
         ]
     )
 
@@ -67,14 +67,14 @@ def test_a_row_that_makes_no_sense_is_refused(benchmarks, field, value):
         benchmarks["rows"].Row.from_json({**ROWS[0], field: value})
 
 
-def test_all_rows_are_written_and_the_readme_shows_them(benchmarks, folder, capsys):
+def test_all_rows_are_written_and_the_page_shows_them(benchmarks, folder, capsys):
     assert make_bench(benchmarks, folder) == 0
     whole = json.loads((folder / "bench.json").read_text())
     assert whole["rows"] == ROWS
     assert whole["failed"] == []
     assert whole["versions"]["jax"]
     assert {"cpu", "cores", "memory_gb", "date"} <= set(whole["machine"])
-    before, table, after = (folder / "README.md").read_text().partition("| good |")
+    before, table, after = (folder / "page.md").read_text().partition("| good |")
     assert before.startswith("before\n<!-- bench -->\n| ")
     assert "old" not in before
     assert (
@@ -102,10 +102,10 @@ def test_others_go_on_where_one_fails(benchmarks, folder, capsys, does, told):
     whole = json.loads((folder / "bench.json").read_text())
     assert whole["failed"] == ["bench_bad.py"]
     assert whole["rows"] == ROWS
-    assert (folder / "README.md").read_text() == README
+    assert (folder / "page.md").read_text() == PAGE
     shown = capsys.readouterr().err
     assert f"FAILED: {told}" in shown
-    assert "failed: bench_bad.py; README.md stays as it is" in shown
+    assert "failed: bench_bad.py; page.md stays as it is" in shown
 
 
 def test_rows_of_an_earlier_run_do_not_count(benchmarks, folder):
@@ -114,16 +114,16 @@ def test_rows_of_an_earlier_run_do_not_count(benchmarks, folder):
     assert make_bench(benchmarks, folder) == 1
 
 
-def test_a_readme_without_markers_is_refused_at_once(benchmarks, folder):
-    (folder / "README.md").write_text("no table here\n")
+def test_a_page_without_markers_is_refused_at_once(benchmarks, folder):
+    (folder / "page.md").write_text("no table here\n")
     with pytest.raises(SystemExit, match="2"):
         make_bench(benchmarks, folder)
     assert not (folder / "logs").exists()
 
 
-def test_the_readme_of_the_project_has_a_place_for_the_table(benchmarks):
+def test_the_page_of_the_project_has_a_place_for_the_table(benchmarks):
     run = benchmarks["run"]
-    assert run.MISSING in run.between_markers((ROOT / "README.md").read_text(), run.MISSING)
+    assert run.MISSING in run.between_markers(run.PAGE.read_text(), run.MISSING)
 
 
 def test_programs_take_turns_after_a_check(benchmarks):

@@ -83,6 +83,14 @@ def test_public_names_are_documented(package):
 
 
 @pytest.mark.parametrize("package", PACKAGES)
+def test_no_module_hides_a_public_name_from_the_reference(package):
+    folder = Path(importlib.import_module(f"jaxcell.{package}").__file__).parent
+    modules = {path.stem for path in folder.iterdir()}
+    functions = {name for name, value in public(package).items() if not inspect.ismodule(value)}
+    assert not modules & functions
+
+
+@pytest.mark.parametrize("package", PACKAGES)
 def test_a_package_begins_with_its_mathematics(package):
     module = importlib.import_module(f"jaxcell.{package}")
     text = inspect.getdoc(module) or ""

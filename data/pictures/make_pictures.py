@@ -1,4 +1,4 @@
-"""Makes the pictures of the README: runs its commands, and takes screenshots of their recordings.
+"""Makes the pictures of the gallery: runs its commands, and takes screenshots of their recordings.
 
     python data/pictures/make_pictures.py [NAME ...]
 
@@ -46,11 +46,11 @@ class Picture:
     tab: str | None = None
 
 
-LOCALIZE = "localize data/maps/lab_a.json --bounce 135 --collision endpoint --out runs/lab"
+LOCALIZE = "localize @lab_a --bounce 135 --collision endpoint --out runs/lab"
 PICTURES = {
     "localization": Picture((LOCALIZE,), "lab/localization.rrd", "step", 5),
     "groups": Picture(
-        ("groups data/maps/room_200x125.json --bounce 90 --out runs",),
+        ("groups @room_200x125 --bounce 90 --out runs",),
         "groups.rrd",
         "direction",
         30,
@@ -60,7 +60,7 @@ PICTURES = {
     ),
     "navigation": Picture(
         (
-            "navigate data/maps/complex.json --directions 8 --bounces 45 90 135 "
+            "navigate @complex --directions 8 --bounces 45 90 135 "
             "--start 0.5,1.5,0 --goal 12.5,9.5,0 --out runs",
         ),
         "navigation.rrd",
@@ -68,31 +68,26 @@ PICTURES = {
         33,
     ),
     "coverage": Picture(
-        (
-            "cover data/maps/complex.json --bounces 30 75 315 --error 5 --reliability 0.8 "
-            "--out runs",
-        ),
+        ("cover @complex --bounces 30 75 315 --error 5 --reliability 0.8 --out runs",),
         "coverage.rrd",
         "direction",
         30,
     ),
     "team": Picture(
-        ("team data/maps/complex.json --directions 8 --robots 4 --bounce 135 --out runs",),
+        ("team @complex --directions 8 --robots 4 --bounce 135 --out runs",),
         "team.rrd",
         "step",
         40,
     ),
-    "patrol": Picture(
-        ("patrol graph data/graphs/random.json --robots 2 --out runs",), "patrol.rrd", "step", 60
-    ),
+    "patrol": Picture(("patrol graph @random --robots 2 --out runs",), "patrol.rrd", "step", 60),
     "patrol_map": Picture(
-        ("patrol map data/maps/depot.json --robots 2 --range 6 --out runs",),
+        ("patrol map @depot --robots 2 --range 6 --out runs",),
         "patrol_map.rrd",
         "step",
         50,
     ),
     "drift": Picture(
-        ("drift data/ocean/gyres.nc --start=-117.93,33.5 --goal=-118.1,33.45,5 --out runs",),
+        ("drift @gyres --start=-117.93,33.5 --goal=-118.1,33.45,5 --out runs",),
         "drift.rrd",
         "minute",
         420,
@@ -101,24 +96,21 @@ PICTURES = {
     "robot": Picture(
         (
             LOCALIZE,
-            "robot run runs/lab/filter.jxf --simulate data/maps/lab_a.json --out runs/emulated",
+            "robot run runs/lab/filter.jxf --simulate @lab_a --out runs/emulated",
         ),
         "emulated/run.rrd",
         "observation",
         6,
     ),
     "slip": Picture(
-        (
-            "localize data/maps/complex.json --bounces 45 135 --slip 0.02 --start 100 "
-            "--out runs/slip",
-        ),
+        ("localize @complex --bounces 45 135 --slip 0.02 --start 100 --out runs/slip",),
         "slip/localization.rrd",
         "step",
         20,
     ),
     "sweep": Picture(
         (
-            "sweep data/sweeps/rooms.toml --out runs/rooms",
+            "sweep @rooms --out runs/rooms",
             "sweep view runs/rooms --out runs/sweep.rrd",
         ),
         "sweep.rrd",
@@ -140,8 +132,6 @@ def main() -> None:
         for name in names:
             print(f"{name}: making the recording", flush=True)
             with tempfile.TemporaryDirectory() as folder:
-                # Recordings tell the names of files, which are those that a reader would type.
-                Path(folder, "data").symlink_to(ROOT / "data")
                 Path(folder, "runs").mkdir()
                 for command in PICTURES[name].commands:
                     jaxcell(command, folder)

@@ -1,10 +1,10 @@
 """Runs all benchmarks, one after the other, and makes one table of their rows.
 
-    make bench                      # the table is printed, and README.md shows it
+    make bench                      # the table is printed, and docs/pages/benchmarks.md shows it
     make bench JSON=bench.json      # and the rows are written as JSON
 
 Each `bench_*.py` of this folder runs in a process of its own. What it prints is kept in
-`runs/bench/NAME.txt`. Where one fails, the others go on, README.md stays as it is, and the exit
+`runs/bench/NAME.txt`. Where one fails, the others go on, the page stays as it is, and the exit
 status is 1. `rows.py` says what a benchmark must do to be in the table.
 """
 
@@ -29,6 +29,7 @@ from jaxcell.base.files import replacing
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
+PAGE = ROOT / "docs" / "pages" / "benchmarks.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 # For the time of a peer that is not installed, or cannot do it.
 MISSING = "-"
@@ -140,15 +141,15 @@ def between_markers(text: str, new: str) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows here")
-    parser.add_argument("--readme", type=Path, default=ROOT / "README.md", help="shows the table")
+    parser.add_argument("--page", type=Path, default=PAGE, help="shows the table")
     parser.add_argument("--scripts", type=Path, default=HERE, help="the folder of bench_*.py")
     parser.add_argument("--logs", type=Path, default=ROOT / "runs" / "bench", help="what they say")
     arguments = parser.parse_args(argv)
     # Before it takes minutes.
     try:
-        between_markers(arguments.readme.read_text(), "")
+        between_markers(arguments.page.read_text(), "")
     except ValueError as error:
-        parser.error(f"{arguments.readme}: {error}")
+        parser.error(f"{arguments.page}: {error}")
     if arguments.json is not None and not arguments.json.absolute().parent.is_dir():
         parser.error(f"--json {arguments.json}: there is no such folder")
     found = {"versions": versions(), "machine": machine()}
@@ -165,10 +166,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             file.write_text(json.dumps(whole, indent=1) + "\n")
     if failed or not rows:
         reason = f"failed: {', '.join(failed)}" if failed else "there are no benchmarks"
-        print(f"{reason}; {arguments.readme.name} stays as it is", file=sys.stderr)
+        print(f"{reason}; {arguments.page.name} stays as it is", file=sys.stderr)
         return 1
-    with replacing(arguments.readme) as file:
-        file.write_text(between_markers(arguments.readme.read_text(), markdown(rows, told)))
+    with replacing(arguments.page) as file:
+        file.write_text(between_markers(arguments.page.read_text(), markdown(rows, told)))
     return 0
 
 

@@ -65,7 +65,7 @@ from .environments import (
     Environments as Environments,
     EnvironmentsState as EnvironmentsState,
 )
-from .equivalence import Equivalence as Equivalence, equivalence as equivalence
+from .equivalent import Equivalence as Equivalence, equivalence as equivalence
 from .fastest import fastest_localization as fastest_localization
 from .filter import Filter as Filter, FilterRun as FilterRun, FilterState as FilterState
 from .formats.c_header import to_c_header as to_c_header
@@ -77,6 +77,6 @@ from .formats.jflap import (
 )
 from .hidden import Estimate as Estimate, HiddenMap as HiddenMap, credible as credible
 from .homing import Homing as Homing, homing_sequence as homing_sequence
-from .minimize import minimize as minimize
+from .minimization import minimize as minimize
 from .policy import Policy as Policy, PolicyState as PolicyState
 from .subset import Automaton as Automaton, subset_construction as subset_construction

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Int, Integer
 
-from .equivalence import ranked
+from .equivalent import ranked
 
 
 Aim: TypeAlias = Literal["worst", "mean"]

@@ -1,17 +1,66 @@
-"""The data that come with the library: maps, graphs and a small sea."""
+"""The data that come with the library: maps, graphs, a small sea, and specifications of sweeps."""
 
+import difflib
+import functools
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+
+
+# Their folders, and what a file that has a name ends in.
+_KINDS = {
+    "maps": (".json", ".txt", ".yaml"),
+    "graphs": (".json",),
+    "ocean": (".nc",),
+    "sweeps": (".toml",),
+}
 
 
 def bundled(name: str) -> Path:
-    """A file of the bundled data, such as `maps/lab_a.json`.
+    """Find a file of the bundled data, by its name or by its path below them.
 
-    In a checkout it lies in `data`, in an installed package inside the package.
+    In a checkout it lies in `data`, in an installed package inside the package. On the command line
+    and in the specification of a sweep `@lab_a` is this file.
+
+    **Arguments:**
+
+    - `name`: such as `lab_a`, `@lab_a` or `maps/lab_a.json`. `jaxcell maps` lists the names.
 
     **Raises:** `FileNotFoundError` if there is no such file.
+
+        >>> from jaxcell import bundled
+        >>> bundled("lab_a") == bundled("maps/lab_a.json")
+        True
     """
+    names = bundled_names()
+    if (found := names.get(name.removeprefix("@"))) is not None:
+        return found
+    if (path := _folder() / name).is_file():
+        return path
+    near = difflib.get_close_matches(name.removeprefix("@"), names, 1)
+    meant = f"; did you mean {'@' * name.startswith('@')}{near[0]}?" if near else ""
+    raise FileNotFoundError(f"{name}: not among the bundled data of jaxcell{meant}")
+
+
+@functools.cache
+def bundled_names() -> Mapping[str, Path]:
+    """The names of the bundled data, and their files."""
+    return MappingProxyType(
+        {
+            path.stem: path
+            for folder, suffixes in _KINDS.items()
+            for path in sorted((_folder() / folder).iterdir())
+            if path.suffix in suffixes
+        }
+    )
+
+
+def found(name: str) -> str:
+    """The path that a name of a file stands for: itself, unless it begins with @."""
+    return str(bundled(name)) if name.startswith("@") else name
+
+
+def _folder() -> Path:
     package = Path(__file__).parents[1]
-    for folder in (package / "data", package.parent / "data"):
-        if (folder / name).is_file():
-            return folder / name
-    raise FileNotFoundError(f"{name}: not among the bundled data of {package}")
+    inside = package / "data"
+    return inside if inside.is_dir() else package.parent / "data"

@@ -6,6 +6,8 @@ import secrets
 from collections.abc import Iterator
 from pathlib import Path
 
+from .bundled import bundled_names
+
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
@@ -29,11 +31,12 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def name_in_results(path: str | os.PathLike[str]) -> str:
     """How results name a file: from the working directory down, or where it is not there, by its
-    own name.
+    own name, of bundled data `@lab_a`.
 
     Results are passed on, and what leads to a file from elsewhere may name who made them.
     """
     absolute, here = Path(os.path.abspath(path)), Path.cwd()
     if absolute.is_relative_to(here) and here not in Path(os.path.expanduser("~")).parents:
         return str(absolute.relative_to(here))
-    return absolute.name
+    name = absolute.stem
+    return f"@{name}" if bundled_names().get(name) == absolute else absolute.name

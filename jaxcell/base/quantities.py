@@ -103,7 +103,7 @@ def quantity(
 class derived(functools.cached_property):  # noqa: N801 - used as a decorator, like a property
     """Describe a quantity that a method computes from the fields, when it is first asked for.
 
-    The arguments are those of [`quantity`][].
+    The arguments are those of [`quantity`][jaxcell.base.quantities.quantity].
     """
 
     def __init__(self, *description: Any, **more: Any) -> None:

@@ -72,7 +72,7 @@ from .dynamics import (
     grid_moves as grid_moves,
     moves as moves,
 )
-from .grid_groups import grid_groups as grid_groups, wall_groups as wall_groups
+from .gridded import grid_groups as grid_groups, wall_groups as wall_groups
 from .groups import bounce_groups as bounce_groups, group_summary as group_summary
 from .imprecise import noisy_bounce_map as noisy_bounce_map, noisy_turns as noisy_turns
 from .localization.choice import (
@@ -116,4 +116,4 @@ from .team import (
     team_trajectory as team_trajectory,
 )
 from .trajectory import TeamOutcome as TeamOutcome, TeamTrajectory as TeamTrajectory
-from .walls import Walls as Walls, cell_walls as cell_walls, walls as walls
+from .wall_map import Walls as Walls, cell_walls as cell_walls, walls as walls

@@ -11,10 +11,10 @@ from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals
 from ..space import CellSpace
 from .dynamics import Collision, bounce_map, bounce_shift, moves
-from .grid_groups import wall_groups
+from .gridded import wall_groups
 from .groups import bounce_groups, group_summary
 from .localization.filter_size import heading_filter_sizes
-from .walls import cell_walls, walls
+from .wall_map import cell_walls, walls
 
 
 # Tables of walls grow with the square of the number of ways.

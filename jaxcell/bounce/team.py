@@ -33,14 +33,14 @@ def team_trajectory(
 ) -> TeamTrajectory:
     """A joint trajectory of several bouncing robots that is to cover a map (Alam 2018, Alg. 3.4).
 
-    The robots move by the joint bounce map, [`jaxcell.bounce.joint.joint_image`][], until they come
-    to a joint state in which they have been before, from which they would only repeat themselves.
-    There one part of the trajectory ends, and the next begins with one robot turned in place by one
-    direction, either way. Of the joint states that such a turn leads to, those that were not there
-    before are tried, and that is taken whose part visits the most new positions, among equals with
-    the fewest collisions, then the first (robot 0 counter-clockwise, robot 0 clockwise, robot 1,
-    ...). The trajectory ends with the step that visits the last of the positions that steps in any
-    direction lead to from the starts. Only positions where a step ends count as visited.
+    The robots move by the joint bounce map (Eq. 3.9 to 3.11) until they come to a joint state in
+    which they have been before, from which they would only repeat themselves. There one part of the
+    trajectory ends, and the next begins with one robot turned in place by one direction, either
+    way. Of the joint states that such a turn leads to, those that were not there before are tried,
+    and that is taken whose part visits the most new positions, among equals with the fewest
+    collisions, then the first (robot 0 counter-clockwise, robot 0 clockwise, robot 1, ...). The
+    trajectory ends with the step that visits the last of the positions that steps in any direction
+    lead to from the starts. Only positions where a step ends count as visited.
 
     **Arguments:**
 

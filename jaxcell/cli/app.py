@@ -1,17 +1,18 @@
 import dataclasses
-import functools
-import operator
+import math
 import os
 import re
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Any
+from fractions import Fraction
+from typing import Any
 
-import tyro
-
+from ..base.bundled import found
 from .demo import Demo
 from .export import Export
+from .help import overview, parsed, unknown
 from .info import Info
+from .maps import Maps
 from .options import check_out
 from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
@@ -35,7 +36,7 @@ from .sweep.view import SweepView
 from .view import View
 
 
-_COMMANDS = {
+COMMANDS = {
     "cover": Cover,
     "demo": Demo,
     "drift": Drift,
@@ -44,6 +45,7 @@ _COMMANDS = {
     "groups": Groups,
     "info": Info,
     "localize": Localize,
+    "maps": Maps,
     "navigate": Navigate,
     "patrol graph": PatrolGraph,
     "patrol map": PatrolMap,
@@ -60,9 +62,8 @@ _COMMANDS = {
     "view": View,
 }
 
-_DESCRIPTION = """The global behaviour of simple robots, by cell-to-cell mapping.
-
-Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
+# Directions of which there would be too many to recommend.
+_MAX_DIRECTIONS = 3600
 
 
 def _line(error: ValueError | OSError | MemoryError) -> str:
@@ -79,12 +80,9 @@ def run(args: Sequence[str]) -> int:
 
         print(f"jaxcell {__version__}")
         return 0
+    name = ""
     try:
-        name, command = _read(list(args))
-    except ValueError as error:
-        print(f"jaxcell run: {error}", file=sys.stderr)
-        return 2
-    try:
+        name, command = read(args)
         if (out := getattr(command, "out", None)) is not None:
             check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
         return int(command.run())
@@ -93,41 +91,42 @@ def run(args: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, OSError, MemoryError) as error:
-        print(f"jaxcell {name}: {_as_options(_line(error), type(command))}", file=sys.stderr)
+        said = _as_options(_line(error), command) if name else _line(error)
+        print(f"jaxcell {name or _name(args) or args[0]}: {said}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
 
 
-def _read(args: list[str]) -> tuple[str, Any]:
-    """The name of a command, and the command with its options."""
-    if args[:1] == ["run"] and len(args) > 1 and not args[1].startswith("-"):
+def read(args: Sequence[str]) -> tuple[str, Any]:
+    """The name of a command, and the command with its options.
+
+    **Raises:** `SystemExit` after a page of help, or of what is wrong with the options;
+    `ValueError` or `OSError` for a study that cannot be loaded, or a name of no bundled data.
+    """
+    words = list(args)
+    if words[:1] == ["run"] and len(words) > 1 and not words[1].startswith("-"):
         from ..study.loading import load_study
         from .study import command as command_of
 
-        name = f"run {args[1]}"
-        kind = command_of(load_study(args[1]), name)
-        config = (tyro.conf.FlagCreatePairsOff,)
-        return name, tyro.cli(kind, args=args[2:], prog=f"jaxcell {name}", config=config)
-    # Some names are of two words, of which the first is that of a group.
-    words = " ".join(args[:2])
-    if words in _COMMANDS:
-        args = [words, *args[2:]]
-    choices: Any = functools.reduce(
-        operator.or_,
-        (
-            Annotated[command, tyro.conf.subcommand(name, prefix_name=False)]
-            for name, command in _COMMANDS.items()
-        ),
-    )
-    command = tyro.cli(
-        choices,
-        args=args,
-        prog="jaxcell",
-        description=_DESCRIPTION,
-        config=(tyro.conf.FlagCreatePairsOff,),
-    )
-    return next(name for name, kind in _COMMANDS.items() if type(command) is kind), command
+        name = f"run {words[1]}"
+        kind, rest = command_of(load_study(words[1]), name), words[2:]
+    else:
+        if not (name := _name(words)):
+            group = {one: kind for one, kind in COMMANDS.items() if one.split()[:1] == words[:1]}
+            if not words or words[0] in ("-h", "--help"):
+                overview(COMMANDS)
+            elif group and words[1:2] in (["-h"], ["--help"]):
+                overview(group, words[0])
+            else:
+                unknown(words, COMMANDS)
+        kind, rest = COMMANDS[name], words[len(name.split()) :]
+    return name, parsed(kind, name, [found(word) for word in rest])
+
+
+def _name(words: Sequence[str]) -> str:
+    """The name of the command that a line begins with, of which some are two words."""
+    return next((name for name in (" ".join(words[:2]), *words[:1]) if name in COMMANDS), "")
 
 
 def _as_options(message: str, command: Any) -> str:
@@ -135,4 +134,22 @@ def _as_options(message: str, command: Any) -> str:
     name = re.split("[: ]", message, maxsplit=1)[0]
     if not any(field.name == name for field in dataclasses.fields(command)):
         return message
-    return f"--{name.replace('_', '-')}{message[len(name) :]}"
+    said = f"--{name.replace('_', '-')}{message[len(name) :]}"
+    if "is not a whole number of the" in message and (wanted := _directions(command)):
+        said += f"; --directions {wanted} would do"
+    return said
+
+
+def _directions(command: Any) -> int | None:
+    """The fewest directions of which all angles of a command are whole numbers."""
+    values = [getattr(command, name, None) for name in ("bounce", "bounces", "error")]
+    angles = [
+        angle
+        for value in values
+        for angle in (value if isinstance(value, tuple) else [value])
+        if angle is not None
+    ]
+    if not hasattr(command, "directions") or not all(map(math.isfinite, angles)):
+        return None
+    wanted = math.lcm(*((Fraction(str(angle)) / 360).denominator for angle in angles))
+    return wanted if wanted <= _MAX_DIRECTIONS else None

@@ -95,7 +95,7 @@ from .distance import (
     distances as distances,
     nearest_step as nearest_step,
 )
-from .drift_map import (
+from .drift_maps import (
     METHODS as METHODS,
     drift_map as drift_map,
     periodic_drift_map as periodic_drift_map,

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from ..mapping import Chain
 from ..mapping.section import bucket
-from .drift_map import drift_map
+from .drift_maps import drift_map
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
 from .water import Water, on_grid

@@ -12,7 +12,7 @@ from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .diagnosis import Diagnosis, diagnose
 from .distance import FAR, Distance, distances
-from .drift_map import METHODS, drift_map
+from .drift_maps import METHODS, drift_map
 from .flow import Flow
 from .water import Water
 

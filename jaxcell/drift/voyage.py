@@ -66,8 +66,9 @@ class Tracks:
 def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> DecisionModel:
     """The decision model of a drifter that is to come to a goal (Alam 2018, section 5.4.7).
 
-    Its actions are those of [`ACTIONS`][jaxcell.drift.voyage.ACTIONS]. To go up or down takes one
-    step, in which the drifter is not carried, and cannot be done where the layer does not exist.
+    Its actions are, in this order, to drift (0), to go up (-1) and to go down (1). To go up or down
+    takes one step, in which the drifter is not carried, and cannot be done where the layer does not
+    exist.
 
     The reward is 100 for a step that leads to the goal, else -1 (Eq. 5.10): with probability `p` of
     leading there, `101 p - 1`. The source leaves open what is after that. Here the voyage ends with

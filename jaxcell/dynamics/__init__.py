@@ -39,6 +39,7 @@ from .chains import chain as chain
 from .continued import Continuation as Continuation, continuation as continuation
 from .imaging import images as images
 from .maps import (
+    Flow as Flow,
     Map as Map,
     flow as flow,
     impacts as impacts,
@@ -56,5 +57,9 @@ from .quantify import (
     wada as wada,
 )
 from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
-from .refinement import refined as refined, relative_attractor as relative_attractor
+from .refinement import (
+    Refined as Refined,
+    refined as refined,
+    relative_attractor as relative_attractor,
+)
 from .system import System as System

@@ -38,7 +38,7 @@ def images(
 
     **Arguments:**
 
-    - `map`: a [`Map`][jaxcell.dynamics.maps.Map].
+    - `map`: a [`Map`][jaxcell.dynamics.Map].
     - `box`: the cells.
     - `params`: what the map takes beside a point.
     - `follow`: how often the image of an outside point is mapped on before it counts as lost; a

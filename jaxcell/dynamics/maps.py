@@ -181,7 +181,7 @@ def flow(
     - `max_steps`: with `"crossing"`, the most steps; a cell whose image is not away by then holds
         an equilibrium, most likely.
 
-    **Returns:** [`Flow`][jaxcell.dynamics.maps.Flow], a [`Map`][jaxcell.dynamics.maps.Map].
+    **Returns:** [`Flow`][jaxcell.dynamics.Flow], a [`Map`][jaxcell.dynamics.Map].
 
     Half a turn of a harmonic oscillator:
 
@@ -207,7 +207,7 @@ def strobe(field: Callable[[Any, Any, Any], Any], period: float, steps: int) -> 
     - `period`: the time of one application.
     - `steps`: Runge-Kutta steps in it.
 
-    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map].
+    **Returns:** a [`Map`][jaxcell.dynamics.Map].
 
     What a force adds in a period it takes away again:
 
@@ -245,7 +245,7 @@ def section(
     - `dt`: length of a step in time.
     - `max_steps`: the most steps to a return.
 
-    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map] of coordinates on the surface.
+    **Returns:** a [`Map`][jaxcell.dynamics.Map] of coordinates on the surface.
 
     A spiral, which comes back to the positive x axis nearer to its centre by `exp(-pi / 5)`:
 
@@ -284,7 +284,7 @@ def impacts(
     - `reset`: where an impact leads, `reset(x, params)`.
     - `dt`, `steps`: length in time and number of the steps of one application.
 
-    **Returns:** a [`Map`][jaxcell.dynamics.maps.Map].
+    **Returns:** a [`Map`][jaxcell.dynamics.Map].
 
     A ball falls from 1 m, and leaves the ground with half its speed:
 

@@ -56,7 +56,7 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
     - `found`: the basins.
     - `levels`: how often cells are halved.
 
-    **Returns:** [`Refined`][jaxcell.dynamics.refinement.Refined].
+    **Returns:** [`Refined`][jaxcell.dynamics.Refined].
 
     Starts above 0.3 go up, the others down; cells of a quarter cannot say so:
 

@@ -1,7 +1,7 @@
 """Six systems to start from; copy one to a file of your own and change it.
 
-jaxcell dynamics pendulum --param T=0.5 --out runs/pendulum
-jaxcell dynamics my_systems.py:pendulum --param T=0.01:0.96:20
+jaxcell dynamics pendulum --params T=0.5 --out runs/pendulum
+jaxcell dynamics my_systems.py:pendulum --params T=0.01:0.96:20
 """
 
 import jax.numpy as jnp

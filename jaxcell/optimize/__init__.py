@@ -72,6 +72,6 @@ from .mixing import (
     fastest_averaging as fastest_averaging,
     fastest_mixing as fastest_mixing,
 )
-from .mixture import Mixture as Mixture, mixture as mixture
-from .payoffs import Stakes as Stakes, payoffs as payoffs
+from .mixtures import Mixture as Mixture, mixture as mixture
+from .stakes import Stakes as Stakes, payoffs as payoffs
 from .tour import shortest_tour as shortest_tour

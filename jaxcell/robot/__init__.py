@@ -54,7 +54,7 @@ program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by t
 
 from .believer import replay_belief as replay_belief, run_belief as run_belief
 from .create.clock import ByClock as ByClock
-from .create.driver import Port as Port, RobotStopped as RobotStopped
+from .create.driver import Driver as Driver, Port as Port, RobotStopped as RobotStopped
 from .create.motion import Create as Create, Moved as Moved
 from .create.open_interface import (
     Command as Command,

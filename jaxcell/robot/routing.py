@@ -113,7 +113,8 @@ def route(
 
     - `steps`: the result of [`grid_steps`][].
     - `start`, `goal`: positions.
-    - `ahead`: the way that the robot faces at the start, see [`next_way`][].
+    - `ahead`: the way that the robot faces at the start. It goes straight ahead where that leads
+        nearer.
 
     **Returns:** the way of each step: 0 East, 1 North, 2 West, 3 South.
 

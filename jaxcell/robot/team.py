@@ -18,13 +18,8 @@ from .tasks.task import Task, common_fields, robot_fields
 from .walker import Walker
 
 
+# The actions of a robot of a team; `member_actions` says what they are.
 FREE, WALL, ROBOT, LEFT, RIGHT = "0", "1", "2", "+", "-"
-"""The actions of a robot of a team, in the order of the trajectory.
-
-A step; a step that meets a wall, after which the robot turns by its bouncing angle; a stay where
-another robot is in the way, with that turn as well; a turn by one direction to the left, and to
-the right, which is no step.
-"""
 
 KIND = "team"
 
@@ -42,7 +37,7 @@ class MemberTask(Task):
     bounce: float
     "Its bouncing angle, in radians, counter-clockwise."
     actions: str
-    "See [`jaxcell.robot.team.FREE`][]."
+    "Its actions, one character each, as [`jaxcell.robot.member_actions`][] has them."
 
     @property
     def header(self) -> dict[str, Any]:
@@ -68,7 +63,10 @@ def member_actions(
     - `steps`: the position where a step leads from each, itself at a wall, of
         [`jaxcell.space.free_steps`][] for the step and the collision of the trajectory.
 
-    **Returns:** for each robot its actions, [`jaxcell.robot.team.FREE`][].
+    **Returns:** for each robot its actions in the order of the trajectory, one character each: `0`
+    a step; `1` a step that meets a wall, after which the robot turns by its bouncing angle; `2` a
+    stay where another robot is in the way, with that turn as well; `+` and `-` a turn by one
+    direction to the left and to the right, which is no step.
 
     A robot alone in a row of two cells makes a step and turns at the wall:
 

@@ -66,7 +66,7 @@ from .slip import (
     free_ahead as free_ahead,
     slipping_step as slipping_step,
 )
-from .stencil import Stencil as Stencil, line_orders as line_orders, stencil as stencil
+from .stencils import Stencil as Stencil, line_orders as line_orders, stencil as stencil
 from .strides import cell_strides as cell_strides, stride_legs as stride_legs
 from .view import visibility_polygon as visibility_polygon
 from .workspace import Workspace as Workspace

@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from .cells import MAX_CELLS, TOLERANCE, CellSpace, along_grid
 from .occupancy import MOST_SQUARES
-from .stencil import stencil
+from .stencils import stencil
 from .workspace import Workspace, edges
 
 

@@ -5,7 +5,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 
 from .cells import TOLERANCE, CellSpace
-from .stencil import displacement
+from .stencils import displacement
 
 
 _CHUNK = 2**21

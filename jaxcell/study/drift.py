@@ -25,7 +25,7 @@ class Drift(Study):
     name: ClassVar[str] = "drift"
 
     file: tyro.conf.Positional[Path]
-    """NetCDF file of currents: ROMS, fixed depths, the surface, or HF radar."""
+    """NetCDF file of currents: ROMS, fixed depths, the surface, or HF radar; or @gyres."""
     time: int | str | None = None
     """One record, by its number from 0 or its moment (2016-02-02T12:00); by default the mean of all
     records."""

@@ -18,8 +18,9 @@ class GraphStudy(Study):
     """A question about robots on a graph, in steps or in seconds."""
 
     file: tyro.conf.Positional[Path]
-    """Graph file: node-link .json, .graphml, .gml, .adjlist, .graph of patrolling_sim, or a list of
-    vertices and edges .edges or .txt. Vertices may have no positions; edges are then alike."""
+    """Graph: a name such as @eight, or a file: node-link .json, .graphml, .gml, .adjlist, .graph of
+    patrolling_sim, or a list of vertices and edges .edges or .txt. Vertices may have no positions;
+    edges are then alike."""
     attack_time: int | None = None
     """Steps that an attack takes, or seconds with a speed, for "capture", which is by all."""
     robots: int = 1

@@ -24,7 +24,7 @@ class Localize(MapStudy):
     name: ClassVar[str] = "localization"
 
     bounce: Degrees | None = None
-    """Bouncing angle in degrees, counter-clockwise."""
+    """Bouncing angle in degrees, counter-clockwise; it or --bounces is needed."""
     bounces: tuple[Degrees, ...] = ()
     """Instead of one: bouncing angles to choose from at each bump. A robot that slips takes the one
     after which its belief has the least entropy at the next bump, in the mean."""

@@ -20,7 +20,7 @@ class CellStudy(Study):
     """A question about the cells of a map."""
 
     map: tyro.conf.Positional[Path]
-    """Map file: our .json, a ROS map_server .yaml, or an ASCII grid .txt."""
+    """Map: our .json, a ROS map_server .yaml, an ASCII grid .txt, or a name such as @lab_a."""
     cell: Metres | None = None
     """Side of a cell in metres; by default what the map suggests."""
 

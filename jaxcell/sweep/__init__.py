@@ -12,7 +12,7 @@ chunk = 64                 # members computed and stored together; or {bounce = 
 directions = 8
 
 [grid]                     # a dimension for each
-map = ["data/maps/lab_a.json", "data/maps/lab_b.json"]
+map = ["@lab_a", "@lab_b"]
 bounce = {start = 0, stop = 360, step = 5}
 
 [random]                   # one dimension, `sample`; or [list], with one dimension `member`
@@ -50,8 +50,9 @@ they guarantee:
 - Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
     halves of one that failed have others. Only a few chunks are in memory at a time.
 - Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
-    or else to the current one; the store remembers where that folder is. Workers are given whole
-    paths. A task of your own is given what the specification says.
+    or else to the current one; the store remembers where that folder is. Names such as `@lab_a` are
+    those of bundled data. Workers are given whole paths. A task of your own is given what the
+    specification says.
 
 Nothing here imports JAX; the tasks do.
 """

@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 
+from ..base.bundled import bundled_names
 from ..base.files import replacing
 from .spec import Spec
 
@@ -18,6 +19,8 @@ def folders(spec: Spec) -> list[Path]:
 
 def find_file(spec: Spec, name: str) -> Path | None:
     """The file or folder that a specification names, if there is one."""
+    if name.startswith("@"):
+        return bundled_names().get(name[1:])
     paths = (folder / name for folder in folders(spec))
     return next((path for path in paths if os.path.exists(path)), None)
 

@@ -26,6 +26,7 @@ if __name__ == "__main__":
 from golden.plain import dump, file, plain, text  # noqa: E402
 
 from jaxcell.cli import main  # noqa: E402
+from jaxcell.cli.app import COMMANDS  # noqa: E402
 
 
 CASES = tomllib.loads((GOLDEN / "cases.toml").read_text(encoding="utf-8"))
@@ -54,9 +55,7 @@ def record(name):
 
 def options_of_all():
     """The options of each command: what they take, and by default."""
-    _, page, _ = _call(["--help"])
-    commands = re.search(r"\{(.*?)\}", page, re.DOTALL).group(1).split(",")
-    return {command: _options(_call([*command.split(), "--help"])[1]) for command in commands}
+    return {command: _options(_call([*command.split(), "--help"])[1]) for command in COMMANDS}
 
 
 def _options(page):

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize.game import stackelberg
-from jaxcell.optimize.payoffs import Stakes, payoffs
+from jaxcell.optimize.stakes import Stakes, payoffs
 
 
 # Alam 2018, Table 4.2: strategies towards each vertex, for all vertices, for vertices 2, 5 and 8.

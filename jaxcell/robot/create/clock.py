@@ -46,7 +46,7 @@ class ByClock:
 
         - `robot`: e.g. [`jaxcell.robot.Create`][], armed.
         - `speed`, `turning`: metres, and radians, a second. The wheels' speeds must be among those
-            that [`jaxcell.robot.Create.drive`][] does not change.
+            that [`jaxcell.robot.Driver.drive`][] does not change.
         - `clock`: gives the seconds; for an emulated robot, its own.
         - `pause`: seconds to stand still after each motion.
 

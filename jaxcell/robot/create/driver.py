@@ -51,7 +51,7 @@ class Driver:
       mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the robot again;
     - when the robot sends nothing for `patience`: likewise;
     - when the caller does not renew `drive` for `patience`;
-    - when this process is killed or hangs: see [`jaxcell.robot.create.watchdog`][].
+    - when this process is killed or hangs: another one watches it.
 
     A thread reads the stream and acts on it before the caller sees it. Another one ticks ten times
     a second. It repeats the speeds, as a command can get lost, and watches the time.
@@ -96,7 +96,7 @@ class Driver:
 
         - `url`: a device such as `/dev/ttyUSB0`, or what else pySerial opens, as
           `socket://host:port`.
-        - `patience`: see [`Driver`][].
+        - `patience`: see [`jaxcell.robot.Driver`][].
 
         **Raises:** `OSError` if there is no such line, or another process has it.
         """
@@ -171,9 +171,9 @@ class Driver:
         **Arguments:**
 
         - `right`, `left`: metres per second, -0.5 to 0.5. A pair of which a byte would be a command
-            if the line lost those before it gives way to the next slower one on the same arc, see
-            [`jaxcell.robot.create.speeds.wheel_speeds`][]. No turn on the spot does at 0.008 to
-            0.082 and 0.174 to 0.248, and no straight way forward up to 0.127 either.
+            if the line lost those before it gives way to the next slower one on the same arc. No
+            turn on the spot does at 0.008 to 0.082 and 0.174 to 0.248, and no straight way forward
+            up to 0.127 either.
         - `stop_on_bump`: whether a bumper stops the wheels, without waiting for the caller. They
           stay still until a call without it, or `stop`.
 

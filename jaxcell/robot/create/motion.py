@@ -41,7 +41,7 @@ class Create(Driver):
         robot.forward(0.5)
     ```
 
-    When and why the wheels stop: see [`jaxcell.robot.create.driver.Driver`][], which has the
+    When and why the wheels stop: see [`jaxcell.robot.Driver`][], which has the
     constructor.
     """
 

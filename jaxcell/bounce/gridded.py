@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..mapping import GroupTotals
 from ..mapping.groups import follow, periodic_cells
 from .dynamics import Collision, bounce_shift
-from .walls import Walls, walls as walls_of
+from .wall_map import Walls, walls as walls_of
 
 
 _BLOCK = 1 << 15

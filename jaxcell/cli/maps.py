@@ -1,0 +1,77 @@
+import dataclasses
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from ..base.bundled import bundled_names
+from .info import describe
+from .terminal import say, table
+
+
+# The size of a picture in characters, each of which is as high as two are wide.
+_WIDTH, _HEIGHT = 24, 6
+_HALVES = " ▄▀█"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Maps:
+    """List the maps, graphs, currents and sweeps that come with jaxcell. Their names begin with @,
+    and stand wherever a command expects a file."""
+
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+    def run(self) -> int:
+        found = {
+            folder: {
+                f"@{name}": describe(path)
+                for name, path in bundled_names().items()
+                if path.parent.name == folder
+            }
+            for folder in dict.fromkeys(path.parent.name for path in bundled_names().values())
+        }
+        if self.json:
+            say(json.dumps(found))
+            return 0
+        table("Maps", ("name", "what it is", "picture"), map(_map, found.pop("maps").items()))
+        rest = [(name, _line(one)) for kind in found.values() for name, one in kind.items()]
+        table("Graphs, currents and sweeps", ("name", "what it is"), rest)
+        return 0
+
+
+def _map(item: tuple[str, dict[str, Any]]) -> tuple[str, str, str]:
+    name, one = item
+    said = (
+        f"{one['name']}\n{one['width_m']:g} x {one['height_m']:g} m\n"
+        f"{one['positions']:,} positions of {one['cell_m']:g} m"
+    )
+    if one["directions"]:
+        said += f"\n{one['directions']} directions"
+    return name, said, picture(bundled_names()[name[1:]]) + "\n"
+
+
+def _line(one: dict[str, Any]) -> str:
+    shown = (f"{value} {name}" for name, value in one.items() if isinstance(value, int))
+    return ", ".join([one["what"], *shown])
+
+
+def picture(path: Path) -> str:
+    """A map in characters: what is free is blank."""
+    import numpy as np
+
+    from ..space import CellSpace
+
+    free = CellSpace.load(path).free[::-1]
+    rows, columns = free.shape
+    scale = max(1.0, columns / _WIDTH, rows / (2 * _HEIGHT))
+    y = (np.arange(2 * int(np.ceil(rows / scale / 2))) * scale).astype(int)
+    x = (np.arange(int(columns / scale)) * scale).astype(int)
+    walls = np.zeros((max(rows, int(y[-1]) + 1), columns), bool)
+    walls[:rows] = ~free
+    halves = walls[y][:, x].reshape(-1, 2, len(x))
+    return "\n".join(
+        "".join(_HALVES[2 * top + bottom] for top, bottom in zip(*pair, strict=True))
+        for pair in halves.astype(int)
+    )

@@ -1,0 +1,103 @@
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from jaxcell import bundled
+from jaxcell.base.bundled import bundled_names
+from jaxcell.base.files import name_in_results
+from jaxcell.cli import main
+from jaxcell.cli.maps import picture
+from jaxcell.sweep import Spec
+from jaxcell.sweep.files import find_file
+
+
+ROOT = Path(__file__).parents[2]
+ENDS = {".json", ".nc", ".toml", ".txt", ".yaml"}
+
+
+def test_each_file_has_a_name_of_its_own():
+    files = {
+        path
+        for folder in ("maps", "graphs", "ocean", "sweeps")
+        for path in (ROOT / "data" / folder).iterdir()
+        if path.suffix in ENDS
+    }
+    assert set(bundled_names().values()) == files
+    for name, path in bundled_names().items():
+        assert bundled(name) == bundled(f"@{name}") == path
+    assert bundled("maps/office.pgm").is_file()
+
+
+def test_a_name_that_is_nearly_one_is_corrected(capsys):
+    with pytest.raises(FileNotFoundError, match="did you mean @lab_a"):
+        bundled("@lab_aa")
+    assert main(["patrol", "map", "@lab_aa"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("jaxcell patrol map: @lab_aa: ")
+    assert len(said.splitlines()) == 1
+
+
+def test_a_name_stands_for_a_file_on_the_command_line(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(["info", "@lab_a", "--json"]) == 0
+    assert '"positions": 19' in capsys.readouterr().out
+
+
+def test_results_name_bundled_data(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert name_in_results(bundled("lab_a")) == "@lab_a"
+    monkeypatch.chdir(ROOT)
+    assert name_in_results(bundled("lab_a")) == "data/maps/lab_a.json"
+
+
+def test_specifications_of_sweeps_name_bundled_data():
+    spec = Spec.load(bundled("lab_groups"))
+    assert find_file(spec, "@lab_b") == bundled("lab_b")
+    assert find_file(spec, "@lab_x") is None
+
+
+def test_a_map_is_drawn():
+    assert [line.rstrip() for line in picture(bundled("lab_a")).splitlines()] == [
+        " ▄▄ ▄▄▄",
+        " ▀▀ ███",
+    ]
+
+
+@pytest.mark.slow
+def test_maps_are_listed(capsys):
+    assert main(["maps"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"@{name}" in said for name in bundled_names())
+    assert "8 x 4 m" in said
+    assert "│  ▄▄ ▄▄▄" in said
+
+
+@pytest.mark.slow
+def test_a_wheel_has_them(tmp_path):
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    code = (
+        "import jaxcell, sys\n"
+        "from jaxcell.base.bundled import bundled_names\n"
+        "from jaxcell.cli import main\n"
+        "assert all(str(path).startswith(sys.argv[1]) for path in bundled_names().values())\n"
+        f"assert len(bundled_names()) == {len(bundled_names())}\n"
+        "sys.exit(main(['groups', '@lab_a', '--bounce', '90', '--json']))"
+    )
+    site, elsewhere = str(tmp_path / "site"), tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    run = subprocess.run(
+        [sys.executable, "-c", code, site],
+        cwd=elsewhere,
+        env={**os.environ, "PYTHONPATH": site},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    assert '"map": "@lab_a"' in run.stdout

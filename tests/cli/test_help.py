@@ -1,0 +1,119 @@
+import subprocess
+import sys
+
+import pytest
+
+from jaxcell.cli import main
+from jaxcell.cli.app import COMMANDS, read
+from jaxcell.cli.help import example
+
+
+LAB = ("@lab_a", "--collision", "endpoint")
+
+
+def page(capsys, *args):
+    with pytest.raises(SystemExit) as ended:
+        main(args)
+    assert ended.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_page_says_what_is_needed_and_shows_it(capsys, command):
+    said = page(capsys, *command.split(), "--help")
+    usage, _, rest = said.partition("\n")
+    assert usage.startswith(f"usage: jaxcell {command} ")
+    assert usage.endswith(" [OPTIONS]")
+    assert f"Example: {example(command)}" in rest
+    for nothing in ("None", "(default: )", "(default: False)"):
+        assert nothing not in said
+    options = rest.partition("─ options ─")[2]
+    # What has no default and is no flag of itself comes before all that has one.
+    assert "(required)" not in options.partition("(default:")[2]
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "run"])
+def test_an_example_can_be_read(command):
+    name, found = read(example(command).split()[1:])
+    assert name == command
+    assert isinstance(found, COMMANDS[command])
+
+
+def test_usage_names_what_is_required(capsys):
+    usage = page(capsys, "cover", "--help").splitlines()[0]
+    wanted = "cover MAP --bounces DEG [DEG ...] --error DEG --reliability FLOAT [OPTIONS]"
+    assert usage == f"usage: jaxcell {wanted}"
+
+
+def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "250")
+    said = page(capsys, "localize", "--help")
+    assert "A robot that slips takes the one after which its belief has the least entropy" in said
+
+
+def test_each_command_is_in_the_list(capsys):
+    said = page(capsys, "--help")
+    assert all(f"\n  {command}  " in said for command in COMMANDS)
+    assert said == page(capsys)
+
+
+def test_a_group_has_a_page_of_its_own(capsys):
+    said = page(capsys, "patrol", "--help")
+    assert said.startswith("usage: jaxcell patrol COMMAND")
+    assert "patrol map" in said
+    assert "localize" not in said
+
+
+@pytest.mark.parametrize(
+    ("args", "meant"),
+    [
+        (["lokalize", "map.json"], "lokalize; did you mean localize?"),
+        (["robot", "chek"], "robot chek; did you mean robot check?"),
+        (["patrol"], "patrol; expected one of patrol graph, patrol map"),
+        (["xyzzy"], "xyzzy; jaxcell --help lists them"),
+    ],
+)
+def test_a_mistyped_command_is_corrected(capsys, args, meant):
+    with pytest.raises(SystemExit) as ended:
+        main(args)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == f"jaxcell: there is no command {meant}\n"
+
+
+def test_a_mistyped_option_is_corrected(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["localize", "@lab_a", "--bounec", "90"])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert "Perhaps you meant" in said
+    assert "--bounce DEG" in said
+
+
+@pytest.mark.parametrize(
+    ("args", "directions"),
+    [
+        (["localize", *LAB, "--bounce", "100"], 18),
+        (["groups", *LAB, "--bounce", "45", "100"], 72),
+        (["cover", *LAB, "--bounces", "90", "--error", "2.5", "--reliability", "0.8"], 144),
+    ],
+)
+def test_an_angle_between_directions_names_those_that_would_do(capsys, args, directions):
+    assert main([*args, "--directions", "8"]) == 2
+    said = capsys.readouterr().err
+    assert "deg is not a whole number of the 8 directions" in said
+    assert said.endswith(f"; --directions {directions} would do\n")
+
+
+@pytest.mark.parametrize("angle", ["nan", "0.01"])
+def test_no_directions_are_named_where_none_would_do(capsys, angle):
+    assert main(["groups", *LAB, "--bounce", angle]) == 2
+    assert capsys.readouterr().err.endswith("which are 45 deg apart\n")
+
+
+def test_help_into_a_closed_pipe_is_quiet():
+    code = "import sys; from jaxcell.cli import main; sys.exit(main(['--help']))"
+    run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=-1)
+    run.stdout.close()
+    assert b"Traceback" not in run.stderr.read()
+    run.stderr.close()
+    run.wait()
