@@ -1,3 +1,4 @@
+import functools
 import json
 import math
 import re
@@ -19,6 +20,8 @@ from jaxcell.robot.create.motion import Create
 from jaxcell.robot.create.packets import Contact
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.run_log import RunLog
+from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
 
 
@@ -237,3 +240,80 @@ def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     shown = capsys.readouterr().out
     assert "0 (0.5 m, 0.5 m, 0°)" in shown
     assert "5000, of another map" in shown
+
+
+@pytest.mark.slow
+def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypatch):
+    code, whole = run(simulated(filter_file, start="70"), capsys)
+    assert (code, len(whole["observations"]) > 4) == (0, True)
+
+    def lifted(robot, distance, forward=Create.forward, **fields):
+        lifted.left -= 1
+        if lifted.left < 0:
+            raise RobotStopped("a wheel hangs in the air")
+        return forward(robot, distance, **fields)
+
+    lifted.left = 3
+    with monkeypatch.context() as patched:
+        patched.setattr(Create, "forward", lifted)
+        code = simulated(filter_file, start="70", out=tmp_path / "one").run()
+    said = capsys.readouterr()
+    log = tmp_path / "one" / "run.jsonl"
+    assert f"To go on from there: the same with --resume {log}" in said.err
+    before = json.loads(said.out)
+    assert (code, before["result"]) == (1, "stopped")
+    count = len(before["observations"])
+    assert 0 < count < len(whole["observations"])
+
+    # Where the model has it after the last whole step.
+    image, _ = bounce_tables(LAB, 45)
+    cell = functools.reduce(lambda z, _: int(image[z]), range(count), 70)
+    on = tmp_path / "on"
+    command = simulated(filter_file, start=str(cell), out=on, resume=log)
+    code = command.run()
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert code == 0
+    for name in ("result", "observations", "colors", "cells", "reason"):
+        assert found[name] == whole[name]
+    assert found["emulated"]["truth_is_a_candidate"] is True
+    assert "The run goes on where the robot is " in said.err
+    header = json.loads((on / "run.jsonl").read_text().splitlines()[0])
+    assert header["resumed"]["log"] == str(log)
+    assert header["resumed"]["observations"] == count
+    assert header["pose"] == json.loads(log.read_text().splitlines()[0])["pose"]
+    code, again = run(RobotReplay(log=on / "run.jsonl", json=True), capsys)
+    assert (code, again["observations"]) == (0, whole["observations"])
+
+
+def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
+    task = load_task(filter_file)
+    log = tmp_path / "run.jsonl"
+
+    def go_on(events, **changed):
+        log.unlink(missing_ok=True)
+        with RunLog(log, {**task.header, "direction": 0} | changed) as file:
+            for observation, color in events:
+                file.event("observation", observation=observation, color=color)
+        simulated(filter_file, start="70", resume=log).run()
+
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter than .*\.jxf$"):
+        go_on([(0, 1)], sha256="0")
+    with pytest.raises(ValueError, match=r"run\.jsonl: step_m: the log has 2\.0, .* has 1\.0$"):
+        go_on([(0, 1)], step_m=2.0)
+    with pytest.raises(ValueError, match=r"run\.jsonl: observation 0: the log has colour 5"):
+        go_on([(0, 5)])
+    with pytest.raises(ValueError, match=r"run\.jsonl: it has no observation"):
+        go_on([])
+    filter = task.filter
+    events, state = [], filter.start()
+    while not state.localized:
+        one = 0 if filter.transition[state.index, 0] >= 0 else 1
+        state = state.observe(one)
+        events.append((one, state.color))
+    with pytest.raises(ValueError, match=r"run\.jsonl: that run has come to its end: localized"):
+        go_on(events)
+    with pytest.raises(ValueError, match="--heading: a run that goes on has that of its log"):
+        simulated(filter_file, start="70", heading=0.0, resume=log).run()
+    with pytest.raises(ValueError, match="--resume: expected --start as well"):
+        simulated(filter_file, resume=log).run()
