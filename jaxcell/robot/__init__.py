@@ -10,7 +10,8 @@ metres, angles in radians counter-clockwise, times in seconds.
 the next command. So a `Create` stops them
 
 - when its `with` block ends, however it ends, by signals too;
-- when a wheel drops, at a cliff or a charger, with a low battery, or outside mode Safe: then
+- when a wheel drops or is blocked, at a cliff or a charger, with a low battery, or outside mode
+    Safe: then
     driving raises `RobotStopped` until the caller arms the robot again;
 - when the robot sends nothing, or the caller does not renew its speeds, for half a second;
 - when the driving process is killed or hangs, for a process of its own watches it.

@@ -21,6 +21,7 @@ from .open_interface import (
 from .packets import Mode
 from .reading import STREAM, Reading
 from .speeds import wheel_speeds
+from .strain import Strain
 from .watchdog import Watchdog
 
 
@@ -47,8 +48,8 @@ class Driver:
 
     The wheels stop when the block ends, however it ends (by SIGINT, SIGTERM and SIGHUP too), and
 
-    - when a wheel drops, a cliff or a charger is there, the battery is low, or the robot leaves
-      mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the robot again;
+    - when a wheel drops or is blocked, a cliff or a charger is there, the battery is low, or the
+      robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the robot again;
     - when the robot sends nothing for `patience`: likewise;
     - when the caller does not renew `drive` for `patience`;
     - when this process is killed or hangs: see [`jaxcell.robot.create.watchdog`][].
@@ -79,6 +80,7 @@ class Driver:
         # Whether to repeat the halt until the robot reports a mode in which it does not drive.
         self._halting = False
         self._wheels = (0, 0)
+        self._strain = Strain()
         self._renewed = -math.inf
         self._stop_on_bump = False
         self._bumped = False
@@ -144,7 +146,7 @@ class Driver:
         for _ in range(3):
             with self._news:
                 self._halting = False
-                self._wheels = (0, 0)
+                self._wheels, self._strain = (0, 0), Strain()
                 self._write(SAFE + _STILL)
                 if self._wait(lambda: self._in(Mode.SAFE), 0.5):
                     self._reason = None
@@ -293,9 +295,10 @@ class Driver:
             )
             if now.mode <= Mode.PASSIVE:
                 self._halting = False
+            blocked = self._strain.observe(self._wheels, now)
             if self._reason is None:
-                if now.danger is not None:
-                    self._halt(now.danger)
+                if (danger := now.danger or blocked) is not None:
+                    self._halt(danger)
                 elif now.mode is not Mode.SAFE:
                     self._halt(f"it went from mode Safe to {now.mode.name.capitalize()}")
                 elif self._stop_on_bump and now.bump and not self._bumped:
