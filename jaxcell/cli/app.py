@@ -13,6 +13,7 @@ from .demo import Demo
 from .export import Export
 from .info import Info
 from .options import check_out
+from .robot.calibrate import RobotCalibrate
 from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
 from .robot.run import RobotRun
@@ -47,6 +48,7 @@ _COMMANDS = {
     "navigate": Navigate,
     "patrol graph": PatrolGraph,
     "patrol map": PatrolMap,
+    "robot calibrate": RobotCalibrate,
     "robot check": RobotCheck,
     "robot replay": RobotReplay,
     "robot run": RobotRun,

@@ -36,6 +36,11 @@ bump, is what a filter expects.
 Each gives an `RunOutcome`. A `RunLog` has every observation on the disk before the robot goes on;
 `read_log` reads it, also if it was cut off, and a replay comes to the same outcome.
 
+A run that was stopped goes on: a `Walker` that is given what its robot sensed before takes those
+steps as made, and what runs comes to the state where it was. Where the wheels are not those of the
+book, `Calibrated` goes by a `Calibration`, which `jaxcell robot calibrate` measures and keeps in
+`calibration_file`.
+
 **On the way.** Patrols go from cell to cell by Lee's wave routing: `grid_steps` has the ways of a
 grid, `wave` the number of steps to a goal, `route` a shortest way, in time proportional to the
 cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_cross` makes the
@@ -54,6 +59,11 @@ program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by t
 """
 
 from .believer import replay_belief as replay_belief, run_belief as run_belief
+from .calibration import (
+    Calibrated as Calibrated,
+    Calibration as Calibration,
+    calibration_file as calibration_file,
+)
 from .create.clock import ByClock as ByClock
 from .create.driver import Port as Port, RobotStopped as RobotStopped
 from .create.motion import Create as Create, Moved as Moved

@@ -7,14 +7,16 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from wheels import MAPS, bounce_filter, bounce_tables, map_cells
+from wheels import MAPS, bounce_filter, bounce_tables, map_cells, pose_of
 
 from jaxcell.cli.robot.check import RobotCheck
 from jaxcell.cli.robot.emulation import Emulation
 from jaxcell.cli.robot.replay import RobotReplay, show
 from jaxcell.cli.robot.run import RobotRun
+from jaxcell.robot.calibration import Calibration, calibration_file
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.create.motion import Create
 from jaxcell.robot.create.packets import Contact
@@ -317,3 +319,34 @@ def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
         simulated(filter_file, start="70", heading=0.0, resume=log).run()
     with pytest.raises(ValueError, match="--resume: expected --start as well"):
         simulated(filter_file, resume=log).run()
+
+
+@pytest.mark.slow
+def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
+    filter_file, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    # It heads East, and a step ahead of it is free.
+    start = pose_of(LAB, int(np.flatnonzero(~bounce_tables(LAB, 45)[1])[0]))
+    calibration_file().parent.mkdir()
+    Calibration(distance=1.05).save(calibration_file())
+
+    def run_on(**fields):
+        out = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
+        with Emulator(Body(LAB.workspace, start), line=Line(speedup=100.0)) as robot:
+            RobotRun(file=filter_file, port=robot.port, limit=1, out=out, **fields).run()
+            pose = robot.pose
+        header = json.loads((out / "run.jsonl").read_text().splitlines()[0])
+        return header["calibration"], math.dist(pose[:2], start[:2])
+
+    kept, far = run_on(heading=0.0)
+    assert kept == {"distance": 1.05, "angle": 1.0}
+    assert f"The robot goes by the calibration in {calibration_file()}" in capsys.readouterr().err
+    other = tmp_path / "other.json"
+    Calibration().save(other)
+    kept, whole = run_on(heading=0.0, calibration=other)
+    assert kept == {"distance": 1.0, "angle": 1.0}
+    assert far == pytest.approx(whole / 1.05, abs=0.01)
+    assert whole == pytest.approx(1.0, abs=0.01)
+    with pytest.raises(ValueError, match="--calibration: it is of the encoders"):
+        simulated(filter_file, steps="clock", calibration=other).run()

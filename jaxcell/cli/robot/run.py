@@ -21,10 +21,12 @@ from .runners import patrol_start, runner_of
 
 if TYPE_CHECKING:
     from ...record import RobotRecording
+    from ...robot.calibration import Calibration
+    from ...robot.create.motion import Create
     from ...robot.outcome import RunOutcome
     from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
-    from ...robot.walker import Walker
+    from ...robot.walker import Drivable, Walker
     from .emulation import Emulation
     from .runners import Runner
 
@@ -82,6 +84,9 @@ class RobotRun:
     camera: str | None = None
     """What a robot on patrol looks for the cross marker with: the number of a camera, or a folder
     of pictures."""
+    calibration: Path | None = None
+    """File of `jaxcell robot calibrate`; by default, for a robot on a line, calibration.json in
+    ~/.config/jaxcell if it is there. Steps by the clock have none."""
     resume: Path | None = None
     """The run.jsonl of a run of this file that was stopped, to go on from there. The robot stands
     where its last step ended and faces the way of its next; an emulated one stands at --start."""
@@ -109,7 +114,7 @@ class RobotRun:
                 "expected another directory"
             )
         task = load_task(self.file, self.robot)
-        before = self._before(task)
+        before, calibration = self._before(task), self._calibration()
         emulation = None
         if self.simulate is not None:
             emulation = emulate(self.simulate, task, self, np.random.default_rng(self.seed))
@@ -125,7 +130,11 @@ class RobotRun:
             recording = recording_of(
                 task, self.out / _RECORDING, start=pose, emulation=emulation, viewer=self.live
             )
-        runner[0].update(pose=pose, resumed=None if before is None else self._resumed(before))
+        runner[0].update(
+            pose=pose,
+            resumed=None if before is None else self._resumed(before),
+            calibration=None if calibration is None else dataclasses.asdict(calibration),
+        )
         code = None
         with contextlib.ExitStack() as kept:
             place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
@@ -137,7 +146,13 @@ class RobotRun:
                     assert port is not None
                     robot = stack.enter_context(Create.open(port))
                     robot.arm()
-                    walker = self._walker(robot, task, emulation, direction, before)
+                    walker = self._walker(
+                        self._moving(robot, emulation, calibration),
+                        task,
+                        emulation,
+                        direction,
+                        before,
+                    )
                     outcome = self._run(walker, runner, place / _LOG, recording)
             except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
                 outcome, code = _stopped(error, place / _LOG)
@@ -224,22 +239,45 @@ class RobotRun:
                 raise ValueError("--heading: a plan needs the heading that its robot starts with")
         return None
 
+    def _calibration(self) -> "Calibration | None":
+        """What the encoders of the robot miss, if that is known."""
+        from ...robot.calibration import Calibration, calibration_file
+
+        if self.calibration is not None:
+            if self.steps == "clock":
+                raise ValueError("--calibration: it is of the encoders, not for --steps clock")
+            return Calibration.load(self.calibration)
+        path = calibration_file()
+        if self.port is None or self.steps == "clock" or not path.exists():
+            return None
+        note(f"The robot goes by the calibration in {path}")
+        return Calibration.load(path)
+
+    def _moving(
+        self, robot: "Create", emulation: "Emulation | None", calibration: "Calibration | None"
+    ) -> "Drivable":
+        """The robot as it tells how far it goes."""
+        from ...robot.calibration import Calibrated
+        from ...robot.create.clock import ByClock
+
+        if calibration is not None:
+            return Calibrated(robot, calibration)
+        if self.steps == "encoder":
+            return robot
+        if emulation is None:
+            return ByClock(robot)
+        return ByClock(robot, clock=lambda: emulation.robot.seconds)
+
     def _walker(
         self,
-        robot: Any,
+        robot: "Drivable",
         task: "AnyTask",
         emulation: "Emulation | None",
         direction: int | None,
         before: "LoggedRun | None",
     ) -> "Walker":
-        from ...robot.create.clock import ByClock
         from ...robot.walker import Walker
 
-        if self.steps == "clock":
-            if emulation is None:
-                robot = ByClock(robot)
-            else:
-                robot = ByClock(robot, clock=lambda: emulation.robot.seconds)
         return Walker(
             robot,
             task.step,

@@ -49,7 +49,8 @@ class Driver:
     The wheels stop when the block ends, however it ends (by SIGINT, SIGTERM and SIGHUP too), and
 
     - when a wheel drops or is blocked, a cliff or a charger is there, the battery is low, or the
-      robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the robot again;
+      robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the
+      robot again;
     - when the robot sends nothing for `patience`: likewise;
     - when the caller does not renew `drive` for `patience`;
     - when this process is killed or hangs: see [`jaxcell.robot.create.watchdog`][].

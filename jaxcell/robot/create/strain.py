@@ -18,6 +18,7 @@ class Strain:
         >>> from jaxcell.robot.create.reading import Reading
         >>> values = {packet.name: 0 for packet in PACKETS.values()}
         >>> reading = Reading.of(values, time=0.0, previous=None)
+        >>> from jaxcell.robot.create.strain import Strain
         >>> strain = Strain()
         >>> [strain.observe((100, 0), reading) for _ in range(68)][-1]
         'the right wheel is blocked: it does not turn'
