@@ -97,6 +97,12 @@ def run(args: Sequence[str]) -> int:
     except (ValueError, OSError, MemoryError) as error:
         print(f"jaxcell {name}: {_as_options(_line(error), type(command))}", file=sys.stderr)
         return 2
+    except ModuleNotFoundError as error:
+        text = str(error)
+        if "pip install" not in text:
+            text += "; this command needs all of jaxcell: pip install jaxcell"
+        print(f"jaxcell {name}: {text}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
 

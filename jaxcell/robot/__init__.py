@@ -45,7 +45,7 @@ book, `Calibrated` goes by a `Calibration`, which `jaxcell robot calibrate` meas
 grid, `wave` the number of steps to a goal, `route` a shortest way, in time proportional to the
 cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_cross` makes the
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
-`CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
+`CrossLook` (these need OpenCV, `pip install 'jaxcell[vision]'`).
 
 **Where it slips** and nobody sees it, `Particles` are an estimator beside the belief and the sets
 of `jaxcell.automata`: each has `start`, `observe` and `estimate`.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from ...base.extras import has_module, missing_module
 from ...base.files import name_in_results
 from ..options import direction_at, write_text
 from ..terminal import note, note_results, say, status
@@ -126,7 +127,11 @@ class RobotRun:
             self._ask_for_place(task, emulation, direction, before)
         # Before the robot is there: what it needs takes seconds to load.
         recording = None
+        if self.live is not None and not has_module("rerun"):
+            raise missing_module("rerun")
         if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+        if self.out is not None and has_module("rerun"):
             recording = recording_of(
                 task, self.out / _RECORDING, start=pose, emulation=emulation, viewer=self.live
             )
@@ -175,6 +180,11 @@ class RobotRun:
             show(self.file.name, summary, emulation)
             if self.out is not None:
                 note_results(self.out)
+        if self.out is not None and not has_module("rerun"):
+            note(
+                f"There is no Rerun here for a recording. Elsewhere: jaxcell robot replay "
+                f"{self.out / _LOG} --file {self.file.name} --out {self.out}"
+            )
         if code is not None:
             return code
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
