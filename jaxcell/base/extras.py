@@ -5,11 +5,13 @@ import importlib.util
 from types import ModuleType
 
 
-# What needs a module, and what to install.
+# What needs a module, and how to have it.
 _NEEDS = {
-    "cv2": ("finding crosses needs OpenCV", "'jaxcell[vision]'"),
-    "rerun": ("recordings need Rerun", "'jaxcell[view]'"),
-    "scipy": ("beliefs need SciPy", "scipy"),
+    "cv2": "finding crosses needs OpenCV; install it with: pip install 'jaxcell[vision]'",
+    "irobot_create_msgs": "a Create 3 needs its messages; install ros-$ROS_DISTRO-irobot-create-msgs",
+    "rclpy": "ROS 2 is not here; with it: source /opt/ros/$ROS_DISTRO/setup.bash, in a Python of it",
+    "rerun": "recordings need Rerun; install it with: pip install 'jaxcell[view]'",
+    "scipy": "beliefs need SciPy; install it with: pip install scipy",
 }
 
 
@@ -22,10 +24,9 @@ def has_module(name: str) -> bool:
 
 
 def missing_module(name: str, reason: object = None) -> ModuleNotFoundError:
-    """Make the error that says what needs a module and how to install it."""
-    need, package = _NEEDS[name]
+    """Make the error that says what needs a module and how to have it."""
     why = "" if reason is None else f" ({reason})"
-    return ModuleNotFoundError(f"{need}; install it with: pip install {package}{why}", name=name)
+    return ModuleNotFoundError(f"{_NEEDS[name]}{why}", name=name)
 
 
 def import_module(name: str) -> ModuleType:

@@ -99,7 +99,7 @@ def run(args: Sequence[str]) -> int:
         return 2
     except ModuleNotFoundError as error:
         text = str(error)
-        if "pip install" not in text:
+        if text.startswith("No module named"):
             text += "; this command needs all of jaxcell: pip install jaxcell"
         print(f"jaxcell {name}: {text}", file=sys.stderr)
         return 2

@@ -6,7 +6,6 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
-from types import FrameType
 from typing import TypeVar
 
 from .line import Port as Port, open_line, plain
@@ -20,6 +19,7 @@ from .open_interface import (
 )
 from .packets import Mode
 from .reading import STREAM, Reading
+from .signals import end_by_signals, leave_signals
 from .speeds import wheel_speeds
 from .strain import Strain
 from .watchdog import Watchdog
@@ -133,8 +133,7 @@ class Driver:
             self._watchdog.dismiss()
             self._watchdog = None
         self._port.close()
-        for number in self._handled:
-            signal.signal(number, signal.SIG_DFL)
+        leave_signals(self._handled)
         self._handled.clear()
 
     def arm(self) -> None:
@@ -220,14 +219,10 @@ class Driver:
             return self._news.wait_for(condition, seconds)
 
     def _connect(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGTERM, signal.SIGHUP):
-                if signal.getsignal(number) == signal.SIG_DFL:
-                    signal.signal(number, _exit)
-                    self._handled.append(number)
+        self._handled = end_by_signals()
         self._port.timeout = TICK
         self._port.write_timeout = self._patience
-        self._watchdog = Watchdog(
+        self._watchdog = Watchdog.on_line(
             self._port.fileno(),
             pause=_HALT,
             farewell=_HALT + STOP,
@@ -352,7 +347,3 @@ class Driver:
             self._port.write(data)
         except OSError as error:
             self._forbid(f"the line is lost: {plain(error)}")
-
-
-def _exit(number: int, _: FrameType | None) -> None:
-    raise SystemExit(128 + number)
