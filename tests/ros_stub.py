@@ -96,7 +96,7 @@ class World:
         self.dead = self.refuses = False
         self.said, self.published = [], {}
         self.goal = None
-        self.speed, self.expires = (0.0, 0.0), 0.0
+        self.speed, self.expires = None, 0.0
         self.now = 0.0
         self.log = os.environ.get("ROS_STUB_LOG")
 
@@ -221,8 +221,9 @@ class Node:
         def call(request):
             assert type(request) is service.Request
             assert name.endswith("/_action/cancel_goal")
-            self.todo.append(self.world.cancel)
-            return Future()
+            answer = Future()
+            self.todo.append(lambda: (self.world.cancel(), answer.set_result(None)))
+            return answer
 
         return types.SimpleNamespace(call_async=call)
 

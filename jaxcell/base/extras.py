@@ -8,8 +8,8 @@ from types import ModuleType
 # What needs a module, and how to have it.
 _NEEDS = {
     "cv2": "finding crosses needs OpenCV; install it with: pip install 'jaxcell[vision]'",
-    "irobot_create_msgs": "a Create 3 needs its messages; install ros-$ROS_DISTRO-irobot-create-msgs",
-    "rclpy": "ROS 2 is not here; with it: source /opt/ros/$ROS_DISTRO/setup.bash, in a Python of it",
+    "irobot_create_msgs": "a Create 3 needs ros-$ROS_DISTRO-irobot-create-msgs, by apt",
+    "rclpy": "ROS 2 is not here; where it is: source /opt/ros/$ROS_DISTRO/setup.bash",
     "rerun": "recordings need Rerun; install it with: pip install 'jaxcell[view]'",
     "scipy": "beliefs need SciPy; install it with: pip install scipy",
 }

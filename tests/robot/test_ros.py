@@ -1,5 +1,6 @@
 """Robots on ROS 2, against a stand-in for rclpy and its messages; none of it has met a robot."""
 
+import json
 import math
 import os
 import signal
@@ -13,14 +14,16 @@ import numpy as np
 import pytest
 import ros_stub
 from ros_stub import BACKUP_LIMIT, CLIFF, World
-from wheels import bounce_filter, map_cells, pose_of
+from wheels import MAPS, bounce_filter, map_cells, pose_of
 
+from jaxcell.cli import main
 from jaxcell.robot import RobotStopped, Walker, cell_strides
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.ros import Base, Candidates, Create3, node
-from jaxcell.robot.runner import run_filter
 from jaxcell.robot.run_log import RunLog
+from jaxcell.robot.runner import run_filter
 from jaxcell.robot.tasks.files import load_task
+from jaxcell.robot.tasks.patrol_task import save_patrols
 from jaxcell.space import Workspace
 
 
@@ -64,7 +67,7 @@ def world_of(monkeypatch):
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_goes_as_far_as_it_is_told(world_of, kind):
     world = world_of((1.0, 1.5, 0.0), kind)
-    with KINDS[kind](arguments="-r __ns:=/one") as robot:
+    with KINDS[kind](remap=["__ns:=/one"]) as robot:
         with pytest.raises(RobotStopped, match="it is not armed"):
             robot.forward(0.5, tolerance=0.004)
         robot.arm()
@@ -81,7 +84,7 @@ def test_it_goes_as_far_as_it_is_told(world_of, kind):
         assert robot.forward(0.1, tolerance=0.004)[::2] == (0.0, True)
         assert not robot.forward(-0.3, tolerance=0.004).bumped
         assert Beats.last.command[1:] == [
-            *("-m", "jaxcell.robot.ros.halt", kind, "2.0", "--ros-args", "-r", "__ns:=/one")
+            *("-m", "jaxcell.robot.ros.watchdog", kind, "2.0", "--ros-args", "-r", "__ns:=/one")
         ]
     assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
     assert world.said[-2:] == [("destroyed", "jaxcell"), ("shutdown",)]
@@ -160,10 +163,11 @@ def test_a_robot_that_is_not_there_is_named(world_of, monkeypatch):
 
 
 def test_without_ros_it_says_how_to_have_it():
-    with pytest.raises(ModuleNotFoundError, match="^ROS 2 is not here; with it: source /opt/ros/"):
+    with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not here; where it is: source "):
         Create3().__enter__()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind):
     world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
@@ -200,6 +204,7 @@ def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind
     assert arrays[-1].header.frame_id == grids[-1].header.frame_id == "map"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     (tmp_path / "rclpy.py").write_text("import ros_stub\n\nros_stub.install()\n")
@@ -208,7 +213,7 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     place = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "ROS_STUB_LOG": str(log)}
     main = (
         "import sys, time; from jaxcell.robot.create.watchdog import Watchdog; "
-        f"w = Watchdog([sys.executable, '-m', 'jaxcell.robot.ros.halt', {kind!r}, '60']); "
+        f"w = Watchdog([sys.executable, '-m', 'jaxcell.robot.ros.watchdog', {kind!r}, '60']); "
         "w.beat(); print('ready', flush=True); time.sleep(60)"
     )
     with subprocess.Popen(
@@ -222,5 +227,49 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     while "shutdown" not in (said := log.read_text()) and time.monotonic() < end:
         time.sleep(0.05)
     assert ("cancel" in said) is (kind == "create3")
-    # The speed of the stub is 0 from the start, so that it says nothing of another 0.
+    assert "cmd_vel 0.0 0.0" in said
     assert said.endswith("destroyed jaxcell_watchdog\nshutdown\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_command_line_drives_it(world_of, tmp_path, capsys, kind):
+    world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
+    path = tmp_path / "filter.jxf"
+    about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}
+    bounce_filter(LAB, 45, metadata=about).save(path)
+    words = ["robot", "run", str(path), "--ros", kind, "--heading", "135", "--json"]
+    assert main([*words, "--remap", "__ns:=/one"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["result"], found["port"]) == ("localized", f"ROS 2, {kind}")
+    assert int(LAB.index(*world.body.pose)) in found["cells"]
+    assert len(world.published["candidates"]) == len(found["observations"])
+    assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
+    assert main([*words, "--steps", "clock"]) == 2
+    assert main([*words, "--port", "/dev/ttyUSB0"]) == 2
+    assert main(["robot", "run", str(path), "--port", "x", "--remap", "a"]) == 2
+    said = capsys.readouterr().err
+    assert "--steps clock: a robot on ROS 2 goes by its odometry" in said
+    assert "expected one of --port, --ros and --simulate" in said
+    assert "--remap: it is for --ros" in said
+
+
+def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):
+    world = world_of((0.5, 0.5, 0.0), "base", LAB.workspace)
+    walk = np.int32([np.arange(LAB.positions)]), np.ones((1, LAB.positions))
+    save_patrols(tmp_path / "patrol.json", LAB, [walk], [0], 1.0)
+    plan = tmp_path / "summary.json"
+    plan.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]}))
+    with Base() as robot:
+        patrol = Candidates(robot, load_task(tmp_path / "patrol.json"), None)
+        patrol.event("observation", {"observation": 0, "way": 1, "position": 4})
+        patrol.event("end", {})
+        fields = {"observation": 0, "estimate": [1.0, -0.5, math.pi / 2]}
+        Candidates(robot, load_task(plan), None).event("observation", fields)
+    there, estimate = world.published["candidates"]
+    [pose] = there.poses
+    assert (pose.position.x, pose.position.y) == tuple(map(float, LAB.centre(4)[:2]))
+    assert 2 * math.atan2(pose.orientation.z, pose.orientation.w) == pytest.approx(math.pi / 2)
+    assert estimate.header.frame_id == "start"
+    assert (estimate.poses[0].position.x, estimate.poses[0].position.y) == (1.0, -0.5)
+    assert len(world.published["candidate_squares"]) == 1

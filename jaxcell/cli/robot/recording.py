@@ -44,10 +44,8 @@ def recording_of(
             filter = task.filter
         case PolicyTask():
             filter = task.policy
-    about = {} if filter is None else filter.metadata
-    if belief is not None:
-        about = belief.hidden.metadata
-    cells = _cells_of(task, about) if emulation is None else emulation.cells
+    about = _about(task)
+    cells = cells_of(task) if emulation is None else emulation.cells
     robot = RecordedRobot(start=start)
     if emulation is not None:
         robot = RecordedRobot(start=start, trace=emulation.robot.trace)
@@ -63,10 +61,25 @@ def recording_of(
     )
 
 
-def _cells_of(task: "AnyTask", about: Mapping[str, Any]) -> "CellSpace | None":
+def _about(task: "AnyTask") -> Mapping[str, Any]:
+    """What the file of a filter, a policy or a belief says of its map."""
+    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
+
+    match task:
+        case FilterTask():
+            return task.filter.metadata
+        case PolicyTask():
+            return task.policy.metadata
+        case BeliefTask():
+            return task.belief.hidden.metadata
+    return {}
+
+
+def cells_of(task: "AnyTask") -> "CellSpace | None":
     """The cells of the map that a filter is of, if the map is where it was."""
     from ...space import CellSpace, Workspace
 
+    about = _about(task)
     with contextlib.suppress(OSError, ValueError, KeyError):
         workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)
         cells = CellSpace.of(workspace, task.cell, task.directions)

@@ -4,8 +4,9 @@ import json
 import math
 import sys
 import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
@@ -14,22 +15,22 @@ from ...base.files import name_in_results
 from ..options import direction_at, write_text
 from ..terminal import note, note_results, say, status
 from .emulation import emulate
-from .recording import recording_of
+from .recording import cells_of, recording_of
 from .replay import replayed, show
 from .resume import Standing, StandingStill, place_in_words, run_before
 from .runners import patrol_start, runner_of
 
 
 if TYPE_CHECKING:
-    from ...record import RobotRecording
     from ...robot.calibration import Calibration
-    from ...robot.create.motion import Create
     from ...robot.outcome import RunOutcome
     from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
     from ...robot.walker import Drivable, Walker
     from .emulation import Emulation
     from .runners import Runner
+
+    Listener: TypeAlias = Callable[[str, Mapping[str, Any]], None]
 
 
 _LOG, _RECORDING = "run.jsonl", "run.rrd"
@@ -50,6 +51,11 @@ class RobotRun:
     a process of its own."""
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    ros: Literal["create3", "base"] | None = None
+    """Drive a robot on ROS 2 instead: a Create 3 or TurtleBot 4 by its actions, or any base by
+    cmd_vel, odom and bumper. Where it may be is published as candidates and candidate_squares."""
+    remap: tuple[str, ...] = ()
+    """Rules for the names of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
     simulate: Path | None = None
     """Map in which to emulate the robot instead; it may be another than that of the file."""
     start: str | None = None
@@ -102,11 +108,15 @@ class RobotRun:
     def run(self) -> int:
         import numpy as np
 
-        from ...robot import Create, RobotStopped
+        from ...robot import RobotStopped
         from ...robot.tasks.files import load_task
 
-        if (self.port is None) == (self.simulate is None):
-            raise ValueError("expected one of --port and --simulate")
+        if sum(place is not None for place in (self.port, self.ros, self.simulate)) != 1:
+            raise ValueError("expected one of --port, --ros and --simulate")
+        if self.remap and self.ros is None:
+            raise ValueError("--remap: it is for --ros")
+        if self.ros is not None and self.steps == "clock":
+            raise ValueError("--steps clock: a robot on ROS 2 goes by its odometry")
         if self.live is not None and self.out is None:
             raise ValueError("--live: expected --out as well, for the recording")
         if self.out is not None and (self.out / _LOG).exists():
@@ -145,20 +155,12 @@ class RobotRun:
             place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
             try:
                 with contextlib.ExitStack() as stack:
-                    port = self.port
-                    if emulation is not None:
-                        port = stack.enter_context(emulation.robot).port
-                    assert port is not None
-                    robot = stack.enter_context(Create.open(port))
-                    robot.arm()
-                    walker = self._walker(
-                        self._moving(robot, emulation, calibration),
-                        task,
-                        emulation,
-                        direction,
-                        before,
-                    )
-                    outcome = self._run(walker, runner, place / _LOG, recording)
+                    robot, listeners = self._robot(stack, task, emulation)
+                    moving = self._moving(robot, emulation, calibration)
+                    walker = self._walker(moving, task, emulation, direction, before)
+                    if recording is not None:
+                        listeners.append(stack.enter_context(recording).event)
+                    outcome = self._run(walker, runner, place / _LOG, listeners)
             except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
                 outcome, code = _stopped(error, place / _LOG)
                 note(f"jaxcell robot run: {outcome.reason}")
@@ -167,7 +169,7 @@ class RobotRun:
         summary = {
             "command": "jaxcell robot run",
             "file": name_in_results(self.file),
-            "port": self.port,
+            "port": self.port if self.ros is None else f"ROS 2, {self.ros}",
             **dataclasses.asdict(outcome),
         }
         if emulation is not None:
@@ -223,7 +225,7 @@ class RobotRun:
         with contextlib.suppress(StandingStill):
             run(walker, None)
         note(f"The run goes on where the robot is {place_in_words(walker)}")
-        if self.port is not None and not self.json and sys.stdin.isatty():
+        if self.simulate is None and not self.json and sys.stdin.isatty():
             input("Press Enter when it stands there: ")
 
     def _direction(
@@ -263,8 +265,29 @@ class RobotRun:
         note(f"The robot goes by the calibration in {path}")
         return Calibration.load(path)
 
+    def _robot(
+        self, stack: contextlib.ExitStack, task: "AnyTask", emulation: "Emulation | None"
+    ) -> "tuple[Any, list[Listener]]":
+        """The robot, armed, and who listens to the events of its run."""
+        from ...robot import Create
+
+        if self.ros is not None:
+            from ...robot import ros
+
+            kind = ros.Create3 if self.ros == "create3" else ros.Base
+            robot = stack.enter_context(kind(remap=self.remap))
+            robot.arm()
+            return robot, [ros.Candidates(robot, task, cells_of(task)).event]
+        port = self.port
+        if emulation is not None:
+            port = stack.enter_context(emulation.robot).port
+        assert port is not None
+        create = stack.enter_context(Create.open(port))
+        create.arm()
+        return create, []
+
     def _moving(
-        self, robot: "Create", emulation: "Emulation | None", calibration: "Calibration | None"
+        self, robot: Any, emulation: "Emulation | None", calibration: "Calibration | None"
     ) -> "Drivable":
         """The robot as it tells how far it goes."""
         from ...robot.calibration import Calibrated
@@ -299,18 +322,17 @@ class RobotRun:
         )
 
     def _run(
-        self, walker: "Walker", runner: "Runner", path: Path, recording: "RobotRecording | None"
+        self, walker: "Walker", runner: "Runner", path: Path, listeners: "list[Listener]"
     ) -> "RunOutcome":
         from ...robot.run_log import RunLog
 
+        def tell(name: str, fields: Mapping[str, Any]) -> None:
+            for listener in listeners:
+                listener(name, fields)
+
         header, run = runner
-        with contextlib.ExitStack() as stack:
-            if recording is not None:
-                stack.enter_context(recording)
-            log = stack.enter_context(RunLog(path, header))
-            if recording is not None:
-                log.on_event = recording.event
-            stack.enter_context(status(f"running {self.file.name}"))
+        with RunLog(path, header) as log, status(f"running {self.file.name}"):
+            log.on_event = tell
             return run(walker, log)
 
 

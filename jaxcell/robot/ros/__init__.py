@@ -4,7 +4,7 @@ It has met no robot. It is tested against a stand-in for `rclpy` and the message
 types are those of their definitions. What it takes from the documentation of the Create 3:
 
 - The actions `drive_distance` and `rotate_angle` end by the robot's own odometry. A robot that
-    bumps goes on pushing, so that a goal is cancelled here as soon as `hazard_detection` has a bump.
+    bumps goes on pushing, so a goal is cancelled here as soon as `hazard_detection` has a bump.
 - By default it backs away from a bump by itself, and backs up by a few centimetres only. A run
     needs neither: `ros2 param set /motion_control reflexes.REFLEX_BUMP false` and
     `ros2 param set /motion_control safety_override backup_only`, as its cliff sensors look ahead,

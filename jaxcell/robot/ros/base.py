@@ -83,13 +83,8 @@ class Base(RosRobot):
                     if bumped or abs(rest(start, now)) <= tolerance:
                         return moved(start, now, bumped)
                 roll(rest(start, now), now.heading - start.heading)
-                messages = self._messages
-                self._wait(
-                    lambda: self._messages > messages or (stop_on_bump and self._bumped), end, what
-                )
                 self._in_time(end, what)
-                assert self._odometry is not None
-                now = self._odometry
+                now = self._after(self._messages)
         finally:
             self._halt()
 

@@ -9,9 +9,9 @@ from .halt import goal_cancellers
 from .node import RosRobot, moved
 
 
-# Metres and radians a second. Seconds in which an action is answered.
+# Metres and radians a second. Seconds in which an action, and the last word, is answered.
 _SPEED, _TURNING = 0.2, 1.0
-_ANSWER = 5.0
+_ANSWER, _FAREWELL = 5.0, 1.0
 
 _SUCCEEDED = 4
 _BACKUP_LIMIT, _BUMP = 0, 1
@@ -22,7 +22,7 @@ class Create3(RosRobot):
     """An iRobot Create 3, or a TurtleBot 4 on one, by its actions and hazards.
 
     ```python
-    with Create3(arguments="-r __ns:=/robot1") as robot:
+    with Create3(remap=["__ns:=/robot1"]) as robot:
         robot.arm()
         robot.forward(0.5, tolerance=0.005)
     ```
@@ -112,6 +112,11 @@ class Create3(RosRobot):
 
     def _halt(self) -> None:
         self._cancel_all()
+
+    def _leave(self) -> None:
+        answers, end = self._cancel_all(), time.monotonic() + _FAREWELL
+        while not all(answer.done() for answer in answers) and time.monotonic() < end:
+            time.sleep(0.01)
 
     def _hear_hazards(self, message: Any) -> None:
         kinds = {hazard.type for hazard in message.detections}

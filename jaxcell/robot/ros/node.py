@@ -3,12 +3,11 @@ import cmath
 import contextlib
 import math
 import os
-import shlex
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -48,13 +47,13 @@ class RosRobot(abc.ABC):
     kind: ClassVar[str]
     "What the process that stops it is called with."
 
-    def __init__(self, *, arguments: str = "", patience: float = 1.0) -> None:
+    def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
         """**Arguments:**
 
-        - `arguments`: of ROS, such as `-r __ns:=/robot1 -r cmd_vel:=/base/cmd_vel`.
+        - `remap`: rules of ROS for names, such as `__ns:=/robot1` or `cmd_vel:=/base/cmd_vel`.
         - `patience`: seconds.
         """
-        self._arguments, self._patience = arguments, patience
+        self._remap, self._patience = remap, patience
         self._news = threading.Condition(threading.RLock())
         self._odometry: Odometry | None = None
         self._heard = -math.inf
@@ -89,7 +88,7 @@ class RosRobot(abc.ABC):
     def _open(self) -> None:
         rclpy = import_module("rclpy")
         executors, quality = import_module("rclpy.executors"), import_module("rclpy.qos")
-        words = ["--ros-args", *shlex.split(self._arguments)] if self._arguments else []
+        words = ["--ros-args", *(word for rule in self._remap for word in ("-r", rule))]
         # Its own handlers would leave the wheels turning.
         handlers = import_module("rclpy.signals").SignalHandlerOptions.NO
         rclpy.init(args=words, signal_handler_options=handlers)
@@ -108,7 +107,7 @@ class RosRobot(abc.ABC):
         self._stack.callback(thread.join, 5.0)
         self._stack.callback(executor.shutdown)
         watchdog = Watchdog(
-            [sys.executable, "-m", f"{__package__}.halt", self.kind, str(_SILENCE), *words]
+            [sys.executable, "-m", f"{__package__}.watchdog", self.kind, str(_SILENCE), *words]
         )
         self._stack.callback(watchdog.dismiss)
         beating = threading.Event()
@@ -116,12 +115,12 @@ class RosRobot(abc.ABC):
         beats.start()
         self._stack.callback(beats.join)
         self._stack.callback(beating.set)
-        self._stack.callback(self._halt)
+        self._stack.callback(self._leave)
         with self._news:
             if not self._news.wait_for(lambda: self._odometry is not None, _GREETING):
                 raise ConnectionError(
-                    f"no odometry comes on {self.node.resolve_topic_name('odom')}: is the robot on, "
-                    f"and in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}?"
+                    f"no odometry comes on {self.node.resolve_topic_name('odom')}: is the robot "
+                    f"on, and in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}?"
                 )
 
     @abc.abstractmethod
@@ -131,6 +130,10 @@ class RosRobot(abc.ABC):
     @abc.abstractmethod
     def _halt(self) -> None:
         """Stop the wheels."""
+
+    def _leave(self) -> None:
+        """Stop the wheels for the last time."""
+        self._halt()
 
     @abc.abstractmethod
     def forward(self, distance: float, *, tolerance: float) -> Moved:
