@@ -2,14 +2,18 @@ import dataclasses
 import functools
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.sparse
 from jaxtyping import Float, Int
 
 from ..base.documents import Fields
+from ..base.extras import import_module
 from .formats.storage import read_arrays, write_arrays
+
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 
 _FORMAT, _VERSION = "jaxcell-hidden-map", 1
@@ -35,9 +39,9 @@ class HiddenMap:
         (3, 2)
     """
 
-    moves: scipy.sparse.csr_array
+    moves: "scipy.sparse.csr_array"
     "The probability of going from a cell, the row, to another with observation 0."
-    bumps: tuple[scipy.sparse.csr_array, ...]
+    bumps: "tuple[scipy.sparse.csr_array, ...]"
     "The same with observation 1, for each of the angles that the robot may turn by."
     configuration: Int[np.ndarray, "cells"]
     "The configuration that each cell is in."
@@ -61,8 +65,10 @@ class HiddenMap:
         **Raises:** `ValueError` for arrays that do not fit each other, probabilities that are
         negative, or that sum to more than 1, and bumps whose probability depends on the angle.
         """
+        # A robot that carries a filter has no need of SciPy.
+        sparse = import_module("scipy.sparse")
         several = bumps if isinstance(bumps, list | tuple) else [bumps]
-        parts = [scipy.sparse.csr_array(m, dtype=np.float64) for m in (moves, *several)]
+        parts = [sparse.csr_array(m, dtype=np.float64) for m in (moves, *several)]
         cells = start.size
         for part in parts:
             if part.shape != (cells, cells):
@@ -98,7 +104,7 @@ class HiddenMap:
         """Number of angles that the robot may turn by at a bump."""
         return len(self.bumps)
 
-    def leaving(self, event: int) -> scipy.sparse.csr_array:
+    def leaving(self, event: int) -> "scipy.sparse.csr_array":
         """The probabilities of one event, row by row of where it begins.
 
         Event 0 is a step, `1 + i` a bump and the turn by angle `i`. With one angle events are
@@ -107,7 +113,7 @@ class HiddenMap:
         return (self.moves, *self.bumps)[event]
 
     @functools.cached_property
-    def arriving(self) -> tuple[scipy.sparse.csr_array, ...]:
+    def arriving(self) -> "tuple[scipy.sparse.csr_array, ...]":
         """The same for all events, row by row of where they end."""
         return tuple(part.T.tocsr() for part in (self.moves, *self.bumps))
 
@@ -134,6 +140,7 @@ class HiddenMap:
 
         **Raises:** `ValueError` that names the file, if it is not one; `FileNotFoundError`.
         """
+        sparse = import_module("scipy.sparse")
         header, arrays = read_arrays(path)
         if (header.get("format"), header.get("version")) != (_FORMAT, _VERSION):
             raise ValueError(
@@ -149,7 +156,7 @@ class HiddenMap:
                 data, indices, ends = (
                     arrays[f"{name}_{part}"] for part in ("data", "indices", "indptr")
                 )
-                matrix = scipy.sparse.csr_array(
+                matrix = sparse.csr_array(
                     (data * _UNIT, indices, ends), shape=(start.size, start.size)
                 )
                 matrix.check_format()

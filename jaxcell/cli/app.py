@@ -14,6 +14,7 @@ from .help import overview, parsed, unknown
 from .info import Info
 from .maps import Maps
 from .options import check_out
+from .robot.calibrate import RobotCalibrate
 from .robot.check import RobotCheck
 from .robot.replay import RobotReplay
 from .robot.run import RobotRun
@@ -49,6 +50,7 @@ COMMANDS = {
     "navigate": Navigate,
     "patrol graph": PatrolGraph,
     "patrol map": PatrolMap,
+    "robot calibrate": RobotCalibrate,
     "robot check": RobotCheck,
     "robot replay": RobotReplay,
     "robot run": RobotRun,
@@ -93,6 +95,12 @@ def run(args: Sequence[str]) -> int:
     except (ValueError, OSError, MemoryError) as error:
         said = _as_options(_line(error), command) if name else _line(error)
         print(f"jaxcell {name or _name(args) or args[0]}: {said}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        text = str(error)
+        if text.startswith("No module named"):
+            text += "; this command needs all of jaxcell: pip install jaxcell"
+        print(f"jaxcell {name}: {text}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

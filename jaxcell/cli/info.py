@@ -148,13 +148,13 @@ def _variable(array: Any) -> str:
 
 
 def _recording(path: Path) -> dict[str, Any]:
-    from rerun.chunk import RrdReader
-
+    from ..base.extras import import_module
     from .view import recordings_in
 
     recordings_in(path)
+    chunks = import_module("rerun.chunk")
     try:
-        reader = RrdReader(str(path))
+        reader = chunks.RrdReader(str(path))
         [entry] = reader.recordings()
         schema = reader.store().schema()
     except Exception as error:

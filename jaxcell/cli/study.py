@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
+from ..base.extras import has_module, missing_module
 from ..study import Study
 from .options import say_memory, starting, write_text
 from .terminal import note, note_results, progress, say as print_line, status, stdout_on_stderr
@@ -57,7 +58,8 @@ class Command:
                 self.out.mkdir(parents=True, exist_ok=True)
                 dataset = record.dataset(result, spec=spec)
                 record.save_dataset(dataset, self.out / f"{asked.name}.nc")
-                record.save_recording(result, self.out / f"{asked.name}.rrd", spec=spec)
+                if has_module("rerun"):
+                    record.save_recording(result, self.out / f"{asked.name}.rrd", spec=spec)
                 asked.write(result, self.out)
         verified = _verified(asked, result) if self.verify else None
         if verified is not None:
@@ -72,6 +74,8 @@ class Command:
             show(result, asked.heading(spec), seconds)
             if self.out is not None:
                 note_results(self.out)
+        if self.out is not None and not has_module("rerun"):
+            note(f"No recording is written: {missing_module('rerun')}")
         for remark in result.remarks:
             note(remark)
         agrees = verified is None or _report(self.called, verified, quiet=self.json)

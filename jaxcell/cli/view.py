@@ -6,6 +6,7 @@ from pathlib import Path
 import tyro
 
 from ..base.display import has_display
+from ..base.extras import has_module, missing_module
 from .terminal import note, own_command
 
 
@@ -23,6 +24,8 @@ class View:
     """Serve them to a browser on this machine instead."""
 
     def run(self) -> int:
+        if not has_module("rerun"):
+            raise missing_module("rerun")
         recordings = [str(path) for path in recordings_in(self.results)]
         viewer = [sys.executable, "-m", "rerun", "--memory-limit", _MEMORY]
         if self.web:

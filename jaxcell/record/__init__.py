@@ -26,7 +26,8 @@ Cells to drop drifters in are also written for other programs, as CSV or GeoJSON
 
 **Recordings.** `save_recording` and `log_sweep` write a file that opens in the viewer with a layout
 of its own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text
-says what one sees. Rerun is imported when one of them is first used.
+says what one sees. Rerun, of the
+extra `view`, is imported when one of them is first used.
 
 **Files** appear whole or not at all: they are written under another name and renamed. The one
 exception is a `RobotRecording`, which grows while the robots drive, so that whatever ends the run
@@ -38,6 +39,7 @@ The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from ..base.extras import import_module
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
 from .drift.files import save_deployment as save_deployment
@@ -58,5 +60,6 @@ _LATER = {
 
 def __getattr__(name: str) -> Any:
     if name in _LATER:
+        import_module("rerun")
         return getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+from ..base.extras import import_module
 from ..base.quantities import Result
 
 
@@ -40,7 +41,8 @@ def save_recording(
     - `path`: the file to write or replace; its name ends in `.rrd`.
     - `spec`: what was asked for, shown in the text.
 
-    **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if it cannot be written.
+    **Raises:** `ValueError` if the name does not end in `.rrd`; `OSError` if it cannot be written;
+    `ModuleNotFoundError` without Rerun, which comes with `jaxcell[view]`.
 
     A walk that begins at 0 and ends at 2:
 
@@ -58,6 +60,7 @@ def save_recording(
         ...     path.exists()
         True
     """
+    import_module("rerun")
     from .canvas.stream import recording
 
     names = (kind.__name__ for kind in type(result).__mro__)

@@ -10,7 +10,8 @@ metres, angles in radians counter-clockwise, times in seconds.
 the next command. So a `Create` stops them
 
 - when its `with` block ends, however it ends, by signals too;
-- when a wheel drops, at a cliff or a charger, with a low battery, or outside mode Safe: then
+- when a wheel drops or is blocked, at a cliff or a charger, with a low battery, or outside mode
+    Safe: then
     driving raises `RobotStopped` until the caller arms the robot again;
 - when the robot sends nothing, or the caller does not renew its speeds, for half a second;
 - when the driving process is killed or hangs, for a process of its own watches it.
@@ -35,14 +36,23 @@ bump, is what a filter expects.
 Each gives an `RunOutcome`. A `RunLog` has every observation on the disk before the robot goes on;
 `read_log` reads it, also if it was cut off, and a replay comes to the same outcome.
 
+A run that was stopped goes on: a `Walker` that is given what its robot sensed before takes those
+steps as made, and what runs comes to the state where it was. Where the wheels are not those of the
+book, `Calibrated` goes by a `Calibration`, which `jaxcell robot calibrate` measures and keeps in
+`calibration_file`.
+
 **On the way.** Patrols go from cell to cell by Lee's wave routing: `grid_steps` has the ways of a
 grid, `wave` the number of steps to a goal, `route` a shortest way, in time proportional to the
 cells. They may look for a dummy intruder, a dark cross on a light sheet: `draw_cross` makes the
 sheet, `find_cross` finds it in a frame, and `camera` and `pictures` are sources of frames for
-`CrossLook` (these need OpenCV, `pip install jaxcell[vision]`).
+`CrossLook` (these need OpenCV, `pip install 'jaxcell[vision]'`).
 
 **Where it slips** and nobody sees it, `Particles` are an estimator beside the belief and the sets
 of `jaxcell.automata`: each has `start`, `observe` and `estimate`.
+
+**On ROS 2**, `jaxcell.robot.ros` has an iRobot Create 3 or TurtleBot 4, and any base with `cmd_vel`
+and `odom`, as what a `Walker` drives, and publishes where the robot may be. It is imported when it
+is asked for, as it needs `rclpy`, and it has met no robot.
 
 **Without a host**, an Arduino on the robot's serial line runs a filter or a policy by the
 program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by that of
@@ -53,6 +63,11 @@ program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by t
 """
 
 from .believer import replay_belief as replay_belief, run_belief as run_belief
+from .calibration import (
+    Calibrated as Calibrated,
+    Calibration as Calibration,
+    calibration_file as calibration_file,
+)
 from .create.clock import ByClock as ByClock
 from .create.driver import Driver as Driver, Port as Port, RobotStopped as RobotStopped
 from .create.motion import Create as Create, Moved as Moved

@@ -47,7 +47,7 @@ def run_belief(
         >>> robot.run_belief(walker, automata.Belief(never), [0.0]).result
         'refuted'
     """
-    return follow(walker, _Believer(belief), bounces, log, limit)
+    return follow(walker, Believer(belief), bounces, log, limit)
 
 
 def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
@@ -69,10 +69,10 @@ def replay_belief(run: LoggedRun, belief: Belief) -> RunOutcome:
         >>> robot.replay_belief(robot.LoggedRun({}, events, True), automata.Belief(free)).result
         'refuted'
     """
-    return replay(run, _Believer(belief))
+    return replay(run, Believer(belief))
 
 
-class _Believer(Follower):
+class Believer(Follower):
     """A belief along a run."""
 
     kind = "belief"

@@ -1,16 +1,17 @@
 """Takes frames from a camera or from pictures in a folder.
 
-OpenCV is imported when it is needed; `pip install jaxcell[vision]` brings it.
+OpenCV is imported when it is needed; `pip install 'jaxcell[vision]'` brings it.
 """
 
 import itertools
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from jaxtyping import UInt8
+
+from ..base.extras import import_module
 
 
 Frame = UInt8[np.ndarray, "height width 3"] | UInt8[np.ndarray, "height width"]
@@ -36,7 +37,7 @@ def camera(device: int = 0) -> Callable[[], Frame]:
             ...
         OSError: camera 99 does not open
     """
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     capture = cv2.VideoCapture(device)
     if not capture.isOpened():
         raise OSError(f"camera {device} does not open")
@@ -77,7 +78,7 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
         ...     robot.pictures(folder)().shape
         (50, 50, 3)
     """
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     paths = sorted(
         path for path in Path(folder).iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg")
     )
@@ -93,14 +94,3 @@ def pictures(folder: str | os.PathLike[str]) -> Callable[[], Frame]:
         return np.asarray(frame)
 
     return look
-
-
-def opencv() -> ModuleType:
-    """The module `cv2`, or how to install it."""
-    try:
-        import cv2
-    except ImportError as error:
-        raise ModuleNotFoundError(
-            f"finding crosses needs OpenCV; install it with: pip install jaxcell[vision] ({error})"
-        ) from None
-    return cv2

@@ -17,7 +17,7 @@ cross of a sheet of 20 cm as 24 pixels from end to end at 2.7 m. Other dark cros
 proportions on something light, such as a plus sign in bold type, are the marker too. A cross that
 something dark touches is mostly missed.
 
-OpenCV is imported when it is needed; `pip install jaxcell[vision]` brings it.
+OpenCV is imported when it is needed; `pip install 'jaxcell[vision]'` brings it.
 """
 
 import functools
@@ -29,7 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from .frames import Frame, opencv
+from ..base.extras import import_module
+from .frames import Frame
 
 
 # The cross in units of half an arm's width: its edges that face right, down, left and up, first the
@@ -105,7 +106,7 @@ def find_cross(frame: Frame) -> Marker | None:
         >>> [round(x) for x in marker.centre], round(marker.arm)
         ([110, 90], 31)
     """
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     level = _grey(frame)
     best: Marker | None = None
     for doublings in itertools.count():
@@ -167,7 +168,7 @@ class CrossLook:
 
 def _crosses(level: UInt8[np.ndarray, "height width"]) -> Iterator[Float[np.ndarray, "3 3"]]:
     """The homographies that take what may be a marker to the cross."""
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     height, width = level.shape
     # The median of second differences estimates the noise (Immerkaer 1996), of which the smoothing
     # leaves 3/8. What is darker by three deviations is not noise.
@@ -199,7 +200,7 @@ def _normalizing(outline: Int[np.ndarray, "points 1 2"]) -> Float[np.ndarray, "3
 
     `None` if its invariants are not those of a cross.
     """
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     moments = cv2.moments(outline)
     area = moments["m00"]
     mixed = moments["mu11"]
@@ -307,7 +308,7 @@ def _perfect() -> tuple[Float[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3
 def _correlation(
     level: UInt8[np.ndarray, "height width"], homography: Float[np.ndarray, "3 3"]
 ) -> float:
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     size, middle = _PATCH / 9, (_PATCH - 1) / 2
     to_patch = np.array([(size, 0, middle), (0, size, middle), (0, 0, 1)]) @ homography
     border = cv2.BORDER_REPLICATE
@@ -332,7 +333,7 @@ def _marker(homography: Float[np.ndarray, "3 3"], scale: int, score: float) -> M
 
 
 def _grey(frame: np.ndarray) -> UInt8[np.ndarray, "height width"]:
-    cv2 = opencv()
+    cv2 = import_module("cv2")
     shape = frame.shape
     channels = shape[2:] in ((), (3,)) and len(shape) > 1
     if frame.dtype != np.uint8 or not channels or min(shape[:2]) < _WINDOW:

@@ -221,7 +221,8 @@ def run_patrol(
         >>> robot.run_patrol(walker, patrol).observations
         '0000'
     """
-    _look(patrol, look, log)
+    if walker.drives:
+        _look(patrol, look, log)
     while (way := patrol.next()) is not None:
         goal = patrol.goal
         walker.rotate(math.remainder((way - patrol.facing) * math.pi / 2, 2 * math.pi))
@@ -229,7 +230,7 @@ def run_patrol(
         patrol.observe(way, bumped)
         if log is not None:
             log.observation(walker, way=way, goal=goal, position=patrol.position)
-        if not bumped:
+        if walker.drives and not bumped:
             _look(patrol, look, log)
     outcome = patrol.outcome()
     finished(outcome, log)

@@ -50,7 +50,7 @@ def run_policy(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '01001', (3,))
     """
-    return follow(walker, _Chosen(policy), bounces, log, limit)
+    return follow(walker, Chosen(policy), bounces, log, limit)
 
 
 def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
@@ -79,10 +79,10 @@ def replay_policy(run: LoggedRun, policy: Policy) -> RunOutcome:
         >>> robot.replay_policy(robot.LoggedRun({}, events, True), policy).result
         'refuted'
     """
-    return replay(run, _Chosen(policy))
+    return replay(run, Chosen(policy))
 
 
-class _Chosen(Follower):
+class Chosen(Follower):
     """A policy along a run."""
 
     kind = "policy"

@@ -64,6 +64,8 @@ class RunLog:
 
     def observation(self, walker: Walker, **fields: Any) -> None:
         """Write what a robot has sensed last, and where it takes itself to be."""
+        if len(walker.observations) <= len(walker.recalled):
+            fields["recalled"] = True
         self.event(
             "observation",
             observation=int(walker.observations[-1]),
@@ -104,6 +106,14 @@ class LoggedRun:
     def observations(self) -> str:
         """What the robot sensed: 0 for a step, 1 for a bump."""
         return "".join(str(event["observation"]) for event in self._observed())
+
+    @property
+    def direction(self) -> int | None:
+        """The direction that the robot faced at the start, if it was known."""
+        direction = self.header.get("direction")
+        if direction is not None and (type(direction) is not int or direction < 0):
+            raise ValueError(f"direction: expected a whole number or null, got {direction!r}")
+        return direction
 
     @property
     def colors(self) -> list[int]:

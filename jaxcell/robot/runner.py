@@ -45,7 +45,7 @@ def run_filter(
         >>> outcome.result, outcome.observations, outcome.cells
         ('localized', '00', (0,))
     """
-    return follow(walker, _Filtered(filter), [bounce], log, limit)
+    return follow(walker, Filtered(filter), [bounce], log, limit)
 
 
 def run_plan(
@@ -143,10 +143,10 @@ def replay_filter(run: LoggedRun, filter: Filter) -> RunOutcome:
         >>> robot.replay_filter(robot.LoggedRun({}, events, True), filter).result
         'localized'
     """
-    return replay(run, _Filtered(filter))
+    return replay(run, Filtered(filter))
 
 
-class _Filtered(Follower):
+class Filtered(Follower):
     """A filter along a run."""
 
     kind = "filter"

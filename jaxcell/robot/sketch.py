@@ -103,7 +103,7 @@ def policy_sketch(task: PolicyTask, *, direction: int | None = None, flash: int 
         ...     turn=np.int32([-1, -1]), first=np.int32([0, 1, 1]), steps=np.int32([2]),
         ...     target=np.int32([1]), offsets=np.int32([0, 2, 3]), members=np.int32([0, 1, 1]),
         ... )
-        >>> task = PolicyTask(pathlib.Path("policy.jxf"), 1.0, 4, 1.0, 0.0, policy, (1.5,))
+        >>> task = PolicyTask(pathlib.Path("policy.jxf"), 1.0, 4, 1.0, 0.0, (1.5,), policy)
         >>> print(*robot.policy_sketch(task).splitlines()[:1])
         /* Localizes an iRobot Create 2 by its bumps: a policy of 2 states.
     """

@@ -272,7 +272,7 @@ def run_member(
     while (action := member.action) is not None:
         index = member.index
         if action in (FREE, WALL):
-            if member.waits:
+            if member.waits and walker.drives:
                 sleep(pause)
             bumped = walker.step()
             member.observe(bumped)

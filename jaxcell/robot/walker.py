@@ -57,6 +57,10 @@ class Walker:
 
     observations: str
     "What the robot has sensed so far: 0 for a step, 1 for a bump."
+    recalled: str
+    "Those of them that were sensed in a run before this one."
+    drives: bool
+    "Whether the robot moves by now: not while it recalls."
 
     def __init__(
         self,
@@ -65,6 +69,7 @@ class Walker:
         *,
         strides: Float[np.ndarray, "directions 2"] | None = None,
         direction: int = 0,
+        recalled: str = "",
         tolerance: float | None = None,
         turn_tolerance: float = math.radians(0.4),
     ) -> None:
@@ -74,6 +79,9 @@ class Walker:
         - `step`: length of a step, in metres.
         - `strides`: the result of [`cell_strides`][], if the heading is known.
         - `direction`: then the heading at the start, as a number of directions.
+        - `recalled`: what the robot sensed in a run that is to go on. The first steps, and the
+            turns between them and after the last, are taken as made: the robot is where the last of
+            them ended, and heads for its next step.
         - `tolerance`, `turn_tolerance`: how near a target is near enough by the encoders, in metres
             and in radians; a place by default to 4 mm, or where a step is less than 1 m to 0.4 % of
             it, but no less than 1 mm, which the wheels can still make.
@@ -89,7 +97,7 @@ class Walker:
                 raise ValueError(f"{name}: expected a positive number, got {value}")
         if strides is not None and not 0 <= direction < len(strides):
             raise ValueError(f"direction: expected 0 to {len(strides) - 1}, got {direction}")
-        self.observations = ""
+        self.observations, self.recalled, self.drives = "", recalled, not recalled
         self._robot, self._step, self._strides = robot, step, strides
         self._direction, self._tolerance, self._turn_tolerance = (
             direction,
@@ -106,6 +114,11 @@ class Walker:
         return self._at.real, self._at.imag, self._facing
 
     @property
+    def place(self) -> tuple[float, float, float]:
+        """Where the model has the robot: ahead and left of its start in metres, and turned."""
+        return self._centre.real, self._centre.imag, self._heading
+
+    @property
     def error(self) -> float:
         """How far that is from the centre where the model has the robot, in metres."""
         return abs(self._at - self._centre)
@@ -120,6 +133,9 @@ class Walker:
             centre = self._centre + complex(forward, left) * ahead
             straight = abs(left) < 1e-9 and forward >= self._step - 1e-9
             targets = [centre] if straight else [end, centre]
+        if len(self.observations) < len(self.recalled):
+            return self._recall(targets[-1])
+        self.drives = True
         bumped = False
         passed = [self._centre]
         for target in targets:
@@ -155,6 +171,14 @@ class Walker:
         self._heading += angle
         self._face(self._heading)
 
+    def _recall(self, target: complex) -> bool:
+        """Take a step as made, by what was sensed in it."""
+        observation = self.recalled[len(self.observations)]
+        if observation == "0":
+            self._centre = self._at = target
+        self.observations += observation
+        return observation == "1"
+
     def _go(self, target: complex, *, back: bool = False) -> bool:
         """Drive to a place; return whether something was in the way."""
         way = target - self._at
@@ -168,6 +192,9 @@ class Walker:
         return self._count(self._robot.forward(abs(way), tolerance=self._tolerance))
 
     def _face(self, heading: float) -> None:
+        if not self.drives:
+            self._facing = heading
+            return
         angle = _wrapped(heading - self._facing)
         if abs(angle) > self._turn_tolerance:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))

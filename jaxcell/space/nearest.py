@@ -3,7 +3,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Int
-from scipy import ndimage
 
 from .cells import CellSpace
 
@@ -39,6 +38,9 @@ def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray
 
 @functools.lru_cache(maxsize=8)
 def _nearest_positions(cells: CellSpace) -> Int[np.ndarray, "rows columns"]:
+    # A robot that carries a filter has no need of SciPy.
+    from scipy import ndimage
+
     row, column = ndimage.distance_transform_edt(
         ~cells.free, return_distances=False, return_indices=True
     )

@@ -1,24 +1,31 @@
+import dataclasses
+import functools
 import json
 import math
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
-from wheels import MAPS, bounce_filter, bounce_tables, map_cells
+from wheels import MAPS, body_in, bounce_filter, bounce_tables, map_cells, pose_of
 
 from jaxcell.cli.robot.check import RobotCheck
 from jaxcell.cli.robot.emulation import Emulation
 from jaxcell.cli.robot.replay import RobotReplay, show
 from jaxcell.cli.robot.run import RobotRun
+from jaxcell.robot.calibration import Calibration, calibration_file
 from jaxcell.robot.create.driver import RobotStopped
 from jaxcell.robot.create.motion import Create
 from jaxcell.robot.create.packets import Contact
 from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.run_log import RunLog
+from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.walker import Walker
 
 
@@ -216,7 +223,7 @@ def test_a_line_that_does_not_open_is_told_in_words(tmp_path, port, message, fir
 
 
 def test_bad_options(filter_file):
-    with pytest.raises(ValueError, match="one of --port and --simulate"):
+    with pytest.raises(ValueError, match="one of --port, --ros and --simulate"):
         RobotRun(file=filter_file).run()
     with pytest.raises(ValueError, match="--live: expected --out as well"):
         simulated(filter_file, live="here").run()
@@ -237,3 +244,145 @@ def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     shown = capsys.readouterr().out
     assert "0 (0.5 m, 0.5 m, 0°)" in shown
     assert "5000, of another map" in shown
+
+
+@pytest.mark.slow
+def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypatch):
+    code, whole = run(simulated(filter_file, start="70"), capsys)
+    assert (code, len(whole["observations"]) > 4) == (0, True)
+
+    def lifted(robot, distance, forward=Create.forward, **fields):
+        lifted.left -= 1
+        if lifted.left < 0:
+            raise RobotStopped("a wheel hangs in the air")
+        return forward(robot, distance, **fields)
+
+    lifted.left = 3
+    with monkeypatch.context() as patched:
+        patched.setattr(Create, "forward", lifted)
+        code = simulated(filter_file, start="70", out=tmp_path / "one").run()
+    said = capsys.readouterr()
+    log = tmp_path / "one" / "run.jsonl"
+    assert f"To go on from there: the same with --resume {log}" in said.err
+    before = json.loads(said.out)
+    assert (code, before["result"]) == (1, "stopped")
+    count = len(before["observations"])
+    assert 0 < count < len(whole["observations"])
+
+    # Where the model has it after the last whole step.
+    image, _ = bounce_tables(LAB, 45)
+    cell = functools.reduce(lambda z, _: int(image[z]), range(count), 70)
+    on = tmp_path / "on"
+    command = simulated(filter_file, start=str(cell), out=on, resume=log)
+    code = command.run()
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert code == 0
+    for name in ("result", "observations", "colors", "cells", "reason"):
+        assert found[name] == whole[name]
+    assert found["emulated"]["truth_is_a_candidate"] is True
+    assert "The run goes on where the robot is " in said.err
+    header = json.loads((on / "run.jsonl").read_text().splitlines()[0])
+    assert header["resumed"]["log"] == str(log)
+    assert header["resumed"]["observations"] == count
+    assert header["pose"] == json.loads(log.read_text().splitlines()[0])["pose"]
+    code, again = run(RobotReplay(log=on / "run.jsonl", json=True), capsys)
+    assert (code, again["observations"]) == (0, whole["observations"])
+
+
+def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
+    task = load_task(filter_file)
+    log = tmp_path / "run.jsonl"
+
+    def go_on(events, **changed):
+        log.unlink(missing_ok=True)
+        with RunLog(log, {**task.header, "direction": 0} | changed) as file:
+            for observation, color in events:
+                file.event("observation", observation=observation, color=color)
+        simulated(filter_file, start="70", resume=log).run()
+
+    with pytest.raises(ValueError, match=r"run\.jsonl: it is of another filter than .*\.jxf$"):
+        go_on([(0, 1)], sha256="0")
+    with pytest.raises(ValueError, match=r"run\.jsonl: step_m: the log has 2\.0, .* has 1\.0$"):
+        go_on([(0, 1)], step_m=2.0)
+    with pytest.raises(ValueError, match=r"run\.jsonl: observation 0: the log has colour 5"):
+        go_on([(0, 5)])
+    with pytest.raises(ValueError, match=r"run\.jsonl: it has no observation"):
+        go_on([])
+    filter = task.filter
+    events, state = [], filter.start()
+    while not state.localized:
+        one = 0 if filter.transition[state.index, 0] >= 0 else 1
+        state = state.observe(one)
+        events.append((one, state.color))
+    with pytest.raises(ValueError, match=r"run\.jsonl: that run has come to its end: localized"):
+        go_on(events)
+    with pytest.raises(ValueError, match="--heading: a run that goes on has that of its log"):
+        simulated(filter_file, start="70", heading=0.0, resume=log).run()
+    with pytest.raises(ValueError, match="--resume: expected --start as well"):
+        simulated(filter_file, resume=log).run()
+
+
+@pytest.mark.slow
+def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
+    filter_file, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    # It heads East, and a step ahead of it is free.
+    start = pose_of(LAB, int(np.flatnonzero(~bounce_tables(LAB, 45)[1])[0]))
+    calibration_file().parent.mkdir()
+    Calibration(distance=1.05).save(calibration_file())
+
+    def run_on(**fields):
+        out = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
+        with Emulator(Body(LAB.workspace, start), line=Line(speedup=100.0)) as robot:
+            RobotRun(file=filter_file, port=robot.port, limit=1, out=out, **fields).run()
+            pose = robot.pose
+        header = json.loads((out / "run.jsonl").read_text().splitlines()[0])
+        return header["calibration"], math.dist(pose[:2], start[:2])
+
+    kept, far = run_on(heading=0.0)
+    assert kept == {"distance": 1.05, "angle": 1.0}
+    assert f"The robot goes by the calibration in {calibration_file()}" in capsys.readouterr().err
+    other = tmp_path / "other.json"
+    Calibration().save(other)
+    kept, whole = run_on(heading=0.0, calibration=other)
+    assert kept == {"distance": 1.0, "angle": 1.0}
+    assert far == pytest.approx(whole / 1.05, abs=0.01)
+    assert whole == pytest.approx(1.0, abs=0.01)
+    with pytest.raises(ValueError, match="--calibration: it is of the encoders"):
+        simulated(filter_file, steps="clock", calibration=other).run()
+
+
+@pytest.mark.slow
+def test_a_robot_that_was_lifted_is_put_back_and_goes_on(filter_file, tmp_path, capsys):
+    first, second = tmp_path / "first", tmp_path / "second"
+    log = first / "run.jsonl"
+    body = body_in(LAB, 70)
+    with Emulator(body, line=Line(speedup=20.0)) as robot:
+
+        def lift():
+            end = time.monotonic() + 60
+            while time.monotonic() < end:
+                if log.exists() and log.read_text().count('"observation":') >= 3:
+                    robot.contact = Contact.WHEEL_DROP_LEFT
+                    return
+                time.sleep(0.01)
+
+        lifter = threading.Thread(target=lift)
+        lifter.start()
+        command = RobotRun(file=filter_file, port=robot.port, heading=135.0, out=first, json=True)
+        code, found = run(command, capsys)
+        lifter.join()
+        assert (code, found["result"]) == (1, "stopped")
+        assert found["reason"].startswith("the robot was stopped: a wheel hangs in the air; not ")
+        image, _ = bounce_tables(LAB, 45)
+        cell = functools.reduce(lambda z, _: int(image[z]), found["observations"], 70)
+        # Somebody puts it down where it is asked for.
+        body.x, body.y, body.theta = pose_of(LAB, cell)
+        robot.contact = Contact(0)
+        command = dataclasses.replace(command, heading=None, resume=log, out=second)
+        code, again = run(command, capsys)
+        assert (code, again["result"]) == (0, "localized")
+        assert again["observations"].startswith(found["observations"])
+        assert int(LAB.index(*robot.pose)) in again["cells"]

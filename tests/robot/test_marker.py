@@ -234,7 +234,7 @@ def test_without_opencv_it_says_what_to_install():
     ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    assert "pip install jaxcell[vision]" in ran.stdout
+    assert "pip install 'jaxcell[vision]'" in ran.stdout
     assert ran.stdout.count("\n") == 1
 
 

@@ -7,6 +7,7 @@ import tyro
 
 from ...base.written import configuration
 from ..terminal import say, table
+from .recording import recording_of
 
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ class RobotReplay:
     """The run.jsonl of `jaxcell robot run --out`."""
     file: Path | None = None
     """The filter or the patrol that was run, if it is no more where it was."""
+    out: Path | None = None
+    """Directory for a recording of the run, run.rrd, as of a robot that had no Rerun."""
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
 
@@ -39,12 +42,24 @@ class RobotReplay:
             raise ValueError(f"{self.log}: line 1: {error} is missing") from error
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
+        if self.out is not None:
+            self._record(run, self.out)
         summary = {"log": str(self.log), "whole": run.whole, **dataclasses.asdict(outcome)}
         if self.json:
             say(json.dumps(summary))
         else:
             show(self.log.name, summary)
         return 0
+
+    def _record(self, run: "LoggedRun", out: Path) -> None:
+        from ...robot.tasks.files import load_task
+
+        path = Path(run.header["file"]) if self.file is None else self.file
+        task = load_task(path, run.header.get("robot"))
+        with recording_of(task, out / "run.rrd", start=run.header.get("pose")) as recording:
+            for event in run.events:
+                fields = {name: value for name, value in event.items() if name != "event"}
+                recording.event(event["event"], fields)
 
 
 def show(title: str, summary: dict[str, Any], emulation: "Emulation | None" = None) -> None:

@@ -2,6 +2,7 @@ import contextlib
 import dataclasses
 import json
 import math
+import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,30 +10,30 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
+from ...base.extras import has_module, missing_module
 from ...base.files import name_in_results
-from ...study.map_study import cell_at
 from ..options import direction_at, write_text
 from ..terminal import note, note_results, say, status
-from .emulation import emulate, seen_from
+from .emulation import emulate
+from .recording import cells_of, recording_of
 from .replay import replayed, show
+from .resume import Standing, StandingStill, place_in_words, run_before
+from .runners import patrol_start, runner_of
 
 
 if TYPE_CHECKING:
-    from ...automata import Filter, Policy
-    from ...record import RobotRecording
-    from ...robot.marker import CrossLook
+    from ...robot.calibration import Calibration
     from ...robot.outcome import RunOutcome
-    from ...robot.run_log import RunLog
+    from ...robot.run_log import LoggedRun
     from ...robot.tasks.files import AnyTask
-    from ...robot.tasks.patrol_task import PatrolTask
-    from ...robot.walker import Walker
-    from ...space import CellSpace
+    from ...robot.walker import Drivable, Walker
     from .emulation import Emulation
+    from .runners import Runner
 
-    _Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
+    Listener: TypeAlias = Callable[[str, Mapping[str, Any]], None]
 
 
-_LOG = "run.jsonl"
+_LOG, _RECORDING = "run.jsonl", "run.rrd"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,6 +51,11 @@ class RobotRun:
     a process of its own."""
     port: str | None = None
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
+    ros: Literal["create3", "base"] | None = None
+    """Drive a robot on ROS 2 instead: a Create 3 or TurtleBot 4 by its actions, or any base by
+    cmd_vel, odom and bumper. Where it may be is published as candidates and candidate_squares."""
+    remap: tuple[str, ...] = ()
+    """Rules for the names of ROS, such as __ns:=/robot1 or cmd_vel:=/base/cmd_vel."""
     simulate: Path | None = None
     """Map in which to emulate the robot instead; it may be another than that of the file."""
     start: str | None = None
@@ -85,6 +91,12 @@ class RobotRun:
     camera: str | None = None
     """What a robot on patrol looks for the cross marker with: the number of a camera, or a folder
     of pictures."""
+    calibration: Path | None = None
+    """File of `jaxcell robot calibrate`; by default, for a robot on a line, calibration.json in
+    ~/.config/jaxcell if it is there. Steps by the clock have none."""
+    resume: Path | None = None
+    """The run.jsonl of a run of this file that was stopped, to go on from there. The robot stands
+    where its last step ended and faces the way of its next; an emulated one stands at --start."""
     out: Path | None = None
     """Directory for the log, which must not be there yet, the recording and summary.json."""
     live: str | None = None
@@ -96,11 +108,15 @@ class RobotRun:
     def run(self) -> int:
         import numpy as np
 
-        from ...robot import Create, RobotStopped
+        from ...robot import RobotStopped
         from ...robot.tasks.files import load_task
 
-        if (self.port is None) == (self.simulate is None):
-            raise ValueError("expected one of --port and --simulate")
+        if sum(place is not None for place in (self.port, self.ros, self.simulate)) != 1:
+            raise ValueError("expected one of --port, --ros and --simulate")
+        if self.remap and self.ros is None:
+            raise ValueError("--remap: it is for --ros")
+        if self.ros is not None and self.steps == "clock":
+            raise ValueError("--steps clock: a robot on ROS 2 goes by its odometry")
         if self.live is not None and self.out is None:
             raise ValueError("--live: expected --out as well, for the recording")
         if self.out is not None and (self.out / _LOG).exists():
@@ -109,33 +125,51 @@ class RobotRun:
                 "expected another directory"
             )
         task = load_task(self.file, self.robot)
+        before, calibration = self._before(task), self._calibration()
         emulation = None
         if self.simulate is not None:
             emulation = emulate(self.simulate, task, self, np.random.default_rng(self.seed))
-        direction = self._direction(task, emulation)
-        runner = self._runner(task, emulation, direction)
+        direction = self._direction(task, emulation, before)
+        runner = runner_of(task, self, emulation, direction, before)
+        pose = None if emulation is None else emulation.pose
+        if before is not None:
+            pose = before.header.get("pose")
+            self._ask_for_place(task, emulation, direction, before)
         # Before the robot is there: what it needs takes seconds to load.
-        recording = None if self.out is None else self._recording(task, emulation)
+        recording = None
+        if self.live is not None and not has_module("rerun"):
+            raise missing_module("rerun")
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+        if self.out is not None and has_module("rerun"):
+            recording = recording_of(
+                task, self.out / _RECORDING, start=pose, emulation=emulation, viewer=self.live
+            )
+        runner[0].update(
+            pose=pose,
+            resumed=None if before is None else self._resumed(before),
+            calibration=None if calibration is None else dataclasses.asdict(calibration),
+        )
         code = None
         with contextlib.ExitStack() as kept:
             place = self.out or Path(kept.enter_context(tempfile.TemporaryDirectory()))
             try:
                 with contextlib.ExitStack() as stack:
-                    port = self.port
-                    if emulation is not None:
-                        port = stack.enter_context(emulation.robot).port
-                    assert port is not None
-                    robot = stack.enter_context(Create.open(port))
-                    robot.arm()
-                    walker = self._walker(robot, task, emulation, direction)
-                    outcome = self._run(walker, runner, place / _LOG, recording)
+                    robot, listeners = self._robot(stack, task, emulation)
+                    moving = self._moving(robot, emulation, calibration)
+                    walker = self._walker(moving, task, emulation, direction, before)
+                    if recording is not None:
+                        listeners.append(stack.enter_context(recording).event)
+                    outcome = self._run(walker, runner, place / _LOG, listeners)
             except (RobotStopped, KeyboardInterrupt, SystemExit) as error:
                 outcome, code = _stopped(error, place / _LOG)
                 note(f"jaxcell robot run: {outcome.reason}")
+                if self.out is not None and outcome.observations:
+                    note(f"To go on from there: the same with --resume {self.out / _LOG}")
         summary = {
             "command": "jaxcell robot run",
             "file": name_in_results(self.file),
-            "port": self.port,
+            "port": self.port if self.ros is None else f"ROS 2, {self.ros}",
             **dataclasses.asdict(outcome),
         }
         if emulation is not None:
@@ -148,153 +182,157 @@ class RobotRun:
             show(self.file.name, summary, emulation)
             if self.out is not None:
                 note_results(self.out)
+        if self.out is not None and not has_module("rerun"):
+            note(
+                f"There is no Rerun here for a recording. Elsewhere: jaxcell robot replay "
+                f"{self.out / _LOG} --file {self.file.name} --out {self.out}"
+            )
         if code is not None:
             return code
         return 0 if outcome.result in ("localized", "arrived", "patrolled", "reported") else 1
 
-    def _direction(self, task: "AnyTask", emulation: "Emulation | None") -> int | None:
+    def _before(self, task: "AnyTask") -> "LoggedRun | None":
+        """The run that is to go on, if one is."""
+        if self.resume is None:
+            return None
+        if self.heading is not None:
+            raise ValueError("--heading: a run that goes on has that of its log")
+        if self.simulate is not None and self.start is None:
+            raise ValueError("--resume: expected --start as well, where the emulated robot stands")
+        return run_before(self.resume, task)
+
+    def _resumed(self, before: "LoggedRun") -> dict[str, Any]:
+        """What the log says of the run before this one."""
+        from ...robot.tasks.task import digest
+
+        assert self.resume is not None
+        return {
+            "log": str(self.resume.absolute()),
+            "sha256": digest(self.resume),
+            "observations": len(before.observations),
+        }
+
+    def _ask_for_place(
+        self,
+        task: "AnyTask",
+        emulation: "Emulation | None",
+        direction: int | None,
+        before: "LoggedRun",
+    ) -> None:
+        """Say where the robot must stand to go on, and wait until somebody says that it does."""
+        _, run = runner_of(task, self, emulation, direction, before)
+        walker = self._walker(Standing(), task, emulation, direction, before)
+        with contextlib.suppress(StandingStill):
+            run(walker, None)
+        note(f"The run goes on where the robot is {place_in_words(walker)}")
+        if self.simulate is None and not self.json and sys.stdin.isatty():
+            input("Press Enter when it stands there: ")
+
+    def _direction(
+        self, task: "AnyTask", emulation: "Emulation | None", before: "LoggedRun | None"
+    ) -> int | None:
         """The direction that the robot faces at the start, where it is known."""
         from ...robot.tasks.files import PlanTask
         from ...robot.tasks.patrol_task import PatrolTask
         from ...robot.team import MemberTask
 
+        if before is not None:
+            return before.direction
         if self.heading is not None:
             return direction_at(self.heading, task.directions)
         if emulation is not None:
             return emulation.start // emulation.cells.positions
         match task:
             case PatrolTask():
-                return self._patrol_start(task) // task.cells.positions
+                return patrol_start(task, self.start) // task.cells.positions
             case MemberTask():
                 return round(task.start[2] * task.directions / (2 * math.pi)) % task.directions
             case PlanTask():
                 raise ValueError("--heading: a plan needs the heading that its robot starts with")
         return None
 
-    def _patrol_start(self, task: "PatrolTask", emulation: "Emulation | None" = None) -> int:
-        """The cell where a patrol begins, among those of its map."""
-        if emulation is not None:
-            x, y, theta = emulation.cells.centre(emulation.start)
-            try:
-                return int(task.cells.index(x, y, theta))
-            except ValueError as error:
-                raise ValueError(f"--start: {task.path} has no such place: {error}") from None
-        return task.start if self.start is None else cell_at(task.cells, self.start, "--start")
+    def _calibration(self) -> "Calibration | None":
+        """What the encoders of the robot miss, if that is known."""
+        from ...robot.calibration import Calibration, calibration_file
 
-    def _recording(self, task: "AnyTask", emulation: "Emulation | None") -> "RobotRecording":
-        from ...record import RecordedRobot, RobotRecording
-        from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
+        if self.calibration is not None:
+            if self.steps == "clock":
+                raise ValueError("--calibration: it is of the encoders, not for --steps clock")
+            return Calibration.load(self.calibration)
+        path = calibration_file()
+        if self.port is None or self.steps == "clock" or not path.exists():
+            return None
+        note(f"The robot goes by the calibration in {path}")
+        return Calibration.load(path)
 
-        assert self.out is not None
-        self.out.mkdir(parents=True, exist_ok=True)
-        filter: Filter | Policy | None = None
-        belief = task.belief if isinstance(task, BeliefTask) else None
-        match task:
-            case FilterTask():
-                filter = task.filter
-            case PolicyTask():
-                filter = task.policy
-        about = {} if filter is None else filter.metadata
-        if belief is not None:
-            about = belief.hidden.metadata
-        cells = _cells_of(task, about) if emulation is None else emulation.cells
-        robot = RecordedRobot()
+    def _robot(
+        self, stack: contextlib.ExitStack, task: "AnyTask", emulation: "Emulation | None"
+    ) -> "tuple[Any, list[Listener]]":
+        """The robot, armed, and who listens to the events of its run."""
+        from ...robot import Create
+
+        if self.ros is not None:
+            from ...robot import ros
+
+            kind = ros.Create3 if self.ros == "create3" else ros.Base
+            robot = stack.enter_context(kind(remap=self.remap))
+            robot.arm()
+            return robot, [ros.Candidates(robot, task, cells_of(task)).event]
+        port = self.port
         if emulation is not None:
-            robot = RecordedRobot(start=emulation.pose, trace=emulation.robot.trace)
-        return RobotRecording(
-            self.out / "run.rrd",
-            [robot],
-            cells=cells,
-            filter=filter,
-            belief=belief,
-            filter_of_cells=cells is not None and _is_map(cells, about),
-            viewer=self.live,
-            spec={"file": name_in_results(self.file), **about},
-        )
+            port = stack.enter_context(emulation.robot).port
+        assert port is not None
+        create = stack.enter_context(Create.open(port))
+        create.arm()
+        return create, []
+
+    def _moving(
+        self, robot: Any, emulation: "Emulation | None", calibration: "Calibration | None"
+    ) -> "Drivable":
+        """The robot as it tells how far it goes."""
+        from ...robot.calibration import Calibrated
+        from ...robot.create.clock import ByClock
+
+        if calibration is not None:
+            return Calibrated(robot, calibration)
+        if self.steps == "encoder":
+            return robot
+        if emulation is None:
+            return ByClock(robot)
+        return ByClock(robot, clock=lambda: emulation.robot.seconds)
 
     def _walker(
-        self, robot: Any, task: "AnyTask", emulation: "Emulation | None", direction: int | None
+        self,
+        robot: "Drivable",
+        task: "AnyTask",
+        emulation: "Emulation | None",
+        direction: int | None,
+        before: "LoggedRun | None",
     ) -> "Walker":
-        from ...robot.create.clock import ByClock
         from ...robot.walker import Walker
 
-        if self.steps == "clock":
-            if emulation is None:
-                robot = ByClock(robot)
-            else:
-                robot = ByClock(robot, clock=lambda: emulation.robot.seconds)
         return Walker(
             robot,
             task.step,
             strides=None if direction is None else task.strides,
             direction=direction or 0,
+            recalled="" if before is None else before.observations,
             tolerance=self.tolerance,
             turn_tolerance=math.radians(self.turn_tolerance),
         )
 
-    def _runner(
-        self, task: "AnyTask", emulation: "Emulation | None", direction: int | None
-    ) -> "_Runner":
-        """What runs the task, and the header of its log."""
-        from ...robot.believer import run_belief
-        from ...robot.patrol import Patrol, run_patrol
-        from ...robot.policy import run_policy
-        from ...robot.runner import run_filter, run_plan
-        from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
-        from ...robot.team import MemberTask, run_member
-
-        header, limit = task.header, self.limit
-        if self.intruder is not None and (emulation is None or header["kind"] != "patrol"):
-            raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
-        if self.camera is not None and (self.intruder is not None or header["kind"] != "patrol"):
-            raise ValueError("--camera has a meaning only on patrol, and without --intruder")
-        match task:
-            case FilterTask():
-                return header, lambda walker, log: run_filter(
-                    walker, task.filter, task.bounce, log=log, limit=limit
-                )
-            case PolicyTask():
-                return header, lambda walker, log: run_policy(
-                    walker, task.policy, task.bounces, log=log, limit=limit
-                )
-            case BeliefTask():
-                return header, lambda walker, log: run_belief(
-                    walker, task.belief, task.bounces, log=log, limit=limit
-                )
-            case PlanTask():
-                return header, lambda walker, log: run_plan(walker, task.actions, log=log)
-            case MemberTask():
-                return header, lambda walker, log: run_member(walker, task, log=log)
-        patrol = Patrol(
-            task,
-            start=self._patrol_start(task, emulation) % task.cells.positions,
-            facing=direction or 0,
-            seed=self.seed,
-            visits=self.visits,
-            most_bumps=self.bumps,
-            limit=limit,
-        )
-        look: Callable[[int], Any] | None = None
-        if self.intruder is not None and emulation is not None:
-            look = seen_from(emulation.cells, task, self.intruder)
-        elif self.camera is not None:
-            look = _cross_look(self.camera)
-        header |= {"patrol": patrol.settings}
-        return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
-
     def _run(
-        self, walker: "Walker", runner: "_Runner", path: Path, recording: "RobotRecording | None"
+        self, walker: "Walker", runner: "Runner", path: Path, listeners: "list[Listener]"
     ) -> "RunOutcome":
         from ...robot.run_log import RunLog
 
+        def tell(name: str, fields: Mapping[str, Any]) -> None:
+            for listener in listeners:
+                listener(name, fields)
+
         header, run = runner
-        with contextlib.ExitStack() as stack:
-            if recording is not None:
-                stack.enter_context(recording)
-            log = stack.enter_context(RunLog(path, header))
-            if recording is not None:
-                log.on_event = recording.event
-            stack.enter_context(status(f"running {self.file.name}"))
+        with RunLog(path, header) as log, status(f"running {self.file.name}"):
+            log.on_event = tell
             return run(walker, log)
 
 
@@ -309,35 +347,3 @@ def _stopped(error: BaseException, log: Path) -> "tuple[RunOutcome, int]":
     if log.exists():
         return replayed(read_log(log)), code
     return RunOutcome("stopped", "", why_stopped(error)), code
-
-
-def _cross_look(source: str) -> "CrossLook":
-    from ...robot import CrossLook, camera, pictures
-
-    try:
-        return CrossLook(camera(int(source)) if source.isdecimal() else pictures(source))
-    except (ValueError, OSError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ValueError(f"--camera {source}: {reason}") from None
-
-
-def _cells_of(task: "AnyTask", about: Mapping[str, Any]) -> "CellSpace | None":
-    """The cells of the map that a filter is of, if the map is where it was."""
-    from ...space import CellSpace, Workspace
-
-    with contextlib.suppress(OSError, ValueError, KeyError):
-        workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)
-        cells = CellSpace.of(workspace, task.cell, task.directions)
-        return cells if _is_map(cells, about) else None
-    return None
-
-
-def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
-    """Whether cells are those of the map that a filter is of, by what it says."""
-    assert cells.workspace is not None
-    found = {
-        "name": cells.workspace.name,
-        "positions": cells.positions,
-        "robot_radius_m": cells.workspace.robot_radius,
-    }
-    return all(about.get(key, value) == value for key, value in found.items())

@@ -6,7 +6,6 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping
-from types import FrameType
 from typing import TypeVar
 
 from .line import Port as Port, open_line, plain
@@ -20,7 +19,9 @@ from .open_interface import (
 )
 from .packets import Mode
 from .reading import STREAM, Reading
+from .signals import end_by_signals, leave_signals
 from .speeds import wheel_speeds
+from .strain import Strain
 from .watchdog import Watchdog
 
 
@@ -47,8 +48,9 @@ class Driver:
 
     The wheels stop when the block ends, however it ends (by SIGINT, SIGTERM and SIGHUP too), and
 
-    - when a wheel drops, a cliff or a charger is there, the battery is low, or the robot leaves
-      mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the robot again;
+    - when a wheel drops or is blocked, a cliff or a charger is there, the battery is low, or the
+      robot leaves mode Safe: then `drive` raises [`RobotStopped`][] until the caller arms the
+      robot again;
     - when the robot sends nothing for `patience`: likewise;
     - when the caller does not renew `drive` for `patience`;
     - when this process is killed or hangs: another one watches it.
@@ -79,6 +81,7 @@ class Driver:
         # Whether to repeat the halt until the robot reports a mode in which it does not drive.
         self._halting = False
         self._wheels = (0, 0)
+        self._strain = Strain()
         self._renewed = -math.inf
         self._stop_on_bump = False
         self._bumped = False
@@ -130,8 +133,7 @@ class Driver:
             self._watchdog.dismiss()
             self._watchdog = None
         self._port.close()
-        for number in self._handled:
-            signal.signal(number, signal.SIG_DFL)
+        leave_signals(self._handled)
         self._handled.clear()
 
     def arm(self) -> None:
@@ -144,7 +146,7 @@ class Driver:
         for _ in range(3):
             with self._news:
                 self._halting = False
-                self._wheels = (0, 0)
+                self._wheels, self._strain = (0, 0), Strain()
                 self._write(SAFE + _STILL)
                 if self._wait(lambda: self._in(Mode.SAFE), 0.5):
                     self._reason = None
@@ -217,14 +219,10 @@ class Driver:
             return self._news.wait_for(condition, seconds)
 
     def _connect(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGTERM, signal.SIGHUP):
-                if signal.getsignal(number) == signal.SIG_DFL:
-                    signal.signal(number, _exit)
-                    self._handled.append(number)
+        self._handled = end_by_signals()
         self._port.timeout = TICK
         self._port.write_timeout = self._patience
-        self._watchdog = Watchdog(
+        self._watchdog = Watchdog.on_line(
             self._port.fileno(),
             pause=_HALT,
             farewell=_HALT + STOP,
@@ -293,9 +291,10 @@ class Driver:
             )
             if now.mode <= Mode.PASSIVE:
                 self._halting = False
+            blocked = self._strain.observe(self._wheels, now)
             if self._reason is None:
-                if now.danger is not None:
-                    self._halt(now.danger)
+                if (danger := now.danger or blocked) is not None:
+                    self._halt(danger)
                 elif now.mode is not Mode.SAFE:
                     self._halt(f"it went from mode Safe to {now.mode.name.capitalize()}")
                 elif self._stop_on_bump and now.bump and not self._bumped:
@@ -348,7 +347,3 @@ class Driver:
             self._port.write(data)
         except OSError as error:
             self._forbid(f"the line is lost: {plain(error)}")
-
-
-def _exit(number: int, _: FrameType | None) -> None:
-    raise SystemExit(128 + number)

@@ -1,5 +1,7 @@
 """Open the serial line to a robot, and say in words what is wrong with it."""
 
+import contextlib
+import errno
 import re
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -28,14 +30,27 @@ class Port(Protocol):
 def open_line(url: str) -> "serial.SerialBase":
     """Open a device such as `/dev/ttyUSB0`, or what else pySerial opens, as `socket://host:port`.
 
+    Where the adapter of the line can, as those of FTDI, it passes bytes on at once and does not
+    gather them for 16 ms.
+
     **Raises:** `OSError` with a sentence if there is no such line, or another process has it.
     """
     import serial
 
     try:
-        return serial.serial_for_url(url, baudrate=BAUD, exclusive=True)
+        line = serial.serial_for_url(url, baudrate=BAUD, exclusive=True)
     except OSError as error:
-        raise OSError(f"{url}: {plain(error)}") from None
+        text = f"{url}: {plain(error)}"
+        if error.errno in (errno.EACCES, errno.EPERM):
+            text += (
+                "; on Linux the user must be in the group dialout: sudo usermod -aG dialout $USER, "
+                "then log out and in"
+            )
+        raise OSError(text) from None
+    # Neither a pseudo-terminal nor a socket has this.
+    with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
+        line.set_low_latency_mode(True)
+    return line
 
 
 def plain(error: OSError) -> str:

@@ -69,7 +69,7 @@ class Create(Driver):
         start = self.sensors()
 
         def wheels(rest: float, now: Reading) -> tuple[float, float]:
-            velocity = _slowed(rest, speed, _SLOWEST)
+            velocity = slowed(rest, speed, _SLOWEST)
             steer = _STEERING * (start.heading - now.heading) * WHEEL_BASE / 2
             steer = min(max(steer, -_MAX_STEERING), _MAX_STEERING)
             return velocity + steer, velocity - steer
@@ -110,7 +110,7 @@ class Create(Driver):
         start = self.sensors()
 
         def wheels(rest: float, now: Reading) -> tuple[float, float]:
-            velocity = _slowed(rest, speed, 2 * _SLOWEST / WHEEL_BASE) * WHEEL_BASE / 2
+            velocity = slowed(rest, speed, 2 * _SLOWEST / WHEEL_BASE) * WHEEL_BASE / 2
             return velocity, -velocity
 
         return self._move(
@@ -185,5 +185,6 @@ class Create(Driver):
         return now
 
 
-def _slowed(rest: float, speed: float, slowest: float) -> float:
+def slowed(rest: float, speed: float, slowest: float) -> float:
+    """The velocity for what is left of a way: in proportion to it, between two speeds."""
     return math.copysign(min(max(abs(rest) / _SLOWING, slowest), speed), rest)

@@ -14,6 +14,10 @@ METRES_PER_COUNT = math.pi * 0.072 / 508.8
 """How far a wheel of 72 mm rolls in one encoder count, metres."""
 
 
+WHEEL_OVERCURRENT = 0b11000
+"""The bits of packet 14 for the right and the left wheel; the others are of the brushes."""
+
+
 class Mode(enum.IntEnum):
     """The mode of the Open Interface, packet 35."""
 

@@ -5,10 +5,17 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .packets import METRES_PER_COUNT, WHEEL_BASE, Contact, Mode, encoder_difference
+from .packets import (
+    METRES_PER_COUNT,
+    WHEEL_BASE,
+    WHEEL_OVERCURRENT,
+    Contact,
+    Mode,
+    encoder_difference,
+)
 
 
-STREAM = (7, 9, 10, 11, 12, 43, 44, 21, 22, 25, 26, 34, 35)
+STREAM = (7, 9, 10, 11, 12, 14, 43, 44, 21, 22, 25, 26, 34, 35)
 """The packets of the stream. `StreamParser` says why the mode, 35, comes last."""
 
 
@@ -26,6 +33,8 @@ class Reading:
     "Bumpers and dropped wheels."
     cliff: tuple[bool, bool, bool, bool]
     "Whether there is no floor under the left, front left, front right and right sensor."
+    overcurrent: bool
+    "Whether the motor of a wheel draws more current than it should."
     mode: Mode
     "The mode of the Open Interface."
     charger: bool
@@ -90,6 +99,7 @@ class Reading:
                 bool(values["cliff_front_right"]),
                 bool(values["cliff_right"]),
             ),
+            overcurrent=bool(values["overcurrent"] & WHEEL_OVERCURRENT),
             mode=Mode(min(max(values["mode"] - first_mode, 0), 3)),
             charger=bool(values["charger"]),
             charging_state=values["charging_state"],

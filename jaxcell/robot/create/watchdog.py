@@ -18,6 +18,7 @@ import select
 import signal
 import sys
 import time
+from collections.abc import Callable, Sequence
 
 
 _READY = b"r"
@@ -30,15 +31,13 @@ class Watchdog:
 
     **Arguments:**
 
-    - `line`: file descriptor of the open serial line.
-    - `pause`: bytes to write when there was no beat for `patience`, again and again.
-    - `farewell`: bytes to write when the driver is gone.
-    - `patience`: seconds.
+    - `command`: that of the process, which calls `watch`.
+    - `lines`: file descriptors that it inherits.
 
     **Raises:** `OSError` if the process does not start.
     """
 
-    def __init__(self, line: int, *, pause: bytes, farewell: bytes, patience: float):
+    def __init__(self, command: Sequence[str], *, lines: Sequence[int] = ()):
         # Here, as the child has no use for it.
         import subprocess
 
@@ -46,14 +45,11 @@ class Watchdog:
         # So that a watchdog that hangs cannot make a beat block.
         os.set_blocking(self._beats, False)
         self._process = subprocess.Popen(
-            [
-                *(sys.executable, "-I", "-S", os.path.abspath(__file__)),
-                *(str(line), pause.hex(), farewell.hex(), str(patience)),
-            ],
+            command,
             stdin=beats,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            pass_fds=(line,),
+            pass_fds=lines,
             start_new_session=True,
         )
         os.close(beats)
@@ -66,6 +62,23 @@ class Watchdog:
             self._process.kill()
             self._end()
             raise OSError("the watchdog process did not start")
+
+    @classmethod
+    def on_line(cls, line: int, *, pause: bytes, farewell: bytes, patience: float) -> "Watchdog":
+        """Watch over a robot on a serial line.
+
+        **Arguments:**
+
+        - `line`: file descriptor of the open serial line.
+        - `pause`: bytes to write when there was no beat for `patience`, again and again.
+        - `farewell`: bytes to write when the driver is gone.
+        - `patience`: seconds.
+
+        **Raises:** `OSError` if the process does not start.
+        """
+        command = (sys.executable, "-I", "-S", os.path.abspath(__file__))
+        words = (str(line), pause.hex(), farewell.hex(), str(patience))
+        return cls([*command, *words], lines=[line])
 
     @property
     def pid(self) -> int:
@@ -90,22 +103,37 @@ class Watchdog:
         self._process.wait()
 
 
-def _watch(line: int, pause: bytes, farewell: bytes, patience: float) -> None:
+def watch(pause: Callable[[], None], farewell: Callable[[], None], patience: float) -> None:
+    """Stop the robot when the driver is silent or gone; the loop of the process.
+
+    **Arguments:**
+
+    - `pause`: called when there was no beat for `patience`, again and again.
+    - `farewell`: called when the driver is gone.
+    - `patience`: seconds.
+    """
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP"):
         signal.signal(getattr(signal, name), signal.SIG_IGN)
     os.write(1, _READY)
     while True:
         if not select.select([0], [], [], patience)[0]:
-            _write(line, pause)
+            pause()
             continue
         words = os.read(0, 4096)
         if _GOODBYE in words:
             return
         if not words:
             break
-    for _ in range(3):
-        _write(line, farewell)
-        time.sleep(0.05)
+    farewell()
+
+
+def _watch_line(line: int, pause: bytes, farewell: bytes, patience: float) -> None:
+    def end() -> None:
+        for _ in range(3):
+            _write(line, farewell)
+            time.sleep(0.05)
+
+    watch(lambda: _write(line, pause), end, patience)
 
 
 def _write(line: int, data: bytes) -> None:
@@ -122,6 +150,6 @@ def _write(line: int, data: bytes) -> None:
 
 
 if __name__ == "__main__":
-    _watch(
+    _watch_line(
         int(sys.argv[1]), bytes.fromhex(sys.argv[2]), bytes.fromhex(sys.argv[3]), float(sys.argv[4])
     )

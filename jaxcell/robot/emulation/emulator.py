@@ -83,6 +83,8 @@ class Emulator:
     "Names of the cliff packets (`cliff_left`, ...) that see no floor; change it at will."
     charger: bool
     "Whether the charger is plugged in."
+    overcurrent: int
+    "The bits of packet 14: 8 for the right wheel, 16 for the left, and those of the brushes."
 
     def __init__(
         self,
@@ -106,6 +108,7 @@ class Emulator:
             raise ValueError(f"charge: expected above 0, to the capacity {capacity}, got {charge}")
         self.line = line or Line()
         self.contact, self.cliffs, self.charger = Contact(0), set(), False
+        self.overcurrent = 0
         self.mode = Mode.OFF
         self.trace: list[tuple[float, float, float, float]] = []
         "Time in seconds and pose at every tick of 15 ms."
@@ -292,6 +295,7 @@ class Emulator:
             **_NOTHING,
             "contact": int(self.contact | bump),
             **{name: int(name in self.cliffs) for name in _CLIFFS},
+            "overcurrent": self.overcurrent,
             "charging_state": 2 * self.charger,
             "voltage": int(12000 + 4500 * self._charge / self._capacity),
             "current": max(int(self._current()), -0x8000),

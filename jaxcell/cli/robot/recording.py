@@ -1,0 +1,98 @@
+import contextlib
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...base.files import name_in_results
+
+
+if TYPE_CHECKING:
+    from ...automata import Filter, Policy
+    from ...record import RobotRecording
+    from ...robot.tasks.files import AnyTask
+    from ...space import CellSpace
+    from .emulation import Emulation
+
+
+def recording_of(
+    task: "AnyTask",
+    path: Path,
+    *,
+    start: tuple[float, float, float] | None = None,
+    emulation: "Emulation | None" = None,
+    viewer: str | None = None,
+) -> "RobotRecording":
+    """The recording of a run of a task, with the map where that is known.
+
+    **Arguments:**
+
+    - `task`: what runs.
+    - `path`: the file.
+    - `start`: where the robot's odometry begins, if that is known.
+    - `emulation`: the emulated robot, whose map is drawn.
+    - `viewer`: where to show the run as it goes.
+    """
+    from ...record import RecordedRobot, RobotRecording
+    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    filter: Filter | Policy | None = None
+    belief = task.belief if isinstance(task, BeliefTask) else None
+    match task:
+        case FilterTask():
+            filter = task.filter
+        case PolicyTask():
+            filter = task.policy
+    about = _about(task)
+    cells = cells_of(task) if emulation is None else emulation.cells
+    robot = RecordedRobot(start=start)
+    if emulation is not None:
+        robot = RecordedRobot(start=start, trace=emulation.robot.trace)
+    return RobotRecording(
+        path,
+        [robot],
+        cells=cells,
+        filter=filter,
+        belief=belief,
+        filter_of_cells=cells is not None and _is_map(cells, about),
+        viewer=viewer,
+        spec={"file": name_in_results(task.path), **about},
+    )
+
+
+def _about(task: "AnyTask") -> Mapping[str, Any]:
+    """What the file of a filter, a policy or a belief says of its map."""
+    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
+
+    match task:
+        case FilterTask():
+            return task.filter.metadata
+        case PolicyTask():
+            return task.policy.metadata
+        case BeliefTask():
+            return task.belief.hidden.metadata
+    return {}
+
+
+def cells_of(task: "AnyTask") -> "CellSpace | None":
+    """The cells of the map that a filter is of, if the map is where it was."""
+    from ...space import CellSpace, Workspace
+
+    about = _about(task)
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        workspace = dataclasses.replace(Workspace.load(about["map"]), robot_radius=task.radius)
+        cells = CellSpace.of(workspace, task.cell, task.directions)
+        return cells if _is_map(cells, about) else None
+    return None
+
+
+def _is_map(cells: "CellSpace", about: Mapping[str, Any]) -> bool:
+    """Whether cells are those of the map that a filter is of, by what it says."""
+    assert cells.workspace is not None
+    found = {
+        "name": cells.workspace.name,
+        "positions": cells.positions,
+        "robot_radius_m": cells.workspace.robot_radius,
+    }
+    return all(about.get(key, value) == value for key, value in found.items())

@@ -1,0 +1,108 @@
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ...study.map_study import cell_at
+from .emulation import seen_from
+
+
+if TYPE_CHECKING:
+    from ...robot.marker import CrossLook
+    from ...robot.outcome import RunOutcome
+    from ...robot.run_log import LoggedRun, RunLog
+    from ...robot.tasks.files import AnyTask
+    from ...robot.tasks.patrol_task import PatrolTask
+    from ...robot.walker import Walker
+    from .emulation import Emulation
+    from .run import RobotRun
+
+    Runner: TypeAlias = tuple[dict[str, Any], Callable[[Walker, RunLog | None], RunOutcome]]
+
+
+def runner_of(
+    task: "AnyTask",
+    options: "RobotRun",
+    emulation: "Emulation | None",
+    direction: int | None,
+    before: "LoggedRun | None",
+) -> "Runner":
+    """What runs a task, and the header of its log.
+
+    **Arguments:**
+
+    - `task`: what is run.
+    - `options`: those of the command.
+    - `emulation`: the emulated robot, if there is one.
+    - `direction`: the direction that the robot faces at the start, where it is known.
+    - `before`: the run that goes on, if one does.
+    """
+    from ...robot.believer import run_belief
+    from ...robot.patrol import Patrol, run_patrol
+    from ...robot.policy import run_policy
+    from ...robot.runner import run_filter, run_plan
+    from ...robot.tasks.files import BeliefTask, FilterTask, PlanTask, PolicyTask
+    from ...robot.team import MemberTask, run_member
+
+    header, limit = {**task.header, "direction": direction}, options.limit
+    if options.intruder is not None and (emulation is None or header["kind"] != "patrol"):
+        raise ValueError("--intruder has a meaning only for an emulated robot on patrol")
+    if options.camera is not None and (options.intruder is not None or header["kind"] != "patrol"):
+        raise ValueError("--camera has a meaning only on patrol, and without --intruder")
+    match task:
+        case FilterTask():
+            return header, lambda walker, log: run_filter(
+                walker, task.filter, task.bounce, log=log, limit=limit
+            )
+        case PolicyTask():
+            return header, lambda walker, log: run_policy(
+                walker, task.policy, task.bounces, log=log, limit=limit
+            )
+        case BeliefTask():
+            return header, lambda walker, log: run_belief(
+                walker, task.belief, task.bounces, log=log, limit=limit
+            )
+        case PlanTask():
+            return header, lambda walker, log: run_plan(walker, task.actions, log=log)
+        case MemberTask():
+            return header, lambda walker, log: run_member(walker, task, log=log)
+    if before is not None:
+        settings = dict(before.header["patrol"])
+    else:
+        settings = {
+            "start": patrol_start(task, options.start, emulation) % task.cells.positions,
+            "facing": direction or 0,
+            "seed": options.seed,
+            "visits": options.visits,
+            "most_bumps": options.bumps,
+            "limit": limit,
+        }
+    patrol = Patrol(task, **settings)
+    look: Callable[[int], Any] | None = None
+    if options.intruder is not None and emulation is not None:
+        look = seen_from(emulation.cells, task, options.intruder)
+    elif options.camera is not None:
+        look = _cross_look(options.camera)
+    header |= {"patrol": patrol.settings}
+    return header, lambda walker, log: run_patrol(walker, patrol, look=look, log=log)
+
+
+def patrol_start(
+    task: "PatrolTask", start: str | None, emulation: "Emulation | None" = None
+) -> int:
+    """The cell where a patrol begins, among those of its map; `start` is the option."""
+    if emulation is not None:
+        x, y, theta = emulation.cells.centre(emulation.start)
+        try:
+            return int(task.cells.index(x, y, theta))
+        except ValueError as error:
+            raise ValueError(f"--start: {task.path} has no such place: {error}") from None
+    return task.start if start is None else cell_at(task.cells, start, "--start")
+
+
+def _cross_look(source: str) -> "CrossLook":
+    from ...robot import CrossLook, camera, pictures
+
+    try:
+        return CrossLook(camera(int(source)) if source.isdecimal() else pictures(source))
+    except (ValueError, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ValueError(f"--camera {source}: {reason}") from None

@@ -1,0 +1,127 @@
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+from ..base.documents import Fields, check_file, checked_number, decode_json, read_text
+from ..base.files import replacing
+from .create.motion import Moved
+from .walker import Drivable
+
+
+_FORMAT = "jaxcell-robot-calibration"
+# A wheel that is wrong by more is another wheel.
+_LEAST, _MOST = 0.5, 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """How far a robot truly goes and turns, where its encoders say one metre and one radian.
+
+    Wheels wear and sink into carpets, and robots of one kind differ by some percent.
+
+    Of a robot that went 0.98 m for 1 m, and turned by 365 degrees for 360:
+
+        >>> from jaxcell import robot
+        >>> robot.Calibration.measured(0.98 / 1.0, 365 / 360)
+        Calibration(distance=0.98, angle=1.0139)
+    """
+
+    distance: float = 1.0
+    "True metres for a metre of the encoders."
+    angle: float = 1.0
+    "True radians for a radian of the encoders."
+
+    def __post_init__(self) -> None:
+        expected = f"a number from {_LEAST} to {_MOST}"
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            checked_number(field.name, value, expected, least=_LEAST, most=_MOST)
+
+    @classmethod
+    def measured(cls, distance: float, angle: float) -> "Calibration":
+        """Round two measured ratios to what a rule can tell.
+
+        **Raises:** `ValueError` for one that is not from 0.5 to 2.
+        """
+        return cls(round(distance, 4), round(angle, 4))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Calibration":
+        """Read a file that `save` wrote.
+
+        **Raises:** `ValueError` that names the file and the field; `FileNotFoundError`.
+        """
+        path = Path(path)
+        check_file(path, "a calibration")
+        try:
+            values = decode_json(read_text(path), "a calibration")
+            if not isinstance(values, dict) or values.get("format") != _FORMAT:
+                raise ValueError("expected the file of `jaxcell robot calibrate`")
+            fields = Fields(values)
+            return cls(fields.number("distance"), fields.number("angle"))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it, and the folder where it is to be."""
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            values = {"format": _FORMAT, **dataclasses.asdict(self)}
+            temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+
+
+class Calibrated:
+    """A robot that goes as far as it is asked to by its calibration.
+
+    A robot whose wheels slip by a fiftieth, without a serial line:
+
+        >>> from jaxcell import robot
+        >>> class Slipping:
+        ...     def forward(self, distance, *, tolerance):
+        ...         print(f"by its encoders {distance:.3f} m")
+        ...         return robot.Moved(distance, 0.0, False)
+        ...     def turn(self, angle, *, tolerance):
+        ...         return robot.Moved(0.0, angle, False)
+        >>> calibrated = robot.Calibrated(Slipping(), robot.Calibration(distance=0.98))
+        >>> calibrated.forward(0.5, tolerance=0.004).distance
+        by its encoders 0.510 m
+        0.5
+    """
+
+    def __init__(self, robot: Drivable, calibration: Calibration) -> None:
+        """**Arguments:**
+
+        - `robot`: e.g. [`jaxcell.robot.Create`][], which goes by its encoders.
+        - `calibration`: what they miss.
+        """
+        self._robot, self._calibration = robot, calibration
+
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        ratio = self._calibration.distance
+        return self._truly(self._robot.forward(distance / ratio, tolerance=tolerance / ratio))
+
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
+        """Turn in place, by radians counter-clockwise."""
+        ratio = self._calibration.angle
+        return self._truly(self._robot.turn(angle / ratio, tolerance=tolerance / ratio))
+
+    def _truly(self, moved: Moved) -> Moved:
+        ratio, angle = self._calibration.distance, moved.angle * self._calibration.angle
+        return Moved(moved.distance * ratio, angle, moved.bumped, moved.left * ratio)
+
+
+def calibration_file() -> Path:
+    """The place of the calibration of a user's robot, where no other is given.
+
+    **Returns:** `jaxcell/calibration.json` in the folder for settings, `~/.config` if the
+    environment has no `XDG_CONFIG_HOME`.
+
+        >>> from jaxcell import robot
+        >>> robot.calibration_file().name
+        'calibration.json'
+    """
+    home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
+    return Path(home) / "jaxcell" / "calibration.json"

@@ -1,0 +1,53 @@
+from .packets import encoder_difference
+from .reading import Reading
+
+
+# Frames of 15 ms after which it is no bump and no start: they are the clock of the robot.
+_STALL, _OVERCURRENT = 67, 20
+# Encoder counts, 2 mm, that a wheel which is held may move by.
+_PLAY = 4
+
+
+class Strain:
+    """Notice wheels that are blocked, frame by frame.
+
+    A wheel that is to turn and stands still for a second is blocked, and so is one whose motor
+    draws too much current for a third of a second: a bump and a start do for a moment.
+
+        >>> from jaxcell.robot.create.packets import PACKETS
+        >>> from jaxcell.robot.create.reading import Reading
+        >>> values = {packet.name: 0 for packet in PACKETS.values()}
+        >>> reading = Reading.of(values, time=0.0, previous=None)
+        >>> from jaxcell.robot.create.strain import Strain
+        >>> strain = Strain()
+        >>> [strain.observe((100, 0), reading) for _ in range(68)][-1]
+        'the right wheel is blocked: it does not turn'
+    """
+
+    def __init__(self) -> None:
+        self._frames = [0, 0]
+        self._counts: list[int | None] = [None, None]
+        self._overcurrent = 0
+
+    def observe(self, wheels: tuple[int, int], reading: Reading) -> str | None:
+        """Take the next frame; say what is blocked, if anything is.
+
+        **Arguments:**
+
+        - `wheels`: the speeds that were sent for the right and the left wheel, mm/s.
+        - `reading`: what the frame says.
+        """
+        self._overcurrent = self._overcurrent + 1 if reading.overcurrent and any(wheels) else 0
+        if self._overcurrent >= _OVERCURRENT:
+            return "a wheel is blocked: its motor draws too much current"
+        left, right = reading.encoders
+        for side, (name, count) in enumerate((("right", right), ("left", left))):
+            before = self._counts[side]
+            held = before is not None and abs(encoder_difference(before, count)) <= _PLAY
+            if not (held and wheels[side]):
+                self._frames[side], self._counts[side] = 0, count
+                continue
+            self._frames[side] += 1
+            if self._frames[side] >= _STALL:
+                return f"the {name} wheel is blocked: it does not turn"
+        return None

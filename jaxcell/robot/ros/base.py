@@ -1,0 +1,92 @@
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ...base.extras import import_module
+from ..create.motion import Moved, slowed
+from .halt import speed_publisher
+from .node import Odometry, RosRobot, moved
+
+
+# Metres and radians a second, the most and the least that a base is taken to hold.
+_SPEED, _SLOWEST = 0.2, 0.03
+_TURNING, _SLOWEST_TURN = 1.0, 0.15
+# A base going straight steers back at this rate, 1/s, by at most so much, radians a second.
+_STEERING, _MAX_STEERING = 2.0, 0.4
+
+
+class Base(RosRobot):
+    """Any base that takes `cmd_vel` (`geometry_msgs/Twist`) and gives `odom` and a bumper.
+
+    The bumper is a `std_msgs/Bool` on `bumper`, true while it is pressed; whatever a base has, a
+    contact sensor or a laser that sees a wall near ahead, is made that by a node of a few lines.
+
+    See [`jaxcell.robot.ros`][] for what stops it.
+    """
+
+    kind = "base"
+
+    def _connect(self) -> None:
+        self._roll = speed_publisher(self.node)
+        pressed = import_module("std_msgs.msg").Bool
+        self.node.create_subscription(
+            pressed, "bumper", lambda message: self._hear(pressed=message.data), self._sensors
+        )
+
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+
+        def rest(start: Odometry, now: Odometry) -> float:
+            return distance - moved(start, now, False).distance
+
+        def roll(left: float, turned: float) -> None:
+            steer = min(max(-_STEERING * turned, -_MAX_STEERING), _MAX_STEERING)
+            self._roll(slowed(left, _SPEED, _SLOWEST), steer)
+
+        end = time.monotonic() + 2 * abs(distance) / _SPEED + 5
+        what = f"forward {distance:.3g} m"
+        return self._move(what, rest, roll, tolerance, end, stop_on_bump=distance > 0)
+
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
+        """Turn in place, by radians counter-clockwise; a bumper does not end it."""
+
+        def rest(start: Odometry, now: Odometry) -> float:
+            return angle - (now.heading - start.heading)
+
+        def roll(left: float, turned: float) -> None:
+            self._roll(0.0, slowed(left, _TURNING, _SLOWEST_TURN))
+
+        end = time.monotonic() + 2 * abs(angle) / _TURNING + 5
+        what = f"turn {math.degrees(angle):.3g} degrees"
+        return self._move(what, rest, roll, tolerance, end, stop_on_bump=False)
+
+    def _move(
+        self,
+        what: str,
+        rest: Callable[[Odometry, Odometry], float],
+        roll: Callable[[float, float], Any],
+        tolerance: float,
+        end: float,
+        *,
+        stop_on_bump: bool,
+    ) -> Moved:
+        """Send speeds, one for each message of the odometry, until little enough is left."""
+        start = now = self._begin()
+        try:
+            while True:
+                bumped = stop_on_bump and self._bumped
+                if bumped or abs(rest(start, now)) <= tolerance:
+                    self._halt()
+                    now = self._settle()
+                    bumped = stop_on_bump and self._bumped
+                    if bumped or abs(rest(start, now)) <= tolerance:
+                        return moved(start, now, bumped)
+                roll(rest(start, now), now.heading - start.heading)
+                self._in_time(end, what)
+                now = self._after(self._messages)
+        finally:
+            self._halt()
+
+    def _halt(self) -> None:
+        self._roll(0.0, 0.0)

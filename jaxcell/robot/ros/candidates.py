@@ -1,0 +1,137 @@
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Int, Int8
+
+from ...base.extras import import_module
+from ...space import CellSpace
+from ..believer import Believer
+from ..following import Follower
+from ..policy import Chosen
+from ..runner import Filtered
+from ..tasks.files import AnyTask, BeliefTask, FilterTask, PolicyTask
+from ..tasks.patrol_task import PatrolTask
+
+
+if TYPE_CHECKING:
+    from .node import RosRobot
+
+
+# More arrows than this are no picture, and the first are the likeliest.
+_MAX_POSES = 1000
+
+
+class Candidates:
+    """Publish where a robot may be, after each observation of its run.
+
+    - `candidates`, a `geometry_msgs/PoseArray`: the configurations in which it may be, by the
+        filter, policy or belief; the position of a patrol; of a plan and of a team, where the
+        odometry has it, in the frame `start` of where it was put down.
+    - `candidate_squares`, a `nav_msgs/OccupancyGrid`: 100 on the squares of the map where it may
+        be, 0 on the others, -1 on those that are not free. It has the frame `map`, that of the map.
+
+    Without the map of a filter there is neither.
+    """
+
+    def __init__(self, robot: "RosRobot", task: AnyTask, cells: CellSpace | None) -> None:
+        """**Arguments:**
+
+        - `robot`: whose node publishes.
+        - `task`: what it runs.
+        - `cells`: the cells of the map that the task is of, if they are known.
+        """
+        quality = import_module("rclpy.qos")
+        # Who comes later gets the last message too.
+        kept = quality.QoSProfile(depth=1, durability=quality.DurabilityPolicy.TRANSIENT_LOCAL)
+        messages = import_module("geometry_msgs.msg")
+        self._pose, self._poses = messages.Pose, messages.PoseArray
+        self._grid = import_module("nav_msgs.msg").OccupancyGrid
+        self._node = robot.node
+        self._arrows = robot.node.create_publisher(self._poses, "candidates", kept)
+        self._squares = robot.node.create_publisher(self._grid, "candidate_squares", kept)
+        self._follower = follower_of(task)
+        self._cells = task.cells if isinstance(task, PatrolTask) else cells
+
+    def event(self, name: str, fields: Mapping[str, Any]) -> None:
+        """Take an event of the run, as [`jaxcell.robot.RunLog`][] gives it."""
+        if name != "observation":
+            return
+        if self._follower is not None:
+            self._follower.observe(fields["observation"])
+            self._publish(np.asarray(self._follower.cells, np.int64))
+        elif "position" in fields:
+            assert self._cells is not None
+            cell = fields["way"] * self._cells.positions + fields["position"]
+            self._publish(np.array([cell]))
+        else:
+            ahead, left, turned = fields["estimate"]
+            self._send("start", [(ahead, left, turned)])
+
+    def _publish(self, found: Int[np.ndarray, "candidates"]) -> None:
+        if self._cells is None:
+            return
+        poses = zip(*(v.tolist() for v in self._cells.centre(found[:_MAX_POSES])), strict=True)
+        self._send("map", list(poses))
+        grid = self._grid()
+        grid.header.frame_id = "map"
+        grid.header.stamp = self._node.get_clock().now().to_msg()
+        rows, columns = self._cells.free.shape
+        grid.info.resolution = float(self._cells.cell)
+        grid.info.width, grid.info.height = columns, rows
+        grid.info.origin.position.x, grid.info.origin.position.y = map(float, self._cells.origin)
+        grid.info.origin.orientation.w = 1.0
+        grid.data = squares(self._cells, found).ravel().tolist()
+        self._squares.publish(grid)
+
+    def _send(self, frame: str, poses: list[tuple[float, float, float]]) -> None:
+        message = self._poses()
+        message.header.frame_id = frame
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        for x, y, heading in poses:
+            pose = self._pose()
+            pose.position.x, pose.position.y = float(x), float(y)
+            pose.orientation.z, pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+            message.poses.append(pose)
+        self._arrows.publish(message)
+
+
+def squares(
+    cells: CellSpace, found: Int[np.ndarray, "candidates"]
+) -> Int8[np.ndarray, "rows columns"]:
+    """An occupancy grid of cells: 100 where they are, 0 where not, -1 where nothing can be.
+
+    **Arguments:**
+
+    - `cells`: the cells of a map.
+    - `found`: some of them.
+
+    **Returns:** a row of squares at a time, from the lowest.
+
+    Of the middle one of three squares:
+
+        >>> import numpy as np
+        >>> from jaxcell import space
+        >>> from jaxcell.robot.ros.candidates import squares
+        >>> cells = space.CellSpace.of_grid(np.array([[True, True, False]]), directions=4)
+        >>> squares(cells, np.array([1])).tolist()
+        [[0, 100, -1]]
+    """
+    grid = np.where(cells.free, 0, -1).astype(np.int8)
+    values = np.zeros(cells.positions, np.int8)
+    values[found % cells.positions] = 100
+    grid[cells.free] = values
+    return grid
+
+
+def follower_of(task: AnyTask) -> Follower | None:
+    """What tells where a robot may be by what it senses, of a task that has such a thing."""
+    match task:
+        case FilterTask():
+            return Filtered(task.filter)
+        case PolicyTask():
+            return Chosen(task.policy)
+        case BeliefTask():
+            return Believer(task.belief)
+    return None

@@ -1,0 +1,126 @@
+import math
+import time
+from typing import Any
+
+from ...base.extras import import_module
+from ..create.driver import RobotStopped
+from ..create.motion import Moved
+from .halt import goal_cancellers
+from .node import RosRobot, moved
+
+
+# Metres and radians a second. Seconds in which an action, and the last word, is answered.
+_SPEED, _TURNING = 0.2, 1.0
+_ANSWER, _FAREWELL = 5.0, 1.0
+
+_SUCCEEDED = 4
+_BACKUP_LIMIT, _BUMP = 0, 1
+_DANGERS = {2: "there is a cliff", 3: "a wheel is blocked", 4: "a wheel hangs in the air"}
+
+
+class Create3(RosRobot):
+    """An iRobot Create 3, or a TurtleBot 4 on one, by its actions and hazards.
+
+    ```python
+    with Create3(remap=["__ns:=/robot1"]) as robot:
+        robot.arm()
+        robot.forward(0.5, tolerance=0.005)
+    ```
+
+    See [`jaxcell.robot.ros`][] for what stops it, and for two settings that it needs.
+    """
+
+    kind = "create3"
+
+    def _connect(self) -> None:
+        self._backing = False
+        actions = import_module("irobot_create_msgs.action")
+        client = import_module("rclpy.action").ActionClient
+        self._drive, self._rotate = actions.DriveDistance, actions.RotateAngle
+        self._driving = client(self.node, self._drive, "drive_distance")
+        self._rotating = client(self.node, self._rotate, "rotate_angle")
+        self._cancel_all = goal_cancellers(self.node)
+        hazards = import_module("irobot_create_msgs.msg").HazardDetectionVector
+        self.node.create_subscription(
+            hazards, "hazard_detection", self._hear_hazards, self._sensors
+        )
+
+    def arm(self) -> None:
+        """Let the robot drive.
+
+        **Raises:** [`jaxcell.robot.RobotStopped`][] if it must not drive now, or if nothing offers
+        its actions.
+        """
+        for client, name in (self._driving, "drive_distance"), (self._rotating, "rotate_angle"):
+            if not client.wait_for_server(timeout_sec=_ANSWER):
+                raise RobotStopped(f"nothing offers the action {name}")
+        super().arm()
+
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+        goal = self._drive.Goal()
+        goal.distance, goal.max_translation_speed = float(distance), _SPEED
+        self._backing = distance < 0
+        what = f"forward {distance:.3g} m"
+        return self._act(self._driving, goal, what, abs(distance) / _SPEED, distance > 0)
+
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
+        """Turn in place, by radians counter-clockwise; a bumper does not end it."""
+        goal = self._rotate.Goal()
+        goal.angle, goal.max_rotation_speed = float(angle), _TURNING
+        self._backing = False
+        what = f"turn {math.degrees(angle):.3g} degrees"
+        return self._act(self._rotating, goal, what, abs(angle) / _TURNING, False)
+
+    def _act(self, client: Any, goal: Any, what: str, seconds: float, stop_on_bump: bool) -> Moved:
+        """Have a goal carried out, or cancelled at a bump."""
+        start = self._begin()
+        if stop_on_bump and self._bumped:
+            return Moved(0.0, 0.0, True)
+        result = None
+        try:
+            sent = self._known(client.send_goal_async(goal))
+            self._wait(sent.done, time.monotonic() + _ANSWER, f"{what}: the goal")
+            handle = sent.result()
+            if not handle.accepted:
+                raise RobotStopped(f"{what}: the robot does not take the goal")
+            result = self._known(handle.get_result_async())
+            end = time.monotonic() + 2 * seconds + 5
+            self._wait(lambda: result.done() or (stop_on_bump and self._bumped), end, what)
+            bumped = stop_on_bump and self._bumped
+            if not result.done():
+                handle.cancel_goal_async()
+                self._wait(result.done, time.monotonic() + _ANSWER, f"{what}: its end")
+        except BaseException:
+            self._halt()
+            raise
+        now = self._settle()
+        # By now the hazard has come for which it may have given the goal up.
+        self._check()
+        if not bumped and result.result().status != _SUCCEEDED:
+            raise RobotStopped(f"{what}: the robot has given the goal up")
+        return moved(start, now, bumped)
+
+    def _known(self, future: Any) -> Any:
+        """A future whose end is noticed at once."""
+        future.add_done_callback(self._notice)
+        return future
+
+    def _notice(self, _: Any) -> None:
+        with self._news:
+            self._news.notify_all()
+
+    def _halt(self) -> None:
+        self._cancel_all()
+
+    def _leave(self) -> None:
+        answers, end = self._cancel_all(), time.monotonic() + _FAREWELL
+        while not all(answer.done() for answer in answers) and time.monotonic() < end:
+            time.sleep(0.01)
+
+    def _hear_hazards(self, message: Any) -> None:
+        kinds = {hazard.type for hazard in message.detections}
+        danger = next((text for kind, text in _DANGERS.items() if kind in kinds), None)
+        if _BACKUP_LIMIT in kinds and self._backing:
+            danger = "it does not back up farther: its safety_override must be backup_only"
+        self._hear(pressed=_BUMP in kinds, danger=danger)

@@ -1,0 +1,253 @@
+import abc
+import cmath
+import contextlib
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+from ...base.extras import import_module
+from ..create.driver import TICK, RobotStopped
+from ..create.motion import Moved
+from ..create.signals import end_by_signals, leave_signals
+from ..create.watchdog import Watchdog
+
+
+_R = TypeVar("_R", bound="RosRobot")
+
+# Seconds until a robot must have sent its odometry, and without a beat until it is stopped.
+_GREETING, _SILENCE = 10.0, 2.0
+# How far a robot that stands may move from message to message, metres and radians.
+_STILL, _STILL_TURN = 5e-4, 1e-3
+
+
+class Odometry(NamedTuple):
+    """What a message of the odometry says."""
+
+    place: complex
+    "Metres, x and the imaginary y."
+    heading: float
+    "Radians counter-clockwise, not wrapped."
+
+
+class RosRobot(abc.ABC):
+    """A robot on ROS 2 that is what a [`jaxcell.robot.Walker`][] needs, by its odometry.
+
+    A context manager: within it a node `jaxcell` hears the robot, in a thread of its own, and the
+    robot drives once it is armed. The wheels stop when the block ends, however it ends (by SIGINT,
+    SIGTERM and SIGHUP too), when the robot reports a danger, and when it sends no odometry for
+    `patience`: then it raises [`jaxcell.robot.RobotStopped`][] until it is armed again.
+    """
+
+    kind: ClassVar[str]
+    "What the process that stops it is called with."
+
+    def __init__(self, *, remap: Sequence[str] = (), patience: float = 1.0) -> None:
+        """**Arguments:**
+
+        - `remap`: rules of ROS for names, such as `__ns:=/robot1` or `cmd_vel:=/base/cmd_vel`.
+        - `patience`: seconds.
+        """
+        self._remap, self._patience = remap, patience
+        self._news = threading.Condition(threading.RLock())
+        self._odometry: Odometry | None = None
+        self._heard = -math.inf
+        self._messages = 0
+        self._pressed = self._bumped = False
+        self._danger: str | None = None
+        self._reason: str | None = "it is not armed"
+        self._failure: BaseException | None = None
+        self._handled: list[signal.Signals] = []
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self: _R) -> _R:
+        try:
+            with self._stack:
+                self._open()
+                self._stack = self._stack.pop_all()
+        except BaseException:
+            leave_signals(self._handled)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._reason = "it is closed"
+        self._stack.close()
+        leave_signals(self._handled)
+
+    def _open(self) -> None:
+        rclpy = import_module("rclpy")
+        executors, quality = import_module("rclpy.executors"), import_module("rclpy.qos")
+        words = ["--ros-args", *(word for rule in self._remap for word in ("-r", rule))]
+        # Its own handlers would leave the wheels turning.
+        handlers = import_module("rclpy.signals").SignalHandlerOptions.NO
+        rclpy.init(args=words, signal_handler_options=handlers)
+        self._stack.callback(rclpy.shutdown)
+        self._handled = end_by_signals()
+        self.node = rclpy.create_node("jaxcell")
+        self._stack.callback(self.node.destroy_node)
+        self._sensors = quality.qos_profile_sensor_data
+        message = import_module("nav_msgs.msg").Odometry
+        self.node.create_subscription(message, "odom", self._hear_odometry, self._sensors)
+        self._connect()
+        executor = executors.SingleThreadedExecutor()
+        executor.add_node(self.node)
+        thread = threading.Thread(target=self._spin, args=(executor,), daemon=True)
+        thread.start()
+        self._stack.callback(thread.join, 5.0)
+        self._stack.callback(executor.shutdown)
+        watchdog = Watchdog(
+            [sys.executable, "-m", f"{__package__}.watchdog", self.kind, str(_SILENCE), *words]
+        )
+        self._stack.callback(watchdog.dismiss)
+        beating = threading.Event()
+        beats = threading.Thread(target=self._tick, args=(watchdog, beating), daemon=True)
+        beats.start()
+        self._stack.callback(beats.join)
+        self._stack.callback(beating.set)
+        self._stack.callback(self._leave)
+        with self._news:
+            if not self._news.wait_for(lambda: self._odometry is not None, _GREETING):
+                raise ConnectionError(
+                    f"no odometry comes on {self.node.resolve_topic_name('odom')}: is the robot "
+                    f"on, and in ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')}?"
+                )
+
+    @abc.abstractmethod
+    def _connect(self) -> None:
+        """Make what the node needs besides the odometry."""
+
+    @abc.abstractmethod
+    def _halt(self) -> None:
+        """Stop the wheels."""
+
+    def _leave(self) -> None:
+        """Stop the wheels for the last time."""
+        self._halt()
+
+    @abc.abstractmethod
+    def forward(self, distance: float, *, tolerance: float) -> Moved:
+        """Go straight, back if negative; forward it stops when the bumper is pressed."""
+
+    @abc.abstractmethod
+    def turn(self, angle: float, *, tolerance: float) -> Moved:
+        """Turn in place, by radians counter-clockwise; a bumper does not end it."""
+
+    def arm(self) -> None:
+        """Let the robot drive.
+
+        **Raises:** [`jaxcell.robot.RobotStopped`][] if it must not drive now.
+        """
+        with self._news:
+            self._reason = self._danger
+            self._check()
+
+    def _check(self) -> None:
+        """Raise if the robot must not drive."""
+        if self._failure is not None:
+            raise self._failure
+        if self._reason is None and time.monotonic() - self._heard > self._patience:
+            self._stop(f"no odometry for {self._patience:g} s")
+        if self._reason is not None:
+            raise RobotStopped(self._reason)
+
+    def _stop(self, reason: str) -> None:
+        """Forbid to drive, and stop the wheels."""
+        if self._reason is None:
+            self._reason = reason
+            self._halt()
+        self._news.notify_all()
+
+    def _hear_odometry(self, message: Any) -> None:
+        pose = message.pose.pose
+        z, w = pose.orientation.z, pose.orientation.w
+        with self._news:
+            heading = 2 * math.atan2(z, w)
+            if self._odometry is not None:
+                turned = math.remainder(heading - self._odometry.heading, 2 * math.pi)
+                heading = self._odometry.heading + turned
+            self._odometry = Odometry(complex(pose.position.x, pose.position.y), heading)
+            self._heard = time.monotonic()
+            self._messages += 1
+            self._news.notify_all()
+
+    def _hear(self, *, pressed: bool, danger: str | None = None) -> None:
+        """Take what the robot senses."""
+        with self._news:
+            self._pressed, self._danger = pressed, danger
+            self._bumped |= pressed
+            if danger is not None:
+                self._stop(danger)
+            self._news.notify_all()
+
+    def _spin(self, executor: Any) -> None:
+        try:
+            executor.spin()
+        except BaseException as error:
+            with self._news:
+                self._failure = error
+                self._news.notify_all()
+
+    def _tick(self, watchdog: Watchdog, closing: threading.Event) -> None:
+        while not closing.wait(TICK):
+            try:
+                watchdog.beat()
+            except OSError:
+                with self._news:
+                    self._stop("the watchdog is gone")
+
+    def _begin(self) -> Odometry:
+        """Where a motion begins; a bumper may be pressed from the start."""
+        with self._news:
+            self._check()
+            self._bumped = self._pressed
+            assert self._odometry is not None
+            return self._odometry
+
+    def _wait(self, condition: Callable[[], bool], end: float, what: str) -> None:
+        """Wait for a condition, or until the robot must not drive or a time is over."""
+        with self._news:
+            while not condition():
+                self._check()
+                self._in_time(end, what)
+                self._news.wait(TICK)
+
+    def _in_time(self, end: float, what: str) -> None:
+        """Raise if a motion has taken too long."""
+        if time.monotonic() > end:
+            with self._news:
+                self._stop(f"{what}: it takes too long")
+                self._check()
+
+    def _after(self, messages: int) -> Odometry:
+        """Wait for the odometry after so many messages."""
+        self._wait(lambda: self._messages > messages, math.inf, "")
+        assert self._odometry is not None
+        return self._odometry
+
+    def _settle(self) -> Odometry:
+        """Wait for three messages in a row of a robot that stands, or for 30."""
+        now, still = self._after(self._messages), 0
+        for _ in range(30):
+            before, now = now, self._after(self._messages)
+            moved = abs(now.place - before.place) > _STILL
+            still = 0 if moved or abs(now.heading - before.heading) > _STILL_TURN else still + 1
+            if still == 2:
+                break
+        return now
+
+
+def moved(start: Odometry, end: Odometry, bumped: bool) -> Moved:
+    """How a motion ended."""
+    way = (end.place - start.place) * cmath.rect(1.0, -start.heading)
+    return Moved(way.real, end.heading - start.heading, bumped, way.imag)

@@ -1,0 +1,45 @@
+"""The process that stops a robot on ROS 2 when its driver is gone."""
+
+import sys
+import time
+
+from ...base.extras import import_module
+from ..create.watchdog import watch
+from .halt import goal_cancellers, speed_publisher
+
+
+def main(kind: str, patience: float, arguments: list[str]) -> None:
+    """Stop a robot whenever its driver is silent, and when it is gone.
+
+    **Arguments:**
+
+    - `kind`: that of its class.
+    - `patience`: seconds.
+    - `arguments`: of ROS.
+    """
+    rclpy = import_module("rclpy")
+    handlers = import_module("rclpy.signals").SignalHandlerOptions.NO
+    rclpy.init(args=arguments, signal_handler_options=handlers)
+    node = rclpy.create_node("jaxcell_watchdog")
+    cancel = goal_cancellers(node) if kind == "create3" else None
+    roll = speed_publisher(node)
+
+    def stop() -> None:
+        roll(0.0, 0.0)
+        if cancel is not None:
+            cancel()
+        # What was sent leaves while the node spins.
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+    def end() -> None:
+        for _ in range(5):
+            stop()
+            time.sleep(0.1)
+
+    watch(stop, end, patience)
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], float(sys.argv[2]), sys.argv[3:])

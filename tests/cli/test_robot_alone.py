@@ -1,0 +1,162 @@
+"""A computer on a robot runs a filter with the few packages of the dependency group `robot`."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+from wheels import MAPS, bounce_filter, map_cells
+
+from jaxcell import record
+from jaxcell.cli import main
+from jaxcell.cli.robot.replay import RobotReplay
+from jaxcell.cli.robot.run import RobotRun
+
+
+LAB = map_cells("lab_a.json")
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
+
+# Nothing can be imported but the standard library, jaxcell, and the packages that are named.
+ALONE = """
+import sys
+
+ALLOWED = {"jaxcell", *sys.argv[1].split(","), *sys.stdlib_module_names}
+
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] not in ALLOWED:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+sys.meta_path.insert(0, Blocked())
+from jaxcell.cli import main
+
+raise SystemExit(main(sys.argv[2:]))
+"""
+
+
+def name_of(requirement: str) -> str:
+    return re.match(r"[\w.-]+", requirement).group().lower()
+
+
+# The modules of each package of the group, and of what it needs itself.
+MODULES = {
+    "jaxtyping": "jaxtyping wadler_lindig",
+    "numpy": "numpy",
+    "pillow": "PIL",
+    "pyserial": "serial",
+    "pyyaml": "yaml _yaml",
+    "rich": "rich markdown_it mdurl pygments",
+    "shapely": "shapely",
+    "tyro": "tyro docstring_parser typeguard typing_extensions",
+}
+
+
+def on_a_robot(*words):
+    """Call jaxcell where only the packages of the group `robot` are, and what these need."""
+    # And what the environment of the tests puts into each process.
+    modules = [*" ".join(MODULES.values()).split(), "_distutils_hack"]
+    ran = subprocess.run(
+        [sys.executable, "-c", ALONE, ",".join(modules), *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    return ran.returncode, ran.stdout, ran.stderr
+
+
+@pytest.fixture
+def filter_file(tmp_path):
+    about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}
+    path = tmp_path / "filter.jxf"
+    bounce_filter(LAB, 45, metadata=about).save(path)
+    return path
+
+
+def test_what_a_robot_needs_is_part_of_what_all_need():
+    assert {name_of(one) for one in PROJECT["dependency-groups"]["robot"]} == set(MODULES)
+    assert set(PROJECT["dependency-groups"]["robot"]) < set(PROJECT["project"]["dependencies"])
+    assert not any("rerun" in one for one in PROJECT["project"]["dependencies"])
+    assert name_of(*PROJECT["project"]["optional-dependencies"]["view"]) == "rerun-sdk"
+
+
+def test_a_robot_runs_a_filter_without_the_rest(filter_file, tmp_path):
+    out = tmp_path / "out"
+    code, said, errors = on_a_robot(
+        *("robot", "run", filter_file, "--simulate", MAPS / "lab_a.json", "--start", "70"),
+        *("--speedup", "100", "--out", out, "--json"),
+    )
+    assert code == 0, errors
+    found = json.loads(said)
+    assert found["result"] == "localized"
+    assert {path.name for path in out.iterdir()} == {"run.jsonl", "summary.json"}
+    assert f"jaxcell robot replay {out}/run.jsonl --file filter.jxf --out {out}" in errors
+
+
+@pytest.mark.slow
+def test_a_replay_makes_the_recording_elsewhere(filter_file, tmp_path, capsys):
+    command = RobotRun(
+        file=filter_file,
+        simulate=MAPS / "lab_a.json",
+        start="70",
+        speedup=100.0,
+        out=tmp_path / "o",
+    )
+    assert command.run() == 0
+    capsys.readouterr()
+    log, moved = tmp_path / "o" / "run.jsonl", filter_file.rename(tmp_path / "moved.jxf")
+    assert RobotReplay(log=log, file=moved, out=tmp_path / "seen", json=True).run() == 0
+    assert json.loads(capsys.readouterr().out)["result"] == "localized"
+    entities, rows = {}, {}
+    for name in ("o", "seen"):
+        chunks = RrdReader(tmp_path / name / "run.rrd").stream().to_chunks()
+        entities[name] = {chunk.entity_path for chunk in chunks}
+        batches = [c.to_record_batch() for c in chunks if c.entity_path == "/filter/uncertainty"]
+        rows[name] = sum(batch.num_rows for batch in batches)
+    # What an emulated robot truly did is in no log.
+    assert entities["o"] - entities["seen"] == set()
+    assert rows["o"] == rows["seen"] > 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["view", "."], "recordings need Rerun; install it with: pip install 'jaxcell[view]'"),
+        (["robot", "run", "FILTER", "--live", "here", "--out", "o"], "pip install 'jaxcell[view]'"),
+        (["localize", "MAP", "--bounce", "45"], "this command needs all of jaxcell: pip install "),
+        (["robot", "run", "belief.jxb", "--port", "x"], "beliefs need SciPy; install it with: pip"),
+    ],
+)
+def test_what_is_missing_is_named(filter_file, tmp_path, words, message):
+    names = {"FILTER": filter_file, "MAP": MAPS / "lab_a.json"}
+    if "--live" in words:
+        words = [*words, "--simulate", MAPS / "lab_a.json"]
+    code, _, errors = on_a_robot(*(names.get(word, word) for word in words))
+    assert code == 2
+    assert message in errors
+    assert errors.count("\n") == 1
+
+
+def test_recordings_without_rerun_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    message = r"^recordings need Rerun; install it with: pip install 'jaxcell\[view\]'"
+    with pytest.raises(ModuleNotFoundError, match=message):
+        record.save_recording(object(), tmp_path / "one.rrd")
+    with pytest.raises(ModuleNotFoundError, match=message):
+        record.RobotRecording  # noqa: B018
+
+
+@pytest.mark.slow
+def test_results_are_kept_without_recordings(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    out = tmp_path / "out"
+    assert main(["groups", str(MAPS / "lab_a.json"), "--bounce", "45", "--out", str(out)]) == 0
+    assert {path.suffix for path in out.iterdir()} == {".nc", ".json"}
+    assert "No recording is written: recordings need Rerun" in capsys.readouterr().err

@@ -1,0 +1,275 @@
+"""Robots on ROS 2, against a stand-in for rclpy and its messages; none of it has met a robot."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ros_stub
+from ros_stub import BACKUP_LIMIT, CLIFF, World
+from wheels import MAPS, bounce_filter, map_cells, pose_of
+
+from jaxcell.cli import main
+from jaxcell.robot import RobotStopped, Walker, cell_strides
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.ros import Base, Candidates, Create3, node
+from jaxcell.robot.run_log import RunLog
+from jaxcell.robot.runner import run_filter
+from jaxcell.robot.tasks.files import load_task
+from jaxcell.robot.tasks.patrol_task import save_patrols
+from jaxcell.space import Workspace
+
+
+HALL = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
+LAB = map_cells("lab_a.json")
+SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
+KINDS = {"create3": Create3, "base": Base}
+
+
+class Beats:
+    """A watchdog without a process."""
+
+    def __init__(self, command):
+        self.command, self.beaten, self.dismissed = command, 0, False
+        Beats.last = self
+
+    def beat(self):
+        self.beaten += 1
+
+    def dismiss(self):
+        self.dismissed = True
+
+
+@pytest.fixture
+def world_of(monkeypatch):
+    monkeypatch.setattr(node, "Watchdog", Beats)
+    modules = dict(sys.modules)
+
+    def make(pose, kind, workspace=HALL):
+        world = World(Body(workspace, pose), kind=kind)
+        added = {}
+        ros_stub.install(world, added)
+        for name, module in added.items():
+            monkeypatch.setitem(sys.modules, name, module)
+        return world
+
+    yield make
+    assert modules.keys() <= sys.modules.keys()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_goes_as_far_as_it_is_told(world_of, kind):
+    world = world_of((1.0, 1.5, 0.0), kind)
+    with KINDS[kind](remap=["__ns:=/one"]) as robot:
+        with pytest.raises(RobotStopped, match="it is not armed"):
+            robot.forward(0.5, tolerance=0.004)
+        robot.arm()
+        moved = robot.forward(0.5, tolerance=0.004)
+        assert moved == pytest.approx((0.5, 0, False, 0), abs=0.01)
+        assert robot.turn(-3.5, tolerance=0.01).angle == pytest.approx(-3.5, abs=0.02)
+        assert robot.turn(3.5, tolerance=0.01).angle == pytest.approx(3.5, abs=0.02)
+        assert robot.forward(-0.3, tolerance=0.004).distance == pytest.approx(-0.3, abs=0.01)
+        assert world.body.pose == pytest.approx((1.2, 1.5, 0.0), abs=0.03)
+        moved = robot.forward(9.0, tolerance=0.004)
+        assert moved.bumped
+        assert moved.distance == pytest.approx(2.82, abs=0.05)
+        # It is still pressed.
+        assert robot.forward(0.1, tolerance=0.004)[::2] == (0.0, True)
+        assert not robot.forward(-0.3, tolerance=0.004).bumped
+        assert Beats.last.command[1:] == [
+            *("-m", "jaxcell.robot.ros.watchdog", kind, "2.0", "--ros-args", "-r", "__ns:=/one")
+        ]
+    assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
+    assert world.said[-2:] == [("destroyed", "jaxcell"), ("shutdown",)]
+    assert Beats.last.dismissed
+    assert world.goal is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_robot_that_falls_silent_is_stopped(world_of, kind):
+    world = world_of((1.0, 1.5, 0.0), kind)
+    with KINDS[kind](patience=0.3) as robot:
+        robot.arm()
+        threading.Timer(0.05, lambda: setattr(world, "dead", True)).start()
+        with pytest.raises(RobotStopped, match=r"no odometry for 0\.3 s"):
+            robot.forward(2.5, tolerance=0.004)
+        world.dead = False
+        time.sleep(0.1)
+        with pytest.raises(RobotStopped, match="no odometry"):
+            robot.forward(0.1, tolerance=0.004)
+        robot.arm()
+        assert robot.forward(0.1, tolerance=0.004).distance == pytest.approx(0.1, abs=0.01)
+
+
+def test_dangers_stop_a_create_3_until_it_is_armed_again(world_of):
+    world = world_of((1.0, 1.5, 0.0), "create3")
+    with Create3() as robot:
+        robot.arm()
+        threading.Timer(0.03, lambda: world.hazards.add(CLIFF)).start()
+        with pytest.raises(RobotStopped, match="there is a cliff"):
+            robot.forward(2.5, tolerance=0.004)
+        assert world.goal is None
+        x = world.body.x
+        assert 1.0 < x < 3.0
+        with pytest.raises(RobotStopped, match="there is a cliff"):
+            robot.arm()
+        world.hazards.clear()
+        time.sleep(0.05)
+        robot.arm()
+        # It may have reached the limit of its way back without a motion of ours.
+        world.hazards.add(BACKUP_LIMIT)
+        time.sleep(0.05)
+        assert robot.forward(0.1, tolerance=0.004).distance == pytest.approx(0.1, abs=0.01)
+        with pytest.raises(RobotStopped, match="safety_override must be backup_only"):
+            robot.forward(-0.1, tolerance=0.004)
+        world.hazards.clear()
+        time.sleep(0.05)
+        robot.arm()
+        world.refuses = True
+        with pytest.raises(RobotStopped, match="does not take the goal"):
+            robot.turn(1.0, tolerance=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_ends_the_block_ends_the_motion(world_of, kind):
+    world = world_of((1.0, 1.5, 0.0), kind)
+
+    def interrupted():
+        with KINDS[kind]() as robot:
+            robot.arm()
+            threading.Timer(0.03, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
+            robot.forward(2.5, tolerance=0.004)
+
+    with pytest.raises(SystemExit):
+        interrupted()
+    assert world.goal is None
+    assert ("cancel",) in world.said if kind == "create3" else world.speed == (0.0, 0.0)
+    assert world.body.x < 3
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_a_robot_that_is_not_there_is_named(world_of, monkeypatch):
+    monkeypatch.setattr(node, "_GREETING", 0.1)
+    world_of((1.0, 1.5, 0.0), "create3").dead = True
+    with pytest.raises(ConnectionError, match=r"no odometry comes on /odom: .* ROS_DOMAIN_ID 0"):
+        Create3().__enter__()
+
+
+def test_without_ros_it_says_how_to_have_it():
+    with pytest.raises(ModuleNotFoundError, match=r"^ROS 2 is not here; where it is: source "):
+        Create3().__enter__()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind):
+    world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
+    path = tmp_path / "filter.jxf"
+    bounce_filter(LAB, 45, metadata=SPEC).save(path)
+    task = load_task(path)
+    with KINDS[kind]() as robot, RunLog(tmp_path / "run.jsonl", task.header) as log:
+        robot.arm()
+        log.on_event = Candidates(robot, task, LAB).event
+        walker = Walker(
+            robot, 1.0, strides=cell_strides(8, 1.0, 1.0), direction=70 // LAB.positions
+        )
+        outcome = run_filter(walker, task.filter, task.bounce, log=log)
+    assert outcome.result == "localized"
+    assert int(LAB.index(*world.body.pose)) in outcome.cells
+    arrays, grids = world.published["candidates"], world.published["candidate_squares"]
+    assert len(arrays) == len(grids) == len(outcome.observations)
+    found = {
+        int(
+            LAB.index(
+                pose.position.x,
+                pose.position.y,
+                2 * math.atan2(pose.orientation.z, pose.orientation.w),
+            )
+        )
+        for pose in arrays[-1].poses
+    }
+    assert found == set(outcome.cells)
+    grid = np.array(grids[-1].data).reshape(grids[-1].info.height, grids[-1].info.width)
+    assert grids[-1].info.resolution == 1.0
+    assert (grid >= 0).tolist() == LAB.free.tolist()
+    here = {int(cell) % LAB.positions for cell in outcome.cells}
+    assert set(np.flatnonzero(grid[LAB.free] == 100)) == here
+    assert arrays[-1].header.frame_id == grids[-1].header.frame_id == "map"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
+    (tmp_path / "rclpy.py").write_text("import ros_stub\n\nros_stub.install()\n")
+    log = tmp_path / "said"
+    paths = [tmp_path, Path(ros_stub.__file__).parent, Path(__file__).parents[2]]
+    place = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "ROS_STUB_LOG": str(log)}
+    main = (
+        "import sys, time; from jaxcell.robot.create.watchdog import Watchdog; "
+        f"w = Watchdog([sys.executable, '-m', 'jaxcell.robot.ros.watchdog', {kind!r}, '60']); "
+        "w.beat(); print('ready', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", main], stdout=subprocess.PIPE, env={**os.environ, **place}
+    ) as driver:
+        assert driver.stdout.readline() == b"ready\n"
+        said = log.read_text()
+        assert "cancel" not in said
+        driver.kill()
+    end = time.monotonic() + 20
+    while "shutdown" not in (said := log.read_text()) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert ("cancel" in said) is (kind == "create3")
+    assert "cmd_vel 0.0 0.0" in said
+    assert said.endswith("destroyed jaxcell_watchdog\nshutdown\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_command_line_drives_it(world_of, tmp_path, capsys, kind):
+    world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
+    path = tmp_path / "filter.jxf"
+    about = {**SPEC, "map": str(MAPS / "lab_a.json"), "name": LAB.workspace.name}
+    bounce_filter(LAB, 45, metadata=about).save(path)
+    words = ["robot", "run", str(path), "--ros", kind, "--heading", "135", "--json"]
+    assert main([*words, "--remap", "__ns:=/one"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["result"], found["port"]) == ("localized", f"ROS 2, {kind}")
+    assert int(LAB.index(*world.body.pose)) in found["cells"]
+    assert len(world.published["candidates"]) == len(found["observations"])
+    assert world.said[0] == ("init", "--ros-args", "-r", "__ns:=/one")
+    assert main([*words, "--steps", "clock"]) == 2
+    assert main([*words, "--port", "/dev/ttyUSB0"]) == 2
+    assert main(["robot", "run", str(path), "--port", "x", "--remap", "a"]) == 2
+    said = capsys.readouterr().err
+    assert "--steps clock: a robot on ROS 2 goes by its odometry" in said
+    assert "expected one of --port, --ros and --simulate" in said
+    assert "--remap: it is for --ros" in said
+
+
+def test_a_patrol_and_a_plan_publish_where_the_robot_is(world_of, tmp_path):
+    world = world_of((0.5, 0.5, 0.0), "base", LAB.workspace)
+    walk = np.int32([np.arange(LAB.positions)]), np.ones((1, LAB.positions))
+    save_patrols(tmp_path / "patrol.json", LAB, [walk], [0], 1.0)
+    plan = tmp_path / "summary.json"
+    plan.write_text(json.dumps({**SPEC, "found": True, "start": 3, "actions_deg": [0]}))
+    with Base() as robot:
+        patrol = Candidates(robot, load_task(tmp_path / "patrol.json"), None)
+        patrol.event("observation", {"observation": 0, "way": 1, "position": 4})
+        patrol.event("end", {})
+        fields = {"observation": 0, "estimate": [1.0, -0.5, math.pi / 2]}
+        Candidates(robot, load_task(plan), None).event("observation", fields)
+    there, estimate = world.published["candidates"]
+    [pose] = there.poses
+    assert (pose.position.x, pose.position.y) == tuple(map(float, LAB.centre(4)[:2]))
+    assert 2 * math.atan2(pose.orientation.z, pose.orientation.w) == pytest.approx(math.pi / 2)
+    assert estimate.header.frame_id == "start"
+    assert (estimate.poses[0].position.x, estimate.poses[0].position.y) == (1.0, -0.5)
+    assert len(world.published["candidate_squares"]) == 1
