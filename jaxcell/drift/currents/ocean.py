@@ -1,9 +1,7 @@
 """Ocean currents from a file, on cells."""
 
 import dataclasses
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -12,8 +10,9 @@ from jaxtyping import Shaped
 from .depths import choose_layers
 from .fields import Field, read_field
 from .grid import OceanGrid, read_grid
-from .netcdf import OceanFile, open_netcdf
+from .netcdf import OceanFile
 from .roms import turned
+from .sources import Source, open_source, source_name
 from .times import When, choose_records, record_times
 from .velocity_names import Velocity, choose_velocity
 
@@ -24,8 +23,9 @@ _LEAST_RATIO_OF_SIDES = 5e-6
 
 
 def open_currents(
-    path: str | os.PathLike[str],
+    path: Source,
     *,
+    grid: Source | None = None,
     time: When = None,
     depths: float | int | Sequence[float | int] | None = None,
     bounds: Sequence[float | int] | None = None,
@@ -93,30 +93,33 @@ def open_currents(
         >>> dict(currents.sizes), int(currents.water.sum()), round(float(currents.u.max()), 2)
         ({'time': 1, 'layer': 1, 'y': 21, 'x': 29}, 538, 0.54)
     """
-    with open_netcdf(path) as file:
-        velocity = choose_velocity(file, variables)
+    with open_source(path, grid) as file:
+        file, velocity = choose_velocity(file, variables)
         axes = velocity.u_axes
         for name in (velocity.u, velocity.v, axes.lon, axes.lat):
             if 0 in file.dataset[name].shape:
                 raise file.error(name, "it has no values: one of its dimensions has the length 0")
-        grid = read_grid(file, axes, bounds)
-        times, undated = record_times(file, axes.time)
-        records = choose_records(file, times, time, undated is None)
+        cells = read_grid(file, axes, bounds)
+        times = record_times(file, axes.time)
+        records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
-        field = read_field(file, velocity, grid, records, layers)
-        _check_positions(file, axes.lon, grid, field)
-    u, v, notes = field.u, field.v, [undated, layers.note, *field.notes, *grid.notes]
-    if velocity.along == "grid" and grid.angle_from:
-        u, v = turned(u, v, grid.angle)
-        notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {grid.angle_from}")
+        chosen = times.values[records]
+        field = read_field(file, velocity, cells, records, chosen, layers)
+        _check_positions(file, axes.lon, cells, field)
+    gridded = f"{axes.lon}, {axes.lat}: from {source_name(grid)}" if grid is not None else ""
+    u, v, notes = field.u, field.v, [times.note, layers.note, *field.notes, *cells.notes]
+    notes.append(gridded)
+    if velocity.along == "grid" and cells.angle_from:
+        u, v = turned(u, v, cells.angle)
+        notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {cells.angle_from}")
     attributes = {
-        "source": Path(path).name,
-        "east_from": _origin(velocity, "East", grid),
-        "north_from": _origin(velocity, "North", grid),
+        "source": source_name(path),
+        "east_from": _origin(velocity, "East", cells),
+        "north_from": _origin(velocity, "North", cells),
         "notes": "\n".join(note for note in notes if note),
     }
     field = dataclasses.replace(field, u=u, v=v)
-    return _dataset(field, grid, times[records], attributes)
+    return _dataset(field, cells, chosen, attributes)
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
