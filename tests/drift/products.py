@@ -18,8 +18,7 @@ def hours(first=0, count=RECORDS, since="2020-01-01", **attributes):
     return first + np.arange(count), {"units": f"hours since {since}", **attributes}
 
 
-def regular(u, v, *, lon=LON, lat=LAT, dims=("time", "latitude", "longitude"), time=None, u_about={},
-            v_about={}):  # fmt: skip
+def regular(u, v, *, lon=LON, lat=LAT, dims=("time", "latitude", "longitude"), time=None):
     """Velocities on longitudes and latitudes, in files of Copernicus and many others.
 
     `u` and `v` are the names, and what they are called is all that says what they are.
@@ -27,7 +26,7 @@ def regular(u, v, *, lon=LON, lat=LAT, dims=("time", "latitude", "longitude"), t
     values = numbers(RECORDS if time is None else len(time[0]), len(lat), len(lon))
     t, y, x = dims
     return xr.Dataset(
-        {u: (dims, values[0], dict(u_about)), v: (dims, values[1], dict(v_about))},
+        {u: (dims, values[0]), v: (dims, values[1])},
         {
             t: (t, *(time or hours())),
             y: (y, lat, {"units": "degrees_north"}),

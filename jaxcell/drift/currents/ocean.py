@@ -31,31 +31,38 @@ def open_currents(
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
 ) -> xr.Dataset:
-    """Read ocean currents from a NetCDF file (Alam 2018, section 5.4.1).
+    """Read ocean currents (Alam 2018, section 5.4.1).
 
-    It reads the native output of ROMS and CROCO (velocities on the sides of the cells are averaged
-    to their centres and turned to East and North, and levels that follow the sea bed are
+    It reads the native output of ROMS, CROCO and NEMO (velocities on the sides of the cells are
+    averaged to their centres and turned to East and North, and levels that follow the sea bed are
     interpolated to depths), files on fixed depths or of the surface with the names of CF or of the
-    common ocean models, and maps of HF radar. Only what is asked for is read from the disk. All
-    that belongs to the grid must be in the same file.
+    common ocean models and products, and maps of HF radar. Only what is asked for is read from the
+    disk, record by record.
 
-    A cell is water where it has a velocity at every record that is read, so a gap in a radar map
-    takes its cell out; read fewer records to keep more cells. If the file has a mask, it must be
-    water by that too: 1 is water in what ROMS, CROCO and NEMO call their masks; elsewhere flags
-    or options such as `option_0` say it, or else a standard name of CF.
+    A cell is water where it has a velocity at 80 % of the records that are read or more; what is
+    missing there is interpolated in time. Values whose flags of quality say that they are bad are
+    missing. If the file has a mask, it must be water by that too: 1 is water in what ROMS, CROCO
+    and NEMO call their masks; elsewhere flags or options such as `option_0` say it, or else a
+    standard name of CF.
 
     Where the columns go round the Earth, so that the last is beside the first, columns that are
     repeated at an end are left out; all that is computed from the currents goes on across the seam.
     `notes` says so. With velocities on the sides of cells and no repeated column, that at the seam
-    is not in the file, and the cells beside it have the velocity of their other side.
+    is not in the file, and the cells beside it have the velocity of their other side. Where rows
+    repeat others because the grid is folded in the North, they are closed, as land.
 
     **Arguments:**
 
-    - `path`: a NetCDF file, version 3 or 4.
+    - `path`: a NetCDF file, version 3 or 4; several, whose records go on from one to the next, or
+        which have u and v; a pattern of their names such as `"2016_*.nc"`; a Zarr store; an address
+        of an OPeNDAP server; or a dataset that is open already.
+    - `grid`: the same for positions, masks and depths, if they are in a file of their own.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, a date without an
         hour being its midnight; UTC), a slice of indices, or the first and the last of the records
         as indices or moments, both included. A moment stands for the nearest record (the later of
-        two), within half the time between records. All records if left out.
+        two), within half the time between records. All records if left out. Moments are dates of
+        the calendar of the file; days of one without leap years, or of years of 360 days, are
+        counted on from the first year of its records, and `notes` says so.
     - `depths`: in metres below the surface, positive down. In a file of fixed depths, of either
         sign, they must be among its levels, to the centimetre, and all levels that have water are
         read if they are left out. In one whose levels follow the sea bed they may be any, and are
@@ -80,11 +87,12 @@ def open_currents(
         are and why, and `notes`, what else was done, a line each.
 
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
-    a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
-    or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid in
-    radians or degrees; missing parameters of the levels; times, depths or bounds that the file does
-    not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and more
-    data than 4 GiB; `MemoryError` for more than fits the free memory.
+    a file that is damaged, truncated or not NetCDF, or an address that cannot be reached; files
+    that do not fit one another; an unstructured grid; no velocity, or one that may be along the
+    grid or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid
+    in radians or degrees; missing parameters of the levels; times, depths or bounds that the file
+    does not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and
+    more data than 4 GiB; `MemoryError` for more than fits the free memory.
 
     The surface of the bundled sea at its first record:
 

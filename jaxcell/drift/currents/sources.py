@@ -113,7 +113,10 @@ def _combined(files: list[OceanFile]) -> OceanFile:
             combine_attrs="override",
         )  # fmt: skip
     except (ValueError, xr.MergeError) as error:
-        raise ValueError(f"{name}: cannot be joined: {error_line(error)}") from error
+        raise ValueError(
+            f"{name}: time: expected records that go on from file to file, the same ones for u and "
+            f"v; they cannot be joined: {error_line(error)}"
+        ) from error
     assert isinstance(dataset, xr.Dataset)
     return OceanFile(name, dataset)
 
