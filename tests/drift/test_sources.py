@@ -126,7 +126,7 @@ def test_sources_that_are_not_there(tmp_path):
         open_currents(tmp_path / "other_*.nc")
     with pytest.raises(FileNotFoundError, match=r"other.nc: there is no such file"):
         open_currents([*months(tmp_path), tmp_path / "other.nc"])
-    with pytest.raises(ValueError, match="file: expected a file or more, got none"):
+    with pytest.raises(ValueError, match="path: expected a file or more, got none"):
         open_currents([])
     with pytest.raises(ValueError, match="cannot be read as a Zarr store"):
         open_currents(tmp_path)

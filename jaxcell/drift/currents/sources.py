@@ -75,7 +75,7 @@ def _paths(source: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) ->
             raise FileNotFoundError(f"{path}: no file has a name of this pattern")
         paths += matching
     if not paths:
-        raise ValueError("file: expected a file or more, got none")
+        raise ValueError("path: expected a file or more, got none")
     return paths
 
 
