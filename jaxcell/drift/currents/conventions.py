@@ -3,13 +3,13 @@
 import dataclasses
 import re
 from collections.abc import Iterable, Iterator
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import xarray as xr
 
 
 Role: TypeAlias = Literal[
-    "velocity", "time", "depth", "y", "x", "lon", "lat", "mask", "bed", "surface", "flag"
+    "velocity", "time", "depth", "y", "x", "lon", "lat", "side", "mask", "bed", "surface", "flag"
 ]
 Along: TypeAlias = Literal["earth", "grid", "dims"]
 
@@ -28,6 +28,8 @@ class Convention:
     - `along`: of a velocity: the axes of the `"earth"`; those of the `"grid"`; or, as the
         dimensions say (`"dims"`), those of the grid on the sides of cells, and of the Earth on
         longitudes and latitudes. On the sides of cells a name alone never stands for the Earth.
+    - `point`: where it stands in NEMO, whose dimensions do not say it: at the centres of cells
+        (`"t"`), or on their eastern (`"u"`) or northern sides (`"v"`).
     - `water`: the value of a mask where there is water.
     """
 
@@ -36,25 +38,15 @@ class Convention:
     standard_names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     along: Along = "dims"
+    point: Literal["t", "u", "v", ""] = ""
     water: int = 1
 
 
 def _row(
-    role: Role,
-    names: str = "",
-    standard_names: str = "",
-    units: str = "",
-    along: Along = "dims",
-    water: int = 1,
+    role: Role, names: str = "", standard_names: str = "", units: str = "", **meaning: Any
 ) -> Convention:
-    return Convention(
-        role,
-        tuple(names.split()),
-        tuple(standard_names.split()),
-        tuple(units.split()),
-        along,
-        water,
-    )
+    standard = tuple(standard_names.split())
+    return Convention(role, tuple(names.split()), standard, tuple(units.split()), **meaning)
 
 
 # The preferred first: standard names before names, three-dimensional fields before the surface.
@@ -90,12 +82,18 @@ CONVENTIONS: tuple[Convention, ...] = (
          "latitude projection_y_coordinate"),
     _row("x", "lon longitude x ni i xi_rho xi_u xi_v x_rho x_u rlon",
          "longitude projection_x_coordinate"),
-    _row("lon", "lon_rho nav_lon_rho glamt lon longitude nav_lon nav_lon_grid_t", "longitude",
+    _row("lon", "glamt", point="t"),
+    _row("lat", "gphit", point="t"),
+    _row("lon", "lon_rho nav_lon_rho lon longitude nav_lon nav_lon_grid_t", "longitude",
          "degrees_east degree_east degrees_e degree_e"),
-    _row("lat", "lat_rho nav_lat_rho gphit lat latitude nav_lat nav_lat_grid_t", "latitude",
+    _row("lat", "lat_rho nav_lat_rho lat latitude nav_lat nav_lat_grid_t", "latitude",
          "degrees_north degree_north degrees_n degree_n"),
-    # ROMS and CROCO, whose standard name may say otherwise, then NEMO.
-    _row("mask", "mask_rho mask_u mask_v tmask tmaskutil umask umaskutil vmask vmaskutil", water=1),
+    _row("side", "e1t e2t", point="t"),
+    # The standard name of CROCO may say otherwise.
+    _row("mask", "mask_rho mask_u mask_v", water=1),
+    _row("mask", "tmask tmaskutil", point="t", water=1),
+    _row("mask", "umask umaskutil", point="u", water=1),
+    _row("mask", "vmask vmaskutil", point="v", water=1),
     _row("mask", "", "sea_binary_mask", water=1),
     _row("mask", "", "land_binary_mask", water=0),
     _row("bed", "h", "sea_floor_depth_below_sea_level sea_floor_depth_below_geoid sea_floor_depth"),
@@ -116,7 +114,7 @@ STAGGERED = {
 
 
 # NEMO may name a dimension after the points of its grid: x_grid_U, y_grid_V_inner.
-POINTS = re.compile(r"_grid_[tuvwf](_inner)?$")
+POINTS = re.compile(r"_grid_([tuvwf])(_inner)?$")
 
 
 def table(role: Role) -> Iterator[Convention]:

@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 import xarray as xr
 
-from .conventions import POINTS
+from .conventions import CONVENTIONS, POINTS
 from .dimensions import axis_kind
 from .netcdf import OceanFile
 from .sphere import wrapped
@@ -17,9 +17,7 @@ from .sphere import wrapped
 
 # The dimensions of centres and sides, as those of ROMS: in the order y, x.
 _DIMS = {"t": ("y_rho", "x_rho"), "u": ("y_rho", "x_u"), "v": ("y_v", "x_rho")}
-_OF_THE_MESH = {"glamt": "t", "gphit": "t", "e1t": "t", "e2t": "t"} | {
-    f"{point}mask{part}": point for point in _DIMS for part in ("", "util")
-}
+_OF_THE_MESH = {name: one.point for one in CONVENTIONS if one.point for name in one.names}
 # The depths of its levels.
 _LEVELS = ("gdept_1d", "gdept_0", "nav_lev")
 
@@ -70,9 +68,10 @@ def _on_sides(file: OceanFile, u: str, dims: set[str]) -> bool:
     dataset = file.dataset
     if dims & set(dataset.variables):
         return False
-    words = [*dataset[u].dims, *str(dataset[u].attrs.get("coordinates", "")).split()]
-    if any(word == "depthu" or POINTS.search(str(word).lower()) for word in words):
-        return not any(str(word).lower().endswith(("grid_t", "grid_t_inner")) for word in words)
+    words = [str(word).lower() for word in (*dataset[u].dims, *file.coordinates(u))]
+    points = {found[1] for found in map(POINTS.search, words) if found}
+    if points or "depthu" in words:
+        return points <= {"u"}
     mesh = {"glamt", "glamu"} <= set(dataset.variables)
     if not mesh or "nav_lon" not in dataset.variables:
         return mesh

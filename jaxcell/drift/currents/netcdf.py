@@ -48,6 +48,12 @@ class OceanFile:
         """An error that says in one line in which file and field."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
+    def coordinates(self, field: str) -> list[str]:
+        """The variables that a variable names as its coordinates."""
+        variable = self.dataset[field]
+        # Xarray moves what it has decoded.
+        return str({**variable.encoding, **variable.attrs}.get("coordinates", "")).split()
+
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
         """Refuse float64 arrays of the given sizes that would take more than 4 GiB together, or
         more than the free memory.
