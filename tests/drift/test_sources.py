@@ -38,18 +38,33 @@ def test_records_go_on_from_file_to_file(tmp_path):
     xr.testing.assert_equal(asked, alone[1].isel(time=[1]))
 
 
+@pytest.mark.parametrize("calendar", ["noleap", "360_day"])
+def test_calendars_go_on_from_file_to_file(tmp_path, calendar):
+    """Through the end of a leap year of the common calendar."""
+    for year in (2020, 2021):
+        time = np.arange(3) * 100, {"units": f"days since {year}-05-01", "calendar": calendar}
+        write(tmp_path, products.regular("uo", "vo", time=time), f"{year}.nc")
+    currents = open_currents(tmp_path / "202?.nc")
+    year = {"noleap": 365, "360_day": 360}[calendar]
+    days = (currents.time - currents.time[0]).values / np.timedelta64(1, "D")
+    np.testing.assert_array_equal(days, [0, 100, 200, year, year + 100, year + 200])
+
+
 def test_a_store_and_a_dataset_in_hand(tmp_path):
     path = months(tmp_path)[0]
     expected = open_currents(path)
     with xr.open_dataset(path, decode_times=False) as dataset:
-        dataset.to_zarr(tmp_path / "sea.zarr", zarr_format=2)
-    in_store = open_currents(tmp_path / "sea.zarr")
-    assert in_store.attrs["source"] == "sea.zarr"
+        for version in (2, 3):
+            dataset.to_zarr(
+                tmp_path / f"sea_{version}.zarr", zarr_format=version, consolidated=False
+            )
+    in_store = [open_currents(tmp_path / f"sea_{version}.zarr") for version in (2, 3)]
+    assert in_store[0].attrs["source"] == "sea_2.zarr"
     with xr.open_dataset(path) as dataset:
         in_hand = open_currents(dataset)
         assert open_currents(dataset.drop_encoding()).attrs["source"] == "dataset"
     assert in_hand.attrs["source"] == "sea_1.nc"
-    for found in (in_store, in_hand):
+    for found in (*in_store, in_hand):
         xr.testing.assert_equal(found, expected)
 
 

@@ -24,7 +24,8 @@ class Flag:
     **Attributes:**
 
     - `name`: of the variable.
-    - `bad`: its values that stand for what is not, with their meanings.
+    - `bad`: its values that stand for what is not, with their meanings; none if it gives no
+        meanings.
     """
 
     name: str
@@ -39,7 +40,9 @@ class Flag:
 
     @property
     def note(self) -> str:
-        """What was left out."""
+        """What was left out, or why nothing was."""
+        if not self.bad:
+            return f"{self.name}: its values have no flag_meanings, and are not heeded"
         words = ", ".join(f"{value:g} ({meaning})" for value, meaning in self.bad.items())
         return f"{self.name}: values with {words} are left out"
 
@@ -48,8 +51,6 @@ def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
     """Find the flags of a velocity: those that it names, and those with the names of conventions.
 
     Those that are bad are said by `flag_meanings`, a word for each value.
-
-    **Raises:** `ValueError` for a flag that the velocity names and whose values have no meaning.
     """
     variables = file.dataset.variables
     attributes = variables[velocity].attrs
@@ -63,11 +64,10 @@ def read_flags(file: OceanFile, velocity: str) -> list[Flag]:
         meanings = flag_meanings(about)
         if not set(variables[name].dims) <= set(variables[velocity].dims):
             continue
-        if not meanings and "flag" in " ".join([str(about.get("standard_name", "")), *about]):
-            raise file.error(name, "expected flag_values and as many flag_meanings")
         words = {value: set(re.findall("[a-z]+", text.lower())) for value, text in meanings.items()}
         bad = {v: meanings[v] for v, said in words.items() if said & _BAD and not said & _GOOD}
-        if bad:
+        mute = not meanings and "flag" in " ".join([str(about.get("standard_name", "")), *about])
+        if bad or mute:
             found.append(Flag(name, bad))
     return found
 

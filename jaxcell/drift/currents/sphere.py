@@ -64,19 +64,19 @@ def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) ->
     Where the fold is between two rows, the last one repeats that before it, the other way round.
     Where it is on a row, that row repeats itself and the last one that before it.
     """
-    centres = _on_sphere(lon, lat)
-    last = centres[:, -1]
+    rows, columns = lon.shape
+    if rows < 6 or columns < 3:
+        return 0
+    centres = _on_sphere(lon[-3:], lat[-3:])
+    last = centres[:, -1][:, np.isfinite(centres[:, -1]).all(axis=0)]
     for count, other in ((1, -2), (2, -3)):
-        if lon.shape[0] < 3 - other or lon.shape[1] < 3:
-            break
         row = centres[:, other]
-        spacing = np.linalg.norm(np.diff(row, axis=1), axis=0)
         known = np.isfinite(row).all(axis=0)
-        there = np.isfinite(last).all(axis=0)
-        if known.sum() < 3 or there.sum() < 3 or not np.nanmedian(spacing) > _POLE:
+        if known.sum() < 3 or last.shape[1] < 3:
             continue
-        off, _ = cKDTree(row[:, known].T).query(last[:, there].T)
-        if (off <= _SAME * np.nanmedian(spacing)).mean() > _FOLDED:
+        spacing = np.nanmedian(np.linalg.norm(np.diff(row, axis=1), axis=0))
+        off, _ = cKDTree(row[:, known].T).query(last.T)
+        if spacing > _POLE and (off <= _SAME * spacing).mean() > _FOLDED:
             return count
     return 0
 
