@@ -76,7 +76,7 @@ def tour(out: Path) -> list[tuple[str, Any]]:
         (
             "Where a current carries drifters, and how to steer one by its depth (chapter 5)",
             Drift(
-                file=bundled("ocean/gyres.nc"),
+                file=(bundled("ocean/gyres.nc"),),
                 start="-117.93,33.5",
                 goal="-118.1,33.45,5",
                 out=out / "drift",

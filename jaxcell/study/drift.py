@@ -24,8 +24,11 @@ class Drift(Study):
 
     name: ClassVar[str] = "drift"
 
-    file: tyro.conf.Positional[Path]
-    """NetCDF file of currents: ROMS, fixed depths, the surface, or HF radar; or @gyres."""
+    file: tyro.conf.Positional[tuple[Path, ...]]
+    """Currents: NetCDF files whose records or velocities go together, a pattern such as
+    "2016_*.nc", a Zarr store, an address of OPeNDAP, or @gyres."""
+    grid: Path | None = None
+    """File of the grid, where it is not in those of the currents, as mesh_mask.nc of NEMO."""
     time: int | str | None = None
     """One record, by its number from 0 or its moment (2016-02-02T12:00); by default the mean of all
     records."""
@@ -74,7 +77,7 @@ class Drift(Study):
 
     def currents(self) -> "xr.Dataset":
         """Read the currents."""
-        return _currents(self.file, self.time, self.depths, self.bounds, self.variables)
+        return _currents(self.file, self.grid, self.time, self.depths, self.bounds, self.variables)
 
     def memory(self) -> float | int:
         from ..base import memory
@@ -114,7 +117,9 @@ class Drift(Study):
     def spec(self, result: Result) -> dict[str, Any]:
         found: SeaDrift = result  # type: ignore[assignment]
         rules = {name: self._rules()[name] for name in ("spread", "edge")}
-        return {**super().spec(result), **rules, "depths_m": found.depths, "duration_s": found.step}
+        asked = super().spec(result)
+        chosen = {"file": " ".join(asked["file"]), **rules}
+        return {**asked, **chosen, "depths_m": found.depths, "duration_s": found.step}
 
     def heading(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
@@ -163,7 +168,8 @@ class Drift(Study):
 # The currents are read once for the members of a sweep.
 @functools.lru_cache(maxsize=8)
 def _currents(
-    file: Path,
+    file: tuple[Path, ...],
+    grid: Path | None,
     time: int | str | None,
     depths: tuple[float, ...],
     bounds: tuple[float, float, float, float] | None,
@@ -171,7 +177,9 @@ def _currents(
 ) -> "xr.Dataset":
     from ..drift import open_currents
 
-    return open_currents(file, time=time, depths=depths or None, bounds=bounds, variables=variables)
+    return open_currents(
+        file, grid=grid, time=time, depths=depths or None, bounds=bounds, variables=variables
+    )
 
 
 def _numbers(parameter: str, text: str | None, count: int, expected: str) -> list[float] | None:

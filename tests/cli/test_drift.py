@@ -9,6 +9,7 @@ import xarray as xr
 
 from jaxcell import drift
 from jaxcell.cli import main
+from jaxcell.study import Drift
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
@@ -52,6 +53,28 @@ def stream(tmp_path_factory):
     file = tmp_path_factory.mktemp("stream") / "stream.nc"
     currents.to_netcdf(file)
     return file
+
+
+def test_velocities_and_grid_in_files_of_their_own(capsys, stream, tmp_path):
+    with xr.open_dataset(stream, decode_times=False) as whole:
+        positions = whole[["lon", "lat"]]
+        bare = whole.drop_vars(["lon", "lat"]).rename(u="east", v="north")
+        for name in ("east", "north"):
+            bare[[name]].to_netcdf(tmp_path / f"{name}.nc")
+        positions.to_netcdf(tmp_path / "grid.nc")
+    grid, names = tmp_path / "grid.nc", ("east", "north")
+    apart = Drift(file=(tmp_path / "e*.nc", tmp_path / "north.nc"), grid=grid, variables=names)
+    found, expected = apart.currents(), drift.open_currents(stream)
+    xr.testing.assert_equal(found, expected)
+    assert found.attrs["source"] == "east.nc, north.nc"
+    assert "lon, lat: from grid.nc" in found.attrs["notes"]
+    files = [tmp_path / "east.nc", tmp_path / "north.nc"]
+    status, _, error = run(
+        capsys, files[1], "--grid", grid, "--variables", "east", "south", file=files[0]
+    )
+    assert status == 2
+    line = f"jaxcell drift: {files[0]}, {files[1]}: variables: 'south' is not in the file, which "
+    assert error == f"{line}has east, north\n"
 
 
 def behaviours(duration, **options):

@@ -13,7 +13,7 @@ from seas import sea
 from jaxcell import drift, record
 from jaxcell.mapping import Chain
 from jaxcell.record.canvas.stream import new_stream
-from jaxcell.record.drift.groups import group_classes
+from jaxcell.record.drift.groups import basin_ranks, group_classes, group_ranks
 from jaxcell.record.drift.map import Clock, SeaMap, place_name, round_below
 
 
@@ -244,7 +244,7 @@ def test_the_recording_shows_groups(gyres, found):
                 expected = f"may end in groups {', '.join(map(str, homes))}"
             assert labels[kind] == expected
     # A group and what leads there for sure have one colour, in two shades.
-    kind, classes = group_classes(gyres.layers[0])
+    kind, classes = group_classes(gyres.layers[0], group_ranks(gyres.layers)[0])
     colors = {one.label: np.array(one.color[:3], float) for one in classes}
     for number in range(3):
         full, pale = (
@@ -253,6 +253,22 @@ def test_the_recording_shows_groups(gyres, found):
         )
         assert full.argmax() == pale.argmax() or np.ptp(pale) < np.ptp(full)
         assert pale.sum() > full.sum()
+
+
+def test_a_colour_is_of_one_place_in_all_layers():
+    """Groups 0 and 1 of the top are 1 and 2 below, of other sizes; 0 is new there, and lasts."""
+    top = np.array([[0, 0, 1, 1, 1, -1]])
+    middle = np.array([[1, 1, 2, 2, -1, 0]])
+    deep = np.array([[-1, 1, 0, -1, -1, 2]])
+    found = basin_ranks([top, middle, deep])
+    assert [rank.tolist() for rank in found] == [[1, 0], [2, 1, 0], [0, 1, 2]]
+    # In the middle either of two groups could go on; all together have most in common.
+    crossed = basin_ranks(
+        [np.array([[0] * 5 + [1] * 4]), np.array([[0] * 4 + [1] + [0] * 3 + [1]])]
+    )
+    assert [rank.tolist() for rank in crossed] == [[0, 1], [0, 1]]
+    none = basin_ranks([np.full((1, 6), -1), top])
+    assert [rank.tolist() for rank in none] == [[], [1, 0]]
 
 
 def test_the_recording_shows_currents_and_drifters(gyres, found):

@@ -8,9 +8,11 @@ import pytest
 
 import jaxcell.cli.sweep.view
 from jaxcell.cli import main
+from jaxcell.study import Drift
 from jaxcell.sweep import Spec, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.digests import digests
 from jaxcell.sweep.files import keep_folder, kept_spec
+from jaxcell.sweep.studies import read_study
 from jaxcell.sweep.workers.work import with_files_found
 
 
@@ -101,3 +103,16 @@ def test_a_member_is_viewed_from_anywhere(study, tmp_path, monkeypatch):
     assert main(["sweep", "view", str(out), "--select", "bounce=45"]) == 0
     (recording,) = (out / "members").iterdir()
     assert str(tmp_path).encode() not in recording.read_bytes()
+
+
+def test_all_files_of_a_list_are_found(study):
+    shutil.copy(LAB, study / "maps" / "lab_b.json")
+    files = '["../maps/lab_a.json", "../maps/lab_b.json"]'
+    spec = study / "specs" / "drift.toml"
+    spec.write_text(f'task = "drift"\n[fixed]\nfile = {files}\n[grid]\nduration = [3600.0]\n')
+    found = with_files_found(Spec.load(spec)).fixed["file"]
+    assert [Path(file).name for file in found] == ["lab_a.json", "lab_b.json"]
+    assert all(Path(file).is_absolute() for file in found)
+    asked = read_study(Drift, {"file": found})
+    assert asked.file == tuple(map(Path, found))
+    assert read_study(Drift, {"file": found[0]}).file == (Path(found[0]),)

@@ -78,7 +78,7 @@ def choose_layers(
 
 def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
     """The depth of a velocity without a dimension of depth, and what it is from."""
-    for name in str(file.dataset[velocity].attrs.get("coordinates", "")).split():
+    for name in file.coordinates(velocity):
         if name not in file.dataset.variables or file.dataset[name].size != 1:
             continue
         if axis_kind(file.dataset, name) != "depth":

@@ -5,45 +5,13 @@ from typing import Literal, TypeAlias
 
 import xarray as xr
 
+from .conventions import POINTS, STAGGERED, find, table
 from .netcdf import OceanFile
 
 
 Kind: TypeAlias = Literal["time", "depth", "y", "x"]
 
-# Dimensions of the staggered points of a C-grid, and of the cell centres (rho points) between them,
-# as ROMS and CROCO name them, and CROCO where XIOS writes its files.
-STAGGERED = {
-    "xi_u": "xi_rho",
-    "eta_u": "eta_rho",
-    "xi_v": "xi_rho",
-    "eta_v": "eta_rho",
-    "x_u": "x_rho",
-    "y_v": "y_rho",
-}
-
-_NAMES: dict[Kind, tuple[str, ...]] = {
-    "time": ("time", "ocean_time", "scrum_time", "time_counter", "mt", "t"),
-    "depth": ("depth", "depthu", "depthv", "z", "lev", "level", "s_rho", "sc_r", "z_slice"),
-    "y": ("lat", "latitude", "y", "nj", "j", "eta_rho", "eta_u", "eta_v", "y_rho", "y_v", "rlat"),
-    "x": ("lon", "longitude", "x", "ni", "i", "xi_rho", "xi_u", "xi_v", "x_rho", "x_u", "rlon"),
-}
-_STANDARD_NAMES: dict[str, Kind] = {
-    "time": "time",
-    "depth": "depth",
-    "latitude": "y",
-    "longitude": "x",
-    "projection_y_coordinate": "y",
-    "projection_x_coordinate": "x",
-}
-_POSITION_NAMES = {
-    "lat": ("lat_rho", "nav_lat_rho", "lat", "latitude", "nav_lat"),
-    "lon": ("lon_rho", "nav_lon_rho", "lon", "longitude", "nav_lon"),
-}
-_POSITION_STANDARD_NAMES = {"lat": "latitude", "lon": "longitude"}
-_POSITION_UNITS = {
-    "lat": ("degrees_north", "degree_north", "degrees_n", "degree_n"),
-    "lon": ("degrees_east", "degree_east", "degrees_e", "degree_e"),
-}
+_AXES: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +49,7 @@ def find_axes(file: OceanFile, name: str) -> Axes:
     **Raises:** `ValueError` if one of them cannot be determined, if there is no y or x, or if no
     longitudes and latitudes belong to them.
     """
+    _check_structured(file, name)
     found: dict[Kind, str] = {}
     for dim, size in file.dataset[name].sizes.items():
         kind = axis_kind(file.dataset, str(dim))
@@ -97,7 +66,7 @@ def find_axes(file: OceanFile, name: str) -> Axes:
             raise file.error(name, f"expected a dimension for {kind}, got the dimensions {dims}")
     y, x = found["y"], found["x"]
     rho = STAGGERED.get(y, y), STAGGERED.get(x, x)
-    lon, lat = (_position(file, name, which, rho) for which in ("lon", "lat"))
+    lon, lat = _position(file, name, "lon", rho), _position(file, name, "lat", rho)
     return Axes(found.get("time"), found.get("depth"), y, x, lon, lat)
 
 
@@ -110,38 +79,62 @@ def is_rectangular(file: OceanFile, axes: Axes) -> bool:
 
 def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
     """By the name of the dimension, then by what its coordinate variable says of itself."""
-    for kind, names in _NAMES.items():
-        if dim.lower() in names:
+    conventions = {kind: next(table(kind)) for kind in _AXES.values()}
+    for kind, one in conventions.items():
+        if POINTS.sub("", dim.lower()) in one.names:
             return kind
     if dim not in dataset.variables:
         return None
     attributes = dataset[dim].attrs
     standard_name = str(attributes.get("standard_name", ""))
-    if standard_name in _STANDARD_NAMES:
-        return _STANDARD_NAMES[standard_name]
+    for kind, one in conventions.items():
+        if standard_name in one.standard_names:
+            return kind
     if standard_name.startswith("ocean_s_coordinate"):
         return "depth"
-    axis: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
-    return axis.get(str(attributes.get("axis", "")))
+    return _AXES.get(str(attributes.get("axis", "")))
 
 
-def _position(file: OceanFile, velocity: str, which: str, dims: tuple[str, str]) -> str:
+def _check_structured(file: OceanFile, velocity: str) -> None:
+    """Refuse cells of any shape, whose longitudes and latitudes are along one dimension."""
+    variables = file.dataset.variables
+    for dim in map(str, file.dataset[velocity].dims):
+        along = [str(name) for name, variable in variables.items() if variable.dims == (dim,)]
+        lon, lat = (find(file.dataset, which, along) for which in ("lon", "lat"))
+        if file.dataset.sizes[dim] > 1 and (
+            dim == "nele" or (lon is not None and lat is not None and lon != lat)
+        ):
+            raise unstructured(file, velocity)
+
+
+def unstructured(file: OceanFile, field: str) -> ValueError:
+    """What is said of the grids of FVCOM, SCHISM and others."""
+    dims = ", ".join(map(str, file.dataset[field].dims)) or "a mesh"
+    return file.error(
+        field,
+        f"on an unstructured grid ({dims}); expected rows and columns: regrid u and v to "
+        "longitudes and latitudes first, record by record, with scipy.interpolate.griddata("
+        "(lon, lat), u, (new_lon[None], new_lat[:, None])), and write them on the dimensions "
+        "(time, lat, lon)",
+    )
+
+
+def _position(
+    file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
+) -> str:
     """The variable of longitudes or latitudes on the given dimensions: by name, then by meaning."""
     one_dimensional = dims[0] if which == "lat" else dims[1]
-    candidates = {
-        str(name): variable
+    candidates = (
+        str(name)
         for name, variable in file.dataset.variables.items()
         if set(variable.dims) == set(dims) or variable.dims == (one_dimensional,)
-    }
-    by_name = {name.lower(): name for name in candidates}
-    for name in _POSITION_NAMES[which]:
-        if name in by_name:
-            return by_name[name]
-    for name, variable in candidates.items():
-        if variable.attrs.get("standard_name") == _POSITION_STANDARD_NAMES[which]:
-            return name
-    for name, variable in candidates.items():
-        if str(variable.attrs.get("units", "")).lower() in _POSITION_UNITS[which]:
-            return name
+    )
+    name = find(file.dataset, which, candidates)
+    if name is not None:
+        return name
     word = {"lat": "latitudes", "lon": "longitudes"}[which]
-    raise file.error(velocity, f"no variable gives the {word} of its cells ({dims[0]}, {dims[1]})")
+    raise file.error(
+        velocity,
+        f"no variable gives the {word} of its cells ({dims[0]}, {dims[1]}); if another file has "
+        "them, name it with grid",
+    )

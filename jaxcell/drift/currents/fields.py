@@ -3,23 +3,18 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
+from .conventions import find
 from .depths import Layers
 from .dimensions import Axes
 from .grid import OceanGrid
 from .masks import Mask, read_mask
 from .netcdf import OceanFile
+from .quality import LEAST_PRESENT, fill_gaps
 from .roms import at_height
 from .velocity import FASTEST_CURRENT, Component, component, read_cells
 from .velocity_names import Velocity
-
-
-_SEA_BED_STANDARD_NAMES = (
-    "sea_floor_depth_below_sea_level",
-    "sea_floor_depth_below_geoid",
-    "sea_floor_depth",
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +25,7 @@ class Field:
 
     - `depth`: of the layers in metres.
     - `u`, `v`: the components in m/s, NaN where there is no water.
-    - `water`: where there is a velocity at every record.
+    - `water`: where there is a velocity at every record, read or interpolated in time.
     - `notes`: what was done.
     """
 
@@ -46,6 +41,7 @@ def read_field(
     velocity: Velocity,
     grid: OceanGrid,
     records: Int[np.ndarray, " records"],
+    times: Shaped[np.ndarray, " records"],
     layers: Layers,
 ) -> Field:
     """Read the velocity at the centres of the cells, along the axes that the file has it along.
@@ -68,13 +64,17 @@ def read_field(
     ]
     if axes.staggered:
         notes.append(f"{names}: averaged from the sides of the cells to their centres")
+    flags = (flag.note for one in components for flag in one.flags)
+    notes += dict.fromkeys(flags)  # one that both components name is said once
     u, v = np.full(shape, np.nan), np.full(shape, np.nan)
+    dry = np.zeros(shape[1:], bool)
     is_water, moves, would_move = (np.zeros(shape[2:], bool) for _ in range(3))
     for k, record in enumerate(map(int, records)):
         (x, beside_x, free_x), (y, beside_y, free_y) = (each.at(record) for each in components)
         wet = beside_x | beside_y
         if sea.mask is not None:
             wet = np.broadcast_to(sea.mask.water, x.shape)
+        wet = wet & ~grid.closed[:, None]
         x, y = np.where(wet, x, np.nan), np.where(wet, y, np.nan)
         is_water |= wet.any(axis=0)
         moves |= _moves(x, y)
@@ -93,8 +93,19 @@ def read_field(
                 for values in (x, y)
             )
         u[k], v[k] = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+        dry |= deep
     if is_water.any() and would_move.any() and not moves.any():
         raise _exchanged(file, sea, components, is_water, would_move)
+    present = np.isfinite(u) & np.isfinite(v)
+    enough = present.sum(axis=0) >= LEAST_PRESENT * len(records) - 1e-9
+    gaps = enough & ~dry & ~present.all(axis=0)
+    for values in (u, v):
+        fill_gaps(values, present, times, gaps)
+    if gaps.any():
+        notes.append(
+            f"{int(gaps.sum())} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of the "
+            f"{len(records)} records, and are water: what is missing is interpolated in time"
+        )
     return _with_water(file, velocity, records, layers, sea, u, v, notes)
 
 
@@ -165,27 +176,18 @@ def _sea(file: OceanFile, axes: Axes, grid: OceanGrid, layers: Layers) -> tuple[
     bed, surface, notes = np.full(grid.lon.shape, np.nan), None, []
     if mask is not None:
         notes.append(f"{mask.name}: {mask.why}")
-    name = _sea_bed(file, axes)
+    variables = file.dataset.variables.items()
+    on_cells = (str(name) for name, one in variables if set(one.dims) == set(axes.rho))
+    name = find(file.dataset, "bed", on_cells)
     if name is not None:
         bed = read_cells(file, name, axes, grid)
     if layers.s_levels is not None:
         if name is None:
             raise file.error("h", "missing; without the depth of the sea the levels have none")
-        if "zeta" in file.dataset.variables:
-            surface = "zeta"
-        else:
+        surface = find(file.dataset, "surface", map(str, file.dataset.variables))
+        if surface is None:
             notes.append("zeta: the file has none; the surface is taken as flat")
     return _Sea(mask, bed, surface), notes
-
-
-def _sea_bed(file: OceanFile, axes: Axes) -> str | None:
-    for name, variable in file.dataset.variables.items():
-        standard_name = variable.attrs.get("standard_name")
-        if set(variable.dims) == set(axes.rho) and (
-            name == "h" or standard_name in _SEA_BED_STANDARD_NAMES
-        ):
-            return str(name)
-    return None
 
 
 def _with_water(

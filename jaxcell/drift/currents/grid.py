@@ -4,13 +4,14 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .dimensions import Axes, is_rectangular
 from .netcdf import OceanFile
 from .sphere import (
     curvilinear_sides,
     eastward_order,
+    folded_rows,
     goes_round,
     inside,
     northward_order,
@@ -31,6 +32,7 @@ class OceanGrid:
     - `lon`, `lat`: of the centres in degrees, longitude from -180 to 180.
     - `dx`, `dy`: sides in metres along the x and y axes.
     - `angle`: radians, counter-clockwise from East to the x axis.
+    - `closed`: rows that repeat others across the northern fold of the grid, and count as land.
     - `wraps`: whether the last column is beside the first, as the grid goes round the Earth.
     - `angle_from`: where the angle is from, in words; empty on a grid of latitude and longitude.
     - `notes`: what was done to the grid.
@@ -43,6 +45,7 @@ class OceanGrid:
     dx: Float[np.ndarray, "y x"]
     dy: Float[np.ndarray, "y x"]
     angle: Float[np.ndarray, "y x"]
+    closed: Bool[np.ndarray, " y"]
     wraps: bool
     angle_from: str
     notes: tuple[str, ...] = ()
@@ -115,7 +118,7 @@ def _rectangular(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     lon_grid, lat_grid = np.meshgrid(lon[x], lat[y])
     return OceanGrid(
         rows[y], columns[x], lon_grid, lat_grid, dx, dy,
-        np.zeros_like(lon_grid), wraps, "", tuple(notes),
+        np.zeros_like(lon_grid), np.zeros(len(y), bool), wraps, "", tuple(notes),
     )  # fmt: skip
 
 
@@ -142,6 +145,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
         lon, lat, columns = lon[:, kept], lat[:, kept], columns[kept]
         notes.append(f"{axes.lon}: {_columns(again)} at the ends repeated others; left out")
     dx, dy, angle, turn = curvilinear_sides(lon, lat, wraps=wraps)
+    closed = rows >= rows.size - folded_rows(lon, lat)
+    turn[closed] = np.nan
     if (turn < 0).any() and (turn > 0).any():
         j, i = np.argwhere((turn < 0) != (np.nanmedian(turn) < 0))[0]
         raise file.error(
@@ -160,6 +165,8 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
     with np.errstate(divide="ignore"):
         if _on_grid(file, "pm", axes) and _on_grid(file, "pn", axes):
             dx, dy = 1 / read("pm"), 1 / read("pn")
+    if _on_grid(file, "e1t", axes) and _on_grid(file, "e2t", axes):
+        dx, dy = read("e1t"), read("e2t")
     part = np.arange(columns.size)
     if box is not None:
         within = inside(lon, lat, box)
@@ -173,10 +180,15 @@ def _curvilinear(file: OceanFile, axes: Axes, box: _Box | None) -> OceanGrid:
             notes.append("bounds: the block of the grid that holds all cells within them")
     if wraps:
         notes.append(_round(axes.lon))
+    if closed[rows].any():
+        notes.append(
+            f"{axes.lat}: the grid is folded in the North; {closed[rows].sum()} rows there repeat "
+            "others and are closed, as land"
+        )
     block = np.ix_(rows, part)
     return OceanGrid(
-        rows, columns[part], lon[block], lat[block], dx[block], dy[block], angle[block], wraps,
-        angle_from, tuple(notes),
+        rows, columns[part], lon[block], lat[block], dx[block], dy[block], angle[block],
+        closed[rows], wraps, angle_from, tuple(notes),
     )  # fmt: skip
 
 

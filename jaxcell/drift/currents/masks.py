@@ -9,13 +9,9 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
+from .conventions import Convention, table
 from .netcdf import OceanFile
 
-
-# What the models themselves call their masks: ROMS and CROCO, then NEMO. In all of them 1 is water,
-# also where the standard name says otherwise, as that of CROCO does.
-_MODEL_NAMES = ("mask_rho", "mask_u", "mask_v", "tmask", "tmaskutil")
-_STANDARD_NAMES = ("sea_binary_mask", "land_binary_mask")
 
 _LAND, _WATER = {"land", "dry"}, {"water", "sea", "ocean", "wet"}
 
@@ -72,11 +68,17 @@ def read_mask(
             block[str(depth)] = places
         return file.read(part(file, name, block), (depth or "", *dims))
 
-    for name in _MODEL_NAMES:
-        if name in here:
-            return Mask(name, read(name) > 0.5, "1 is water, by its name")  # packed: 0.99999
+    def masked(name: str, row: Convention, known: str) -> Mask:
+        values = read(name)  # packed files have 0.99999 for 1
+        why = f"1 is {'water' if row.water else 'land'}, by {known}"
+        return Mask(name, values > 0.5 if row.water else values < 0.5, why)
+
+    for row in table("mask"):
+        for name in row.names:
+            if name in here:
+                return masked(name, row, "its name")
     for name, variable in here.items():
-        meanings = _meanings(variable.attrs)
+        meanings = flag_meanings(variable.attrs)
         land = [value for value, words in meanings.items() if _about(words, _LAND, _WATER)]
         water = [value for value, words in meanings.items() if _about(words, _WATER, _LAND)]
         if land and water:
@@ -86,12 +88,9 @@ def read_mask(
             return Mask(name, wet, f"{', '.join(f'{one:g}' for one in land)} is land, by its flags")
     for name, variable in here.items():
         standard_name = variable.attrs.get("standard_name")
-        if standard_name in _STANDARD_NAMES:
-            land_is_1 = standard_name == "land_binary_mask"
-            values = read(name)
-            wet = values < 0.5 if land_is_1 else values > 0.5
-            why = f"1 is {'land' if land_is_1 else 'water'}, by the standard name {standard_name}"
-            return Mask(name, wet, why)
+        for row in table("mask"):
+            if standard_name in row.standard_names:
+                return masked(name, row, f"the standard name {standard_name}")
     return None
 
 
@@ -111,7 +110,7 @@ def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:
     return array.isel(others | block)
 
 
-def _meanings(attributes: dict[str, Any]) -> dict[float, str]:
+def flag_meanings(attributes: dict[str, Any]) -> dict[float, str]:
     """What the values of a variable mean, by the flags of CF or the options of ROMS."""
     texts = re.split(r"[\s,]+", str(attributes.get("flag_meanings", "")).strip())
     values = np.atleast_1d(attributes.get("flag_values", ()))

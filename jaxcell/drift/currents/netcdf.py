@@ -5,9 +5,9 @@ import dataclasses
 import math
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import netCDF4
 import numpy as np
@@ -30,21 +30,29 @@ _MAX_VALUE = 1e20
 
 @dataclasses.dataclass(frozen=True)
 class OceanFile:
-    """An open NetCDF file whose values are still on the disk.
+    """An open file, or several as one, whose values are still on the disk.
 
     **Attributes:**
 
     - `name`: its path, for messages.
     - `dataset`: its variables, unpacked and with declared fill values as NaN when they are read;
         times are as in the file.
+    - `elsewhere`: the paths of variables that are from another file.
     """
 
     name: str
     dataset: xr.Dataset
+    elsewhere: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def error(self, field: str, message: str) -> ValueError:
         """An error that says in one line in which file and field."""
-        return ValueError(f"{self.name}: {field}: {_cut(message)}")
+        return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
+
+    def coordinates(self, field: str) -> list[str]:
+        """The variables that a variable names as its coordinates."""
+        variable = self.dataset[field]
+        # Xarray moves what it has decoded.
+        return str({**variable.encoding, **variable.attrs}.get("coordinates", "")).split()
 
     def check_size(self, field: str, sizes: dict[str, int], arrays: int = 1) -> None:
         """Refuse float64 arrays of the given sizes that would take more than 4 GiB together, or
@@ -77,7 +85,7 @@ class OceanFile:
         try:
             values = np.asarray(array.values, float)
         except Exception as error:  # what a damaged file makes the libraries raise is not written
-            raise self.error(field, f"its values cannot be read: {_line(error)}") from error
+            raise self.error(field, f"its values cannot be read: {error_line(error)}") from error
         absent = np.isin(values, _UNDECLARED_FILLS) | (np.abs(values) > _MAX_VALUE)
         values = np.where(absent, np.nan, values)
         if dims:
@@ -98,9 +106,7 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
     if not Path(path).is_file():
         raise FileNotFoundError(f"{name}: there is no such file")
     engine = netcdf_engine(path)
-    with warnings.catch_warnings():
-        # Two different fill values in one variable: both are missing.
-        warnings.simplefilter("ignore", xr.SerializationWarning)
+    with unwarned():
         try:
             sizes = _coordinate_sizes(path) if engine == "netcdf4" else {}
         except Exception as error:  # as above
@@ -112,13 +118,31 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
                     f"values, got {size:,}"
                 )
         try:
-            dataset = xr.open_dataset(
-                path, engine=engine, decode_times=False, decode_coords=False, cache=False
-            )
+            dataset = open_undecoded(path, engine)
         except Exception as error:  # as above
             raise _unreadable(name, error) from error
         with dataset:
             yield OceanFile(name, dataset)
+
+
+def open_undecoded(path: str | os.PathLike[str], engine: Any) -> xr.Dataset:
+    """Open what a reader of xarray reads; its values stay where they are, and times as they are."""
+    return xr.open_dataset(
+        path, engine=engine, decode_times=False, decode_coords=False, cache=False
+    )
+
+
+@contextlib.contextmanager
+def unwarned() -> Iterator[None]:
+    """Read without a warning of what is well understood.
+
+    Two different fill values in one variable are both missing; dates of another calendar are read
+    by it; stores need not be consolidated.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", xr.SerializationWarning)
+        warnings.filterwarnings("ignore", "Failed to open Zarr store with consolidated")
+        yield
 
 
 def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
@@ -147,15 +171,17 @@ def _coordinate_sizes(path: str | os.PathLike[str]) -> dict[str, int]:
 
 def _unreadable(name: str, error: Exception) -> ValueError:
     return ValueError(
-        f"{name}: cannot be read as NetCDF (truncated, damaged or another format): {_line(error)}"
+        f"{name}: cannot be read as NetCDF (truncated, damaged or another format): "
+        f"{error_line(error)}"
     )
 
 
-def _line(error: Exception) -> str:
-    return _cut(str(error)) or type(error).__name__
+def error_line(error: Exception) -> str:
+    """What an exception says, in one line."""
+    return one_line(str(error)) or type(error).__name__
 
 
-def _cut(text: str) -> str:
+def one_line(text: str) -> str:
     """A text in one line; names and arrays in it may be of any length."""
     words = " ".join(text.split())
     return words[:500] + "..." * (len(words) > 500)

@@ -1,9 +1,7 @@
 """Ocean currents from a file, on cells."""
 
 import dataclasses
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -12,8 +10,9 @@ from jaxtyping import Shaped
 from .depths import choose_layers
 from .fields import Field, read_field
 from .grid import OceanGrid, read_grid
-from .netcdf import OceanFile, open_netcdf
+from .netcdf import OceanFile
 from .roms import turned
+from .sources import Source, open_source, source_name
 from .times import When, choose_records, record_times
 from .velocity_names import Velocity, choose_velocity
 
@@ -24,38 +23,46 @@ _LEAST_RATIO_OF_SIDES = 5e-6
 
 
 def open_currents(
-    path: str | os.PathLike[str],
+    path: Source,
     *,
+    grid: Source | None = None,
     time: When = None,
     depths: float | int | Sequence[float | int] | None = None,
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
 ) -> xr.Dataset:
-    """Read ocean currents from a NetCDF file (Alam 2018, section 5.4.1).
+    """Read ocean currents (Alam 2018, section 5.4.1).
 
-    It reads the native output of ROMS and CROCO (velocities on the sides of the cells are averaged
-    to their centres and turned to East and North, and levels that follow the sea bed are
+    It reads the native output of ROMS, CROCO and NEMO (velocities on the sides of the cells are
+    averaged to their centres and turned to East and North, and levels that follow the sea bed are
     interpolated to depths), files on fixed depths or of the surface with the names of CF or of the
-    common ocean models, and maps of HF radar. Only what is asked for is read from the disk. All
-    that belongs to the grid must be in the same file.
+    common ocean models and products, and maps of HF radar. Only what is asked for is read from the
+    disk, record by record.
 
-    A cell is water where it has a velocity at every record that is read, so a gap in a radar map
-    takes its cell out; read fewer records to keep more cells. If the file has a mask, it must be
-    water by that too: 1 is water in what ROMS, CROCO and NEMO call their masks; elsewhere flags
-    or options such as `option_0` say it, or else a standard name of CF.
+    A cell is water where it has a velocity at 80 % of the records that are read or more; what is
+    missing there is interpolated in time. Values whose flags of quality say that they are bad are
+    missing. If the file has a mask, it must be water by that too: 1 is water in what ROMS, CROCO
+    and NEMO call their masks; elsewhere flags or options such as `option_0` say it, or else a
+    standard name of CF.
 
     Where the columns go round the Earth, so that the last is beside the first, columns that are
     repeated at an end are left out; all that is computed from the currents goes on across the seam.
     `notes` says so. With velocities on the sides of cells and no repeated column, that at the seam
-    is not in the file, and the cells beside it have the velocity of their other side.
+    is not in the file, and the cells beside it have the velocity of their other side. Where rows
+    repeat others because the grid is folded in the North, they are closed, as land.
 
     **Arguments:**
 
-    - `path`: a NetCDF file, version 3 or 4.
+    - `path`: a NetCDF file, version 3 or 4; several, whose records go on from one to the next, or
+        which have u and v; a pattern of their names such as `"2016_*.nc"`; a Zarr store; an address
+        of an OPeNDAP server; or a dataset that is open already.
+    - `grid`: the same for positions, masks and depths, if they are in a file of their own.
     - `time`: the index of a record, a moment (text such as `"2016-02-02T12:00"`, a date without an
         hour being its midnight; UTC), a slice of indices, or the first and the last of the records
         as indices or moments, both included. A moment stands for the nearest record (the later of
-        two), within half the time between records. All records if left out.
+        two), within half the time between records. All records if left out. Moments are dates of
+        the calendar of the file; days of one without leap years, or of years of 360 days, are
+        counted on from the first year of its records, and `notes` says so.
     - `depths`: in metres below the surface, positive down. In a file of fixed depths, of either
         sign, they must be among its levels, to the centimetre, and all levels that have water are
         read if they are left out. In one whose levels follow the sea bed they may be any, and are
@@ -80,11 +87,12 @@ def open_currents(
         are and why, and `notes`, what else was done, a line each.
 
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
-    a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
-    or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid in
-    radians or degrees; missing parameters of the levels; times, depths or bounds that the file does
-    not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and more
-    data than 4 GiB; `MemoryError` for more than fits the free memory.
+    a file that is damaged, truncated or not NetCDF, or an address that cannot be reached; files
+    that do not fit one another; an unstructured grid; no velocity, or one that may be along the
+    grid or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid
+    in radians or degrees; missing parameters of the levels; times, depths or bounds that the file
+    does not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and
+    more data than 4 GiB; `MemoryError` for more than fits the free memory.
 
     The surface of the bundled sea at its first record:
 
@@ -93,30 +101,33 @@ def open_currents(
         >>> dict(currents.sizes), int(currents.water.sum()), round(float(currents.u.max()), 2)
         ({'time': 1, 'layer': 1, 'y': 21, 'x': 29}, 538, 0.54)
     """
-    with open_netcdf(path) as file:
-        velocity = choose_velocity(file, variables)
+    with open_source(path, grid) as file:
+        file, velocity = choose_velocity(file, variables)
         axes = velocity.u_axes
         for name in (velocity.u, velocity.v, axes.lon, axes.lat):
             if 0 in file.dataset[name].shape:
                 raise file.error(name, "it has no values: one of its dimensions has the length 0")
-        grid = read_grid(file, axes, bounds)
-        times, undated = record_times(file, axes.time)
-        records = choose_records(file, times, time, undated is None)
+        cells = read_grid(file, axes, bounds)
+        times = record_times(file, axes.time)
+        records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
-        field = read_field(file, velocity, grid, records, layers)
-        _check_positions(file, axes.lon, grid, field)
-    u, v, notes = field.u, field.v, [undated, layers.note, *field.notes, *grid.notes]
-    if velocity.along == "grid" and grid.angle_from:
-        u, v = turned(u, v, grid.angle)
-        notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {grid.angle_from}")
+        chosen = times.values[records]
+        field = read_field(file, velocity, cells, records, chosen, layers)
+        _check_positions(file, axes.lon, cells, field)
+    gridded = f"{axes.lon}, {axes.lat}: from {source_name(grid)}" if grid is not None else ""
+    u, v, notes = field.u, field.v, [times.note, layers.note, *field.notes, *cells.notes]
+    notes.append(gridded)
+    if velocity.along == "grid" and cells.angle_from:
+        u, v = turned(u, v, cells.angle)
+        notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {cells.angle_from}")
     attributes = {
-        "source": Path(path).name,
-        "east_from": _origin(velocity, "East", grid),
-        "north_from": _origin(velocity, "North", grid),
+        "source": source_name(path),
+        "east_from": _origin(velocity, "East", cells),
+        "north_from": _origin(velocity, "North", cells),
         "notes": "\n".join(note for note in notes if note),
     }
     field = dataclasses.replace(field, u=u, v=v)
-    return _dataset(field, grid, times[records], attributes)
+    return _dataset(field, cells, chosen, attributes)
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
 
 
 EARTH_RADIUS = 6371000.0
@@ -11,6 +12,8 @@ EARTH_RADIUS = 6371000.0
 _SEAM, _SAME = 0.1, 0.01
 # So many columns are repeated at most; rows whose columns are no farther apart are at a pole.
 _MAX_REPEATED, _POLE = 4, 1e-9
+# So much of the last row stands where another does if the grid is folded.
+_FOLDED = 0.9
 
 
 def wrapped(lon: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -51,6 +54,29 @@ def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y
         off = np.linalg.norm(last[:, :, -count:] - first[:, :, :count], axis=0).max(axis=1)
         known = np.isfinite(off + apart) & (apart > _POLE)
         if known.any() and (off <= _SAME * apart)[known].all():
+            return count
+    return 0
+
+
+def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> int:
+    """How many of the last rows stand where others do, as the grid is folded there.
+
+    Where the fold is between two rows, the last one repeats that before it, the other way round.
+    Where it is on a row, that row repeats itself and the last one that before it.
+    """
+    rows, columns = lon.shape
+    if rows < 6 or columns < 3:
+        return 0
+    centres = _on_sphere(lon[-3:], lat[-3:])
+    last = centres[:, -1][:, np.isfinite(centres[:, -1]).all(axis=0)]
+    for count, other in ((1, -2), (2, -3)):
+        row = centres[:, other]
+        known = np.isfinite(row).all(axis=0)
+        if known.sum() < 3 or last.shape[1] < 3:
+            continue
+        spacing = np.nanmedian(np.linalg.norm(np.diff(row, axis=1), axis=0))
+        off, _ = cKDTree(row[:, known].T).query(last.T)
+        if spacing > _POLE and (off <= _SAME * spacing).mean() > _FOLDED:
             return count
     return 0
 

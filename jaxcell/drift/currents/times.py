@@ -1,13 +1,17 @@
 """The times of the records of a file, and which of them are asked for."""
 
+import dataclasses
 import datetime
+import re
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+import cftime
 import numpy as np
 import xarray as xr
 from jaxtyping import Int, Shaped
 
+from .conventions import table
 from .netcdf import OceanFile
 
 
@@ -20,44 +24,51 @@ _SECONDS = {
     "h": 3600, "hour": 3600, "hours": 3600,
     "d": 86400, "day": 86400, "days": 86400,
 }  # fmt: skip
-_NAMES = ("time", "ocean_time", "scrum_time", "time_counter")
+# The years that times are counted from: those whose nanoseconds fit 64 bits, and some to spare.
+_YEARS = range(1700, 2201)
 
 
-def record_times(
-    file: OceanFile, dim: str | None
-) -> tuple[Shaped[np.ndarray, " records"], str | None]:
-    """The time of each record as datetime64.
+@dataclasses.dataclass(frozen=True)
+class RecordTimes:
+    """When the records of a file are.
 
-    Times without a date are counted from 1970-01-01.
+    **Attributes:**
+
+    - `values`: of all records, in order; one after another by the seconds between them.
+    - `start`: of what calendar they are dates, at the beginning of the year of the first record;
+        `None` if it is the common one.
+    - `dated`: whether they have a date; otherwise they are counted from 1970-01-01.
+    - `note`: what is odd about them; may be empty.
+    """
+
+    values: Shaped[np.ndarray, " records"]
+    start: cftime.datetime | None = None
+    dated: bool = True
+    note: str = ""
+
+
+def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
+    """The time of each record.
+
+    A year of 360 or 365 days is that long: the dates of its records go on from the beginning of
+    the first one's year by as many days as lie between.
 
     **Arguments:**
 
     - `file`: an open file.
     - `dim`: the dimension of time, or `None` for a single record.
 
-    **Returns:** the times, and a notice if they have no date.
-
     **Raises:** `ValueError` if no variable gives them, or they are missing, in an unknown unit or
     calendar, or not in order.
     """
-    name = _time_variable(file, dim)
+    name = time_variable(file, dim)
     if name is None:
-        return np.zeros(1, "datetime64[ns]"), "time: the file has none; taken as 1970-01-01"
-    variable = file.dataset[name]
-    units = str(variable.attrs.get("units", ""))
-    notice = None
-    if " since " in units:
-        times = _decode(file, name)
-    elif units.lower() in _SECONDS:
-        seconds = file.read(variable).reshape(-1) * _SECONDS[units.lower()]
-        if not np.isfinite(seconds).all():
-            raise file.error(name, "a time is missing")
-        times = np.datetime64(0, "ns") + np.round(seconds * 1e9).astype("timedelta64[ns]")
-        notice = f"{name}: {units} without a date; counted from 1970-01-01"
-    else:
-        raise file.error(name, f"units: expected a unit of time since a date, got {units!r}")
-    if times.size == 0:
+        note = "time: the file has none; taken as 1970-01-01"
+        return RecordTimes(np.zeros(1, "datetime64[ns]"), None, False, note)
+    if 0 in file.dataset[name].shape:
         raise file.error(name, "expected a record or more, got none")
+    found = _counted(file, name)
+    times = found.values
     if np.isnat(times).any():
         raise file.error(name, f"the time of record {int(np.isnat(times).argmax())} is missing")
     backwards = np.diff(times) <= np.timedelta64(0, "ns")
@@ -66,12 +77,54 @@ def record_times(
         raise file.error(
             name, f"expected times in order, got {times[k + 1]} after {times[k]} (record {k + 1})"
         )
-    return times, notice
+    return found
 
 
-def choose_records(
-    file: OceanFile, times: Shaped[np.ndarray, " records"], when: When, dated: bool
-) -> Int[np.ndarray, " chosen"]:
+def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
+    """The times of a variable: dates as datetime64, or in another calendar as cftime has them;
+    without a date in seconds.
+    """
+    variable = file.dataset[name]
+    if variable.dtype.kind in "MO":
+        return variable.values.reshape(-1)
+    units = str(variable.attrs.get("units", ""))
+    if " since " in units:
+        return _decode(file, name)
+    if units.lower() not in _SECONDS:
+        raise file.error(name, f"units: expected a unit of time since a date, got {units!r}")
+    seconds = file.read(variable).reshape(-1) * _SECONDS[units.lower()]
+    if not np.isfinite(seconds).all():
+        raise file.error(name, "a time is missing")
+    return seconds
+
+
+def _counted(file: OceanFile, name: str) -> RecordTimes:
+    """The times of a variable, each by the time since the first."""
+    times = read_times(file, name)
+    if times.dtype.kind == "M":
+        return RecordTimes(times.astype("datetime64[ns]"))
+    if times.dtype.kind == "f":
+        units = file.dataset[name].attrs["units"]
+        values = np.datetime64(0, "ns") + np.round(times * 1e9).astype("timedelta64[ns]")
+        note = f"{name}: {units} without a date; counted from 1970-01-01"
+        return RecordTimes(values, None, False, note)
+    first = times[0]
+    if not isinstance(first, cftime.datetime) or first.year not in _YEARS:
+        raise file.error(
+            name, f"expected dates in the years {_YEARS[0]} to {_YEARS[-1]}, got {first}"
+        )
+    start = cftime.datetime(first.year, 1, 1, calendar=first.calendar)
+    values = np.array([_since(start, one) for one in times])
+    note = f"{name}: calendar {start.calendar}; its days are counted on from {first.year}-01-01"
+    return RecordTimes(values, start, True, note)
+
+
+def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
+    """A date of another calendar, by the days since the beginning of a year."""
+    return np.datetime64(f"{start.year}-01-01", "ns") + np.timedelta64(date - start)
+
+
+def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
     """The numbers of the records that are asked for.
 
     A moment is the nearest record, the later of two that are equally near: so a date alone
@@ -80,20 +133,19 @@ def choose_records(
     **Arguments:**
 
     - `file`: for messages.
-    - `times`: of all records, in order.
-    - `when`: as `time` of [`jaxcell.drift.open_currents`][].
-    - `dated`: whether the times have a date; otherwise only indices are accepted.
+    - `times`: of all records; where they have no date, only indices are accepted.
+    - `when`: as `time` of [`jaxcell.drift.open_currents`][]; a date is one of their calendar.
 
     **Raises:** `ValueError` for a time that the file does not have.
     """
-    records = np.arange(len(times))
+    records = np.arange(len(times.values))
     if when is None:
         return records
     if isinstance(when, slice):
         if all(end is None or _is_index(end) for end in (when.start, when.stop)):
             chosen = records[when]
             if chosen.size == 0:
-                raise file.error("time", f"{when} holds none of the {len(times)} records")
+                raise file.error("time", f"{when} holds none of the {len(records)} records")
             return chosen
         if when.step is not None:
             raise file.error("time", f"expected a slice of times without a step, got {when}")
@@ -101,24 +153,25 @@ def choose_records(
     if isinstance(when, (list, tuple)):
         if len(when) != 2:
             raise file.error("time", f"expected the first and the last time, got {when!r}")
-        first = 0 if when[0] is None else _record(file, times, when[0], dated)
-        last = len(times) - 1 if when[1] is None else _record(file, times, when[1], dated)
+        first = 0 if when[0] is None else _record(file, times, when[0])
+        last = len(records) - 1 if when[1] is None else _record(file, times, when[1])
         if first > last:
             raise file.error("time", f"expected the earlier time first, got {when!r}")
         return records[first : last + 1]
-    return records[[_record(file, times, when, dated)]]
+    return records[[_record(file, times, when)]]
 
 
-def _record(file: OceanFile, times: np.ndarray, moment: Any, dated: bool) -> int:
+def _record(file: OceanFile, records: RecordTimes, moment: Any) -> int:
+    times = records.values
     if _is_index(moment):
         if not -len(times) <= moment < len(times):
             raise file.error("time", f"record {moment}: the file has 0 to {len(times) - 1}")
         return int(moment) % len(times)
-    if not dated:
+    if not records.dated:
         raise file.error(
             "time", f"expected the index of a record, as they have no date, got {moment!r}"
         )
-    wanted = _moment(file, moment)
+    wanted = _moment(file, moment, records.start)
     nearest = len(times) - 1 - int(np.abs(times - wanted)[::-1].argmin())
     slack = np.median(np.diff(times)) / 2 if len(times) > 1 else np.timedelta64(0, "ns")
     if abs(times[nearest] - wanted) > slack:
@@ -129,13 +182,17 @@ def _record(file: OceanFile, times: np.ndarray, moment: Any, dated: bool) -> int
     return nearest
 
 
-def _moment(file: OceanFile, moment: Any) -> np.datetime64:
+def _moment(file: OceanFile, moment: Any, start: cftime.datetime | None) -> np.datetime64:
     try:
-        if isinstance(moment, str):
-            moment = datetime.datetime.fromisoformat(moment)
-        if isinstance(moment, datetime.datetime) and moment.tzinfo is not None:
-            moment = moment.astimezone(datetime.UTC).replace(tzinfo=None)
-        wanted = np.datetime64(moment, "ns")
+        if start is not None:  # a day such as 2001-02-30 is one of its calendar only
+            parts = [int(part) for part in re.split(r"[-T :]", str(moment).removesuffix("Z"))]
+            wanted = _since(start, cftime.datetime(*parts, calendar=start.calendar))
+        else:
+            if isinstance(moment, str):
+                moment = datetime.datetime.fromisoformat(moment)
+            if isinstance(moment, datetime.datetime) and moment.tzinfo is not None:
+                moment = moment.astimezone(datetime.UTC).replace(tzinfo=None)
+            wanted = np.datetime64(moment, "ns")
     except (TypeError, ValueError) as error:
         raise file.error(
             "time",
@@ -150,16 +207,17 @@ def _is_index(value: Any) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64))
 
 
-def _time_variable(file: OceanFile, dim: str | None) -> str | None:
+def time_variable(file: OceanFile, dim: str | None) -> str | None:
     """The coordinate variable of the dimension, or another that gives the time on it."""
     variables = file.dataset.variables
+    names = next(table("time")).names
     if dim is None:
-        return next((n for n in _NAMES if n in variables and variables[n].size == 1), None)
+        return next((n for n in names if n in variables and variables[n].size == 1), None)
     if dim in variables:
         return dim
     for name, variable in variables.items():
-        units = str(variable.attrs.get("units", ""))
-        if variable.dims == (dim,) and (" since " in units or str(name).lower() in _NAMES):
+        is_time = " since " in str(variable.attrs.get("units", "")) or variable.dtype.kind == "M"
+        if variable.dims == (dim,) and (is_time or str(name).lower() in names):
             return str(name)
     raise file.error(dim, "no variable gives the times of this dimension")
 
@@ -171,7 +229,4 @@ def _decode(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
     except Exception as error:  # what a damaged file makes the libraries raise is not written
         units = file.dataset[name].attrs["units"]
         raise file.error(name, f"times in {units!r} cannot be read: {error}") from error
-    if decoded.dtype.kind != "M":
-        calendar = file.dataset[name].attrs.get("calendar")
-        raise file.error(name, f"calendar: expected a standard one, got {calendar!r}")
-    return decoded.astype("datetime64[ns]")
+    return decoded

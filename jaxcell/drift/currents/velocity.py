@@ -9,6 +9,7 @@ from .dimensions import Axes
 from .grid import OceanGrid
 from .masks import Mask, part, read_mask
 from .netcdf import OceanFile
+from .quality import Flag, read_flags
 from .roms import to_centres
 
 
@@ -38,6 +39,7 @@ class Component:
     - `inner`: the block among the centres that come out.
     - `mask`: where a value is a current; `None` if the file does not say, and all values count.
     - `factor`: metres per second in a unit of the file.
+    - `flags`: what says which values are bad.
     """
 
     file: OceanFile
@@ -50,6 +52,7 @@ class Component:
     inner: Int[np.ndarray, " block"]
     mask: Mask | None
     factor: float
+    flags: list[Flag]
 
     def at(
         self, record: int
@@ -71,9 +74,10 @@ class Component:
             block[axes.time] = record
         if axes.depth is not None:
             block[axes.depth] = self.places
-        values = self.file.read(
-            part(self.file, self.name, block), (axes.depth or "", axes.y, axes.x)
-        )
+        dims = (axes.depth or "", axes.y, axes.x)
+        values = self.file.read(part(self.file, self.name, block), dims)
+        for flag in self.flags:
+            values = np.where(flag.at(self.file, block, dims), np.nan, values)
         values = unmasked = values * self.factor
         open_sides = np.isfinite(values)
         if self.mask is not None:
@@ -150,7 +154,10 @@ def component(
             wet = mask.water.take(before, staggered) & mask.water.take(before + 1, staggered)
             between = dataclasses.replace(mask, water=wet)
         mask = between
-    return Component(file, name, axes, places, cells[0], cells[1], staggered, inner, mask, factor)
+    flags = read_flags(file, name)
+    return Component(
+        file, name, axes, places, cells[0], cells[1], staggered, inner, mask, factor, flags
+    )
 
 
 def read_cells(

@@ -2,30 +2,12 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from .dimensions import Axes, find_axes, is_rectangular
+from .conventions import table
+from .dimensions import Axes, find_axes, is_rectangular, unstructured
+from .nemo import on_points
 from .netcdf import OceanFile
-
-
-# Pairs in the order in which they are preferred: three-dimensional fields before the surface.
-_EARTH_STANDARD_NAMES = (
-    ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
-    ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity"),
-)
-_GRID_STANDARD_NAMES = (
-    ("sea_water_x_velocity", "sea_water_y_velocity"),
-    ("x_sea_water_velocity", "y_sea_water_velocity"),
-    ("sea_water_surface_x_velocity", "sea_water_surface_y_velocity"),
-)
-_EARTH_NAMES = (
-    ("u_eastward", "v_northward"),
-    ("water_u", "water_v"),
-    ("uo", "vo"),
-    ("u_sur_eastward", "v_sur_northward"),
-)
-# Along the grid where they stand on the sides of its cells; otherwise the names say nothing.
-_BARE_NAMES = (("u", "v"), ("u_sur", "v_sur"), ("ubar", "vbar"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +30,18 @@ class Velocity:
     v_axes: Axes
 
 
-def choose_velocity(file: OceanFile, variables: Sequence[str] | None = None) -> Velocity:
+class _Pair(NamedTuple):
+    """The names of u and v, the axes that their convention has them along, and why these."""
+
+    u: str
+    v: str
+    along: Literal["earth", "grid", "dims"]
+    why: str
+
+
+def choose_velocity(
+    file: OceanFile, variables: Sequence[str] | None = None
+) -> tuple[OceanFile, Velocity]:
     """Decide which variables are the current.
 
     By standard name, then by the names that ocean models use; a bare `u` only where its dimensions
@@ -63,31 +56,28 @@ def choose_velocity(file: OceanFile, variables: Sequence[str] | None = None) -> 
         the grid if their standard names say so or they stand on the sides of its cells, and
         otherwise towards the East and North.
 
+    **Returns:** the file, on dimensions that say on which points of the grid values stand; and the
+    velocity.
+
     **Raises:** `ValueError` if no velocity is found, or it is not clear what u is.
     """
     if variables is not None:
-        return _as_asked(file, variables)
-    standard_names: dict[str, list[str]] = {}
-    for name, variable in file.dataset.data_vars.items():
-        standard_names.setdefault(str(variable.attrs.get("standard_name")), []).append(str(name))
-    for pair in _EARTH_STANDARD_NAMES + _GRID_STANDARD_NAMES:
-        names = [standard_names.get(standard_name, []) for standard_name in pair]
-        if not any(names):
-            continue
-        for standard_name, candidates in zip(pair, names, strict=True):
-            if len(candidates) != 1:
-                raise file.error(
-                    "standard_name",
-                    f"expected one variable that is {standard_name}, got "
-                    f"{', '.join(candidates) or 'none'}; name u and v with variables",
-                )
-        along: Literal["earth", "grid"] = "earth" if pair in _EARTH_STANDARD_NAMES else "grid"
-        why = f"by the standard names {pair[0]} and {pair[1]}"
-        return _velocity(file, names[0][0], names[1][0], along, why)
-    return _by_name(file)
+        pair = _as_asked(file, variables)
+    else:
+        pair = _by_standard_name(file) or _by_name(file)
+    file = on_points(file, pair.u, pair.v)
+    u_axes, v_axes = find_axes(file, pair.u), find_axes(file, pair.v)
+    if (u_axes.time, u_axes.depth, u_axes.rho) != (v_axes.time, v_axes.depth, v_axes.rho):
+        raise file.error(
+            pair.v,
+            f"expected the dimensions of {pair.u}, {file.dataset[pair.u].dims}, got "
+            f"{file.dataset[pair.v].dims}",
+        )
+    along, why = _along(file, pair, u_axes)
+    return file, Velocity(pair.u, pair.v, along, why, u_axes, v_axes)
 
 
-def _as_asked(file: OceanFile, variables: Sequence[str]) -> Velocity:
+def _as_asked(file: OceanFile, variables: Sequence[str]) -> _Pair:
     if isinstance(variables, str) or len(variables) != 2:
         raise file.error("variables", f"expected the names of u and v, got {variables!r}")
     for name in variables:
@@ -95,48 +85,65 @@ def _as_asked(file: OceanFile, variables: Sequence[str]) -> Velocity:
             raise file.error("variables", f"{name!r} is not in the file, which has {_all(file)}")
     u, v = variables
     standard_name = str(file.dataset[u].attrs.get("standard_name"))
-    grid = find_axes(file, u).staggered
-    if standard_name in (pair[0] for pair in _EARTH_STANDARD_NAMES + _GRID_STANDARD_NAMES):
-        grid = standard_name in (pair[0] for pair in _GRID_STANDARD_NAMES)
-    return _velocity(file, u, v, "grid" if grid else "earth", "as asked")
+    known = (one.along for one in table("velocity") if standard_name in one.standard_names[:1])
+    return _Pair(u, v, next(known, "dims"), "as asked")
 
 
-def _by_name(file: OceanFile) -> Velocity:
+def _by_standard_name(file: OceanFile) -> _Pair | None:
+    found: dict[str, list[str]] = {}
+    for name, variable in file.dataset.data_vars.items():
+        found.setdefault(str(variable.attrs.get("standard_name")), []).append(str(name))
+    for row in table("velocity"):
+        names = [found.get(standard_name, []) for standard_name in row.standard_names]
+        if not any(names):
+            continue
+        for standard_name, candidates in zip(row.standard_names, names, strict=True):
+            if len(candidates) != 1:
+                raise file.error(
+                    "standard_name",
+                    f"expected one variable that is {standard_name}, got "
+                    f"{', '.join(candidates) or 'none'}; name u and v with variables",
+                )
+        why = f"by the standard names {row.standard_names[0]} and {row.standard_names[1]}"
+        return _Pair(names[0][0], names[1][0], row.along, why)
+    return None
+
+
+def _by_name(file: OceanFile) -> _Pair:
     """By the names that ocean models use, in any case of letters."""
     names = {str(name).lower(): str(name) for name in file.dataset.data_vars}
-    for u, v in _EARTH_NAMES:
-        if u in names and v in names:
-            return _velocity(file, names[u], names[v], "earth", "by their names")
-    for u, v in _BARE_NAMES:
-        if u not in names or v not in names:
-            continue
-        u, v = names[u], names[v]
-        axes = find_axes(file, u)
-        if axes.staggered:
-            why = f"by their dimensions ({axes.y}, {axes.x}), the sides of the cells of a C-grid"
-            return _velocity(file, u, v, "grid", why)
-        if is_rectangular(file, axes):
-            why = f"by their dimensions ({axes.y}, {axes.x}), on a grid of latitude and longitude"
-            return _velocity(file, u, v, "earth", why)
-        raise file.error(
-            u,
-            f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or "
-            "along the grid, and it has no standard name; to take it as towards the East, name "
-            f"{u} and {v} with variables",
-        )
+    for row in table("velocity"):
+        if row.names and all(name in names for name in row.names):
+            u, v = (names[name] for name in row.names)
+            return _Pair(u, v, row.along, "by their names")
+    topology = (
+        str(name)
+        for name, variable in file.dataset.variables.items()
+        if variable.attrs.get("cf_role") == "mesh_topology"
+    )
+    if (mesh := next(topology, None)) is not None:
+        raise unstructured(file, mesh)
     raise file.error("variables", f"no velocity found; the file has {_all(file)}")
 
 
-def _velocity(
-    file: OceanFile, u: str, v: str, along: Literal["earth", "grid"], why: str
-) -> Velocity:
-    u_axes, v_axes = find_axes(file, u), find_axes(file, v)
-    if (u_axes.time, u_axes.depth, u_axes.rho) != (v_axes.time, v_axes.depth, v_axes.rho):
-        raise file.error(
-            v,
-            f"expected the dimensions of {u}, {file.dataset[u].dims}, got {file.dataset[v].dims}",
-        )
-    return Velocity(u, v, along, why, u_axes, v_axes)
+def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
+    """Which axes a velocity is along, and what that and the choice of it were decided on."""
+    by_name = pair.why == "by their names"
+    dims = f"by their dimensions ({axes.y}, {axes.x})"
+    if axes.staggered and (by_name or pair.along == "dims"):
+        return "grid", f"{dims}, the sides of the cells of a C-grid" if by_name else pair.why
+    if pair.along != "dims":
+        return pair.along, pair.why
+    if not by_name:
+        return "earth", pair.why
+    if is_rectangular(file, axes):
+        return "earth", f"{dims}, on a grid of latitude and longitude"
+    raise file.error(
+        pair.u,
+        f"ambiguous: on the dimensions ({axes.y}, {axes.x}) it may be towards the East or "
+        "along the grid, and it has no standard name; to take it as towards the East, name "
+        f"{pair.u} and {pair.v} with variables",
+    )
 
 
 def _all(file: OceanFile) -> str:

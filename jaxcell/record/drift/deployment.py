@@ -8,7 +8,7 @@ from ..canvas.marks import log_dots, log_lines
 from ..canvas.palette import BELIEF, CLEAR, Color, PictureClass, tint
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import described
-from .groups import group_classes, home_color
+from .groups import group_classes, group_ranks, home_color
 from .map import SeaMap
 
 
@@ -25,7 +25,7 @@ def log_deployment(map: SeaMap) -> rrb.Container:
     """Log where to drop drifters at the surface."""
     drift = map.drift
     found = drift.deployment
-    kind, classes = group_classes(drift.layers[0])
+    kind, classes = group_classes(drift.layers[0], group_ranks(drift.layers[:1])[0])
     faint = [PictureClass(one.label, tint(one.color, _PALE)) for one in classes[1:]]
     picture = map.picture("deployment", [classes[0], *faint], kind)
     log_dots(map.stream, "map/deployment", map.xy(found.cells), map.mark, _CELL)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
+from scipy.optimize import linear_sum_assignment
 
 from ...drift import Layer, SeaDrift
 from ..canvas.marks import log_labels
@@ -16,7 +17,7 @@ from .map import DRIFTER, SeaMap
 
 
 HOMES = [CATEGORIES[name] for name in ("orange", "sky blue", "green", "blue", "vermilion")]
-"""The colours of persistent groups, the largest basin first."""
+"""The colours of persistent groups, the largest basin of the highest layer first."""
 _SEVERAL: Color = FREE
 _AWAY: Color = tint(CATEGORIES["yellow"], 0.3)
 _OTHERS: Color = (96, 82, 72)
@@ -30,14 +31,15 @@ _MIN_LABELLED = 0.01
 def log_groups(maps: Sequence[SeaMap], spec: Mapping[str, Any]) -> rrb.Container:
     """Log the groups of each layer."""
     drift, views = maps[0].drift, []
+    ranks = group_ranks(drift.layers)
     for map in maps:
         layer, number = drift.layers[map.number], map.number
-        kind, classes = group_classes(layer)
+        kind, classes = group_classes(layer, ranks[number])
         picture = map.picture(f"groups_{number}", classes, kind)
-        _log_numbers(map, layer)
+        _log_numbers(map, layer, ranks[number])
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
-    legend = _legend([drift.layers[map.number] for map in maps])
+    legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
     return maps[0].tab("groups", "Groups", views, _text(drift, spec), legend)
 
 
@@ -46,12 +48,55 @@ def home_color(rank: int) -> Color:
     return HOMES[rank] if rank < len(HOMES) else _OTHERS
 
 
-def group_classes(layer: Layer) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
+def group_ranks(layers: Sequence[Layer]) -> list[Int[np.ndarray, "_groups"]]:
+    """The rank of each group of each layer, by which it has its colour."""
+    basins = ((layer.water, np.asarray(layer.behaviour.basin)) for layer in layers)
+    return basin_ranks([water.on_grid(basin, -1) for water, basin in basins])
+
+
+def basin_ranks(
+    basins: Sequence[Int[np.ndarray, "rows columns"]],
+) -> list[Int[np.ndarray, "_groups"]]:
+    """The ranks of groups in layers that lie one over the other.
+
+    At the top they are by the size of the basins. Below, a group has the rank of that above it with
+    which its basin has most in common, each rank going to one group; others come after all ranks
+    so far, by size.
+
+    **Arguments:**
+
+    - `basins`: of each layer, the group that drifters in a square end in for sure, or -1.
+    """
+    found: list[np.ndarray] = []
+    above, given = np.full_like(basins[0], -1), 0
+    for basin in basins:
+        size = np.bincount(basin[basin >= 0])
+        rank = np.full(size.size, -1)
+        if found and size.size:
+            colored = np.argsort(found[-1])[: len(HOMES)]
+            place = np.full(found[-1].size + 1, -1)
+            place[colored] = np.arange(colored.size)
+            both = (place[above] >= 0) & (basin >= 0)
+            shared = np.zeros((colored.size, size.size))
+            np.add.at(shared, (place[above[both]], basin[both]), 1)
+            one, other = linear_sum_assignment(shared, maximize=True)
+            same = shared[one, other] > 0
+            rank[other[same]] = found[-1][colored[one[same]]]
+        others = np.flatnonzero(rank < 0)
+        rank[others] = given + ranks(size[others])
+        found.append(rank)
+        above, given = basin, max(given, 1 + rank.max(initial=-1))
+    return found
+
+
+def group_classes(
+    layer: Layer, rank: Int[np.ndarray, "groups"]
+) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
     """The class of each cell in a picture of groups, and what the classes mean; 0 is land.
 
     A cell of a persistent group has its colour, one that leads there for sure a paler shade.
     """
-    rank, transient = _basin_rank(layer), layer.behaviour.transient
+    transient = layer.behaviour.transient
     classes = [PictureClass("land", CLEAR)]
     groups = np.argsort(rank)[:_MAX_CLASSES].tolist()
     # The last of each is for cells that are not of this kind.
@@ -70,11 +115,6 @@ def group_classes(layer: Layer) -> tuple[UInt8[np.ndarray, "cells"], list[Pictur
     return np.where(layer.transient, part, of_group[layer.group]).astype(np.uint8), classes
 
 
-def _basin_rank(layer: Layer) -> Int[np.ndarray, "groups"]:
-    """The rank of each persistent group by the cells that lead to it for sure, its own included."""
-    return ranks(layer.groups_cells + layer.groups_single_domicile_cells)
-
-
 def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) -> PictureClass:
     if homes == (-1,):
         return PictureClass("leaves the map for sure", _AWAY)
@@ -86,9 +126,9 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
     return PictureClass(f"may end in groups {', '.join(named)}{more}", _SEVERAL)
 
 
-def _log_numbers(map: SeaMap, layer: Layer) -> None:
+def _log_numbers(map: SeaMap, layer: Layer, rank: Int[np.ndarray, "groups"]) -> None:
     """Log the numbers of groups that have a colour of their own and are not tiny, over them."""
-    shown = np.argsort(_basin_rank(layer))[: len(HOMES)]
+    shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     centres = map.xy()
     middle = [np.median(centres[layer.group == number], axis=0).tolist() for number in shown]
@@ -96,8 +136,7 @@ def _log_numbers(map: SeaMap, layer: Layer) -> None:
     log_labels(map.stream, f"map/numbers_{map.number}", labels)
 
 
-def _legend(layers: Sequence[Layer]) -> list[tuple[str, Color]]:
-    most = max(layer.persistent_groups for layer in layers)
+def _legend(layers: Sequence[Layer], most: int) -> list[tuple[str, Color]]:
     ends = {homes for layer in layers for homes in layer.behaviour.transient.domiciles}
     ordinals = ("largest", "second", "third", "fourth", "fifth")
     named = [f"group of the {ordinal} basin" for ordinal in ordinals]
@@ -139,7 +178,9 @@ map. All other cells are *transient*.
 
 - **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
   group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
-  read in which.
+  read in which. A group has the colour of that above it whose basin is most the same; its number
+  counts the groups of its own layer.
+
 How far that is from drifters in the current as it changes, released everywhere alike: the share
 that it has in a wrong cell, and the shares that left the map in a day.
 

@@ -179,6 +179,8 @@ def with_files_found(spec: Spec) -> Spec:
 
 
 def _found(spec: Spec, name: str, value: Any) -> Any:
+    if isinstance(value, list):
+        return [_found(spec, name, one) for one in value]
     if not isinstance(value, str) or Path(value).is_absolute():
         return value
     if (path := find_file(spec, value)) is not None:

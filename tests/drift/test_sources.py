@@ -1,0 +1,152 @@
+"""Currents in several files, stores, addresses and datasets in hand."""
+
+import croco
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from drift import products
+
+from jaxcell.drift import open_currents
+
+
+def write(folder, dataset, name="sea.nc"):
+    encoding = {name: {"_FillValue": None} for name in dataset.variables}
+    dataset.to_netcdf(folder / name, encoding=encoding)
+    return folder / name
+
+
+def months(folder):
+    """A file of three records for each of three months, counted from its own beginning."""
+    for month in (1, 2, 3):
+        since = f"2020-{month:02}-01"
+        dataset = products.regular("uo", "vo", time=products.hours(since=since))
+        dataset["uo"] = dataset.uo + month
+        write(folder, dataset, f"sea_{month}.nc")
+    return [folder / f"sea_{month}.nc" for month in (1, 2, 3)]
+
+
+def test_records_go_on_from_file_to_file(tmp_path):
+    paths = months(tmp_path)
+    alone = [open_currents(path) for path in paths]
+    joined = xr.concat(alone, "time", data_vars="minimal")
+    for source in (paths, paths[::-1], str(tmp_path / "sea_*.nc"), tmp_path / "sea_[123].nc"):
+        currents = open_currents(source)
+        xr.testing.assert_equal(currents, joined)
+    assert currents.attrs["source"] == "sea_1.nc to sea_3.nc (3 files)"
+    asked = open_currents(paths, time="2020-02-01T01:00")
+    xr.testing.assert_equal(asked, alone[1].isel(time=[1]))
+
+
+@pytest.mark.parametrize("calendar", ["noleap", "360_day"])
+def test_calendars_go_on_from_file_to_file(tmp_path, calendar):
+    """Through the end of a leap year of the common calendar."""
+    for year in (2020, 2021):
+        time = np.arange(3) * 100, {"units": f"days since {year}-05-01", "calendar": calendar}
+        write(tmp_path, products.regular("uo", "vo", time=time), f"{year}.nc")
+    currents = open_currents(tmp_path / "202?.nc")
+    year = {"noleap": 365, "360_day": 360}[calendar]
+    days = (currents.time - currents.time[0]).values / np.timedelta64(1, "D")
+    np.testing.assert_array_equal(days, [0, 100, 200, year, year + 100, year + 200])
+
+
+def test_a_store_and_a_dataset_in_hand(tmp_path):
+    path = months(tmp_path)[0]
+    expected = open_currents(path)
+    with xr.open_dataset(path, decode_times=False) as dataset:
+        for version in (2, 3):
+            dataset.to_zarr(
+                tmp_path / f"sea_{version}.zarr", zarr_format=version, consolidated=False
+            )
+    in_store = [open_currents(tmp_path / f"sea_{version}.zarr") for version in (2, 3)]
+    assert in_store[0].attrs["source"] == "sea_2.zarr"
+    with xr.open_dataset(path) as dataset:
+        in_hand = open_currents(dataset)
+        assert open_currents(dataset.drop_encoding()).attrs["source"] == "dataset"
+    assert in_hand.attrs["source"] == "sea_1.nc"
+    for found in (*in_store, in_hand):
+        xr.testing.assert_equal(found, expected)
+
+
+def test_one_record_at_a_time_is_read(tmp_path):
+    """Of 160 GB on paper, in two files of which almost nothing was written."""
+    for number in (0, 1):
+        with netCDF4.Dataset(tmp_path / f"sea_{number}.nc", "w") as file:
+            for name, size in (("time", 100), ("lat", 10000), ("lon", 10000)):
+                file.createDimension(name, size)
+                variable = file.createVariable(name, "f8", (name,))
+                variable[:] = np.arange(size) * (0.001 if name in ("lat", "lon") else 1)
+            file["time"].units = f"hours since 202{number}-01-01"
+            for name in ("uo", "vo"):
+                variable = file.createVariable(
+                    name, "f4", ("time", "lat", "lon"), chunksizes=(1, 50, 50)
+                )
+                variable[7, 500:503, 600:604] = 0.25 + number
+    currents = open_currents(
+        tmp_path / "sea_*.nc", time="2021-01-01T07:00", bounds=(0.6, 0.5, 0.603, 0.502)
+    )
+    np.testing.assert_array_equal(currents.u, np.full((1, 1, 3, 4), 1.25))
+
+
+def native(folder, **options):
+    """A file of CROCO, and the same in two: what does not change in time apart."""
+    path = croco.write(folder / "whole.nc", croco.island(), turn_deg=20.0, **options)
+    with xr.open_dataset(path, decode_times=False, mask_and_scale=False) as whole:
+        fixed = [name for name, one in whole.data_vars.items()
+                 if {"eta_rho", "xi_rho"} == set(one.dims)]  # fmt: skip
+        grid = write(folder, whole[fixed], "grid.nc")
+        moving = write(folder, whole.drop_vars(fixed), "his.nc")
+    return path, moving, grid
+
+
+def test_the_grid_of_croco_apart(tmp_path):
+    whole, moving, grid = native(tmp_path)
+    expected = open_currents(whole, depths=(0, 10))
+    currents = open_currents(moving, grid=grid, depths=(0, 10))
+    xr.testing.assert_equal(currents, expected)
+    assert "lon_rho, lat_rho: from grid.nc" in currents.attrs["notes"]
+    with pytest.raises(ValueError, match=r"his.nc: u: no variable gives the longitudes .* grid$"):
+        open_currents(moving)
+    with xr.open_dataset(grid) as dataset:
+        write(tmp_path, dataset.isel(xi_rho=slice(1, None)), "short.nc")
+        write(tmp_path, dataset.assign(angle=np.radians(90) + dataset.angle), "wrong.nc")
+    with pytest.raises(ValueError, match=r"short.nc: xi_rho: expected the length 9 of .*his.nc"):
+        open_currents(moving, grid=tmp_path / "short.nc")
+    with pytest.raises(ValueError, match=r"wrong.nc: angle: expected the angle from East"):
+        open_currents(moving, grid=tmp_path / "wrong.nc")
+
+
+def moved(dataset):
+    return dataset.assign_coords(longitude=dataset.longitude + 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (moved, r"b.nc: longitude: not the same as in .*a.nc; expected one grid"),
+        (lambda d: d, r"a.nc, .*b.nc: time: expected records that go on from"),
+        (lambda d: d.assign_coords(time=("time", [0, 1, 2], {"units": "moons"})), r"b.nc: time: u"),
+    ],
+)
+def test_files_that_do_not_fit_are_refused(tmp_path, change, message):
+    dataset = products.regular("uo", "vo")
+    paths = [write(tmp_path, dataset, "a.nc"), write(tmp_path, change(dataset), "b.nc")]
+    with pytest.raises(ValueError, match=message) as caught:
+        open_currents(paths)
+    assert "\n" not in str(caught.value)
+
+
+def test_sources_that_are_not_there(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"other_\*.nc: no file has a name of this pattern"):
+        open_currents(tmp_path / "other_*.nc")
+    with pytest.raises(FileNotFoundError, match=r"other.nc: there is no such file"):
+        open_currents([*months(tmp_path), tmp_path / "other.nc"])
+    with pytest.raises(ValueError, match="path: expected a file or more, got none"):
+        open_currents([])
+    with pytest.raises(ValueError, match="cannot be read as a Zarr store"):
+        open_currents(tmp_path)
+    # Nobody listens there.
+    address = "http://127.0.0.1:9/dodsC/sea.nc"
+    message = f"^{address}: cannot be reached by OPeNDAP .no network, or no such dataset.: "
+    with pytest.raises(ValueError, match=message):
+        open_currents(address)
