@@ -131,7 +131,7 @@ from .team.division import (
     part_of_graph as part_of_graph,
     walk_in_part as walk_in_part,
 )
-from .team.durations import Timed as Timed, timed as timed, whole_times as whole_times
+from .team.durations import Timed as Timed, timed as timed
 from .team.idleness import (
     Idleness as Idleness,
     long_run as long_run,
@@ -139,11 +139,9 @@ from .team.idleness import (
     steps_between_visits as steps_between_visits,
 )
 from .team.news import News as News, age_of_news as age_of_news
-from .walks.capture import (
-    MaximinCapture as MaximinCapture,
-    maximin_capture as maximin_capture,
-    walk_capture_probabilities as walk_capture_probabilities,
-)
+from .team.times import whole_times as whole_times
+from .walks.arrival import walk_capture_probabilities as walk_capture_probabilities
+from .walks.capture import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
 from .walks.constraints import (
     MetConstraints as MetConstraints,
     load_constraints as load_constraints,

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
-from .idleness import long_run
+from .idleness import idleness_over_vertices, long_run
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,13 +55,7 @@ class Charged(Result):
     def idleness(self) -> Float[np.ndarray, "vertices"]:
         return 1 / self.share
 
-    @derived("", "steps between visits, mean over vertices", "steps", kind="time")
-    def mean_idleness(self) -> float:
-        return float(self.idleness.mean())
-
-    @derived("", "steps between visits at the vertex with most of them", "steps", kind="time")
-    def worst_idleness(self) -> float:
-        return float(self.idleness.max())
+    mean_idleness, worst_idleness = idleness_over_vertices("steps")
 
 
 def charged(
@@ -104,15 +98,13 @@ def charged(
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """
     vertices = graph.vertices
-    hops = scipy.sparse.csgraph.shortest_path(
-        graph.matrix(np.ones(len(graph.edges))), unweighted=True, indices=charger
-    )
+    beside = graph.matrix(np.ones(len(graph.edges))).toarray()
+    hops = scipy.sparse.csgraph.shortest_path(beside, indices=charger)
     if not every >= 2 * hops.max():
         raise ValueError(
             f"every: expected at least {2 * hops.max():.0f} steps, to the farthest vertex and "
             f"back, got {every}"
         )
-    beside = graph.matrix(np.ones(len(graph.edges))).toarray()
     chance = np.zeros((every, vertices, vertices))
     for age in range(every):
         in_time = hops <= every - age - 1
