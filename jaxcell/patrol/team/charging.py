@@ -4,11 +4,15 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy.sparse.csgraph
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
-from .idleness import idleness_over_vertices, long_run
+from .idleness import idleness_over_vertices
+
+
+# Of steps by those since the charge, which take 8 bytes each.
+_MAX_CHANCES = 50_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,6 +42,46 @@ class Charged(Result):
         float | None,
         quantity("", "least capture within the attack time, robot where worst", "1", kind="share"),
     ] = None
+    led_back: Annotated[
+        float | None,
+        quantity("", "least capture of the walk without a charger, led back", "1", kind="share"),
+    ] = None
+    "Of that which was found without regard to it."
+    late_gain: Annotated[
+        float | None,
+        quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
+    ] = None
+    "Of the gradient steps that sought it."
+
+    @classmethod
+    def of(
+        cls,
+        chance: Float[np.ndarray, "ages starts targets"],
+        charger: int,
+        *,
+        attack_time: Any = None,
+        name: str = "",
+    ) -> "Charged":
+        """Find the law of steps that depend on those since the charge.
+
+        **Arguments:**
+
+        - `chance`: their probabilities, 0 where a robot never is.
+        - the others as in [`charged`][].
+        """
+        here, often = np.eye(chance.shape[1])[charger], np.zeros(chance.shape[:2])
+        interval = np.zeros(len(chance))
+        for age, steps in enumerate(chance):
+            often[age] = here
+            here = here @ steps
+            interval[age] = here[charger]
+            here[charger] = 0
+        least = None
+        if attack_time is not None:
+            attack = np.broadcast_to(np.asarray(attack_time, np.int64), chance.shape[1])
+            least = _least_capture(chance, often > 0, charger, attack)
+        share = often.sum(axis=0) / often.sum()
+        return cls(name or str(charger), len(chance), chance, share, interval, least)
 
     @derived("since", "steps since the charge", "steps", kind="coordinate")
     def since(self) -> Int[np.ndarray, "ages"]:
@@ -85,7 +129,8 @@ def charged(
 
     **Returns:** [`Charged`][].
 
-    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time.
+    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time, and for
+    more steps than there is memory for.
 
     A robot on a line of three is at one end every fourth step, at least:
 
@@ -97,60 +142,50 @@ def charged(
         >>> found.interval.round(3).tolist(), found.share.round(3).tolist()
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """
-    vertices = graph.vertices
     beside = graph.matrix(np.ones(len(graph.edges))).toarray()
-    hops = scipy.sparse.csgraph.shortest_path(beside, indices=charger)
+    in_time = in_time_for_charge(graph, charger, every)[:, None, :]
+    drawn, anywhere = np.where(in_time, matrix, 0.0), np.where(in_time, beside, 0.0)
+    drawn = np.where(drawn.sum(axis=2, keepdims=True) > 0, drawn, anywhere)
+    total = drawn.sum(axis=2, keepdims=True)
+    # From where it is too late the robot never is.
+    chance = np.divide(drawn, total, out=np.zeros_like(drawn), where=total > 0)
+    return Charged.of(chance, charger, attack_time=attack_time, name=name)
+
+
+def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
+    """Where a step may lead for a robot to be at the charger in time, by those since it was there.
+
+    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time, and for
+    more steps than there is memory for.
+    """
+    beside = graph.matrix(np.ones(len(graph.edges)))
+    hops = scipy.sparse.csgraph.shortest_path(beside, unweighted=True, indices=charger)
     if not every >= 2 * hops.max():
         raise ValueError(
             f"every: expected at least {2 * hops.max():.0f} steps, to the farthest vertex and "
             f"back, got {every}"
         )
-    chance = np.zeros((every, vertices, vertices))
-    for age in range(every):
-        in_time = hops <= every - age - 1
-        drawn = np.where(in_time, matrix, 0.0)
-        stuck = drawn.sum(axis=1) <= 0
-        drawn[stuck] = np.where(in_time, beside, 0.0)[stuck]
-        total = drawn.sum(axis=1, keepdims=True)
-        # From where it is too late the robot never is.
-        chance[age] = np.divide(drawn, total, out=np.zeros_like(drawn), where=total > 0)
-    whole = _product(chance, charger)
-    share = long_run([whole])[0].reshape(every, vertices)
-    # The chances to be at each vertex so long after a charge, and then at the charger.
-    first = share / share[0, charger]
-    interval = np.array([first[age] @ chance[age, :, charger] for age in range(every)])
-    least = None
-    if attack_time is not None:
-        attack = np.broadcast_to(np.asarray(attack_time, np.int64), vertices)
-        least = _least_capture(whole, share.ravel() > 0, attack)
-    return Charged(name or str(charger), every, chance, share.sum(axis=0), interval, least)
-
-
-def _product(
-    chance: Float[np.ndarray, "ages vertices vertices"], charger: int
-) -> scipy.sparse.csr_array:
-    """The chain on steps since the charge and vertices; what is never reached goes to charge."""
-    every, vertices, _ = chance.shape
-    age, tail, head = np.nonzero(chance)
-    here = age * vertices + tail
-    there = np.where(head == charger, charger, (age + 1) % every * vertices + head)
-    lost = np.flatnonzero(chance.sum(axis=2).ravel() == 0)
-    numbers = np.concatenate([chance[age, tail, head], np.ones(lost.size)])
-    ends = np.append(here, lost), np.append(there, np.full(lost.size, charger))
-    return scipy.sparse.csr_array((numbers, ends), shape=(every * vertices,) * 2)
+    most = _MAX_CHANCES // graph.vertices**2
+    if every > most:
+        raise ValueError(
+            f"every: expected at most {most:,} steps on {graph.vertices:,} vertices, got {every:,}"
+        )
+    return hops <= every - 1 - np.arange(every)[:, None]
 
 
 def _least_capture(
-    whole: scipy.sparse.csr_array,
-    visited: Any,
+    chance: Float[np.ndarray, "ages vertices vertices"],
+    visited: Bool[np.ndarray, "ages vertices"],
+    charger: int,
     attack: Int[np.ndarray, "vertices"],
 ) -> float:
     """The least probability to come to a vertex in time, from any state that occurs."""
-    vertices = attack.size
-    away = np.tile(1 - np.eye(vertices), (whole.shape[0] // vertices, 1))
-    late, least = away, np.ones(vertices)
+    away, least = 1 - np.eye(attack.size), np.ones(attack.size)
+    late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):
-        missed = whole @ late
+        after = np.roll(late, -1, axis=0)
+        after[:, charger] = late[0, charger]
+        missed = chance @ after
         due = attack == time
         least[due] = 1 - missed[visited][:, due].max(axis=0)
         late = away * missed

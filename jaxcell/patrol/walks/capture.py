@@ -19,7 +19,7 @@ from .descent import descend
 from .linearized import DenseCapture, LinearizedCapture
 from .polytope import ChainPolytope
 from .sequential_lp import Linearized, maximize_least_capture
-from .steps import Steps, chances
+from .steps import Steps
 
 
 # Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
@@ -194,7 +194,7 @@ def _ascend(
     # Values that differ by rounding count as equal, and the first of them is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
     best, _, _, course = found[first]
-    drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
+    drawn = np.asarray(steps.chances(jnp.asarray(best, jnp.float64), _FLOOR))
     matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
     for matrix, chance in zip(matrices, drawn, strict=True):
         np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)

@@ -72,3 +72,5 @@ def test_a_walk_that_never_comes_there_is_led_back():
 def test_a_charger_that_is_too_far_is_refused():
     with pytest.raises(ValueError, match="every: expected at least 4 steps, to the far"):
         charged(GRAPH, WALK, CHARGER, 3)
+    with pytest.raises(ValueError, match="every: expected at most 2,000,000 steps on 5 vertices"):
+        charged(GRAPH, WALK, CHARGER, 2_000_001)
