@@ -43,8 +43,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 of a walk in seconds, a semi-Markov process; `minimum_commute` and `maximin_capture` take such times
 too. *Idleness* is the time between visits: `steps_between_visits` exactly, and `simulate_idleness`
 beside a tour, random robots and reactive ones, the baselines of patrolling_sim. `age_of_news` is
-the law of the age of what a base knows, which robots tell as they pass; `charged` is a walk
-that is led back to a charger every so many steps, `charged_capture` the one that captures most.
+the law of the age of what a base knows, which robots tell as they pass; `charged` are walks
+that are led back to a charger every so many steps, `charged_capture` those that capture most.
 
 **Games.** In `strategy_game` the patroller commits to a mixture of walks and the adversary, who
 knows it, attacks a vertex (Eq. 4.6, 4.7). The `k`-th closest vertex of a walk is worth `1/2^(k-1)`

@@ -50,8 +50,8 @@ class GraphStudy(Study):
             require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
         if (self.charger is None) != (self.every is None):
             raise ValueError("every: expected with a charger, and only then")
-        if self.charger is not None and (self.speed is not None or self.robots > 1):
-            raise ValueError("charger has no meaning with a speed, or for more than one robot")
+        if self.charger is not None and self.speed is not None:
+            raise ValueError("charger has no meaning with a speed")
         if self.division is not None and self.robots == 1:
             raise ValueError("division has no meaning for one robot")
 
@@ -78,7 +78,7 @@ class GraphStudy(Study):
             )
         if self.charger is not None and self.every is not None:
             (charger,) = self.vertices(found.names, "charger", self.charger)
-            walk = found.graph, found.transition, charger, self.every
+            walk = found.graph, found.matrices, charger, self.every
             if self.attack_time is None:
                 more["charged"] = patrol.charged(*walk, name=self.charger)
             else:

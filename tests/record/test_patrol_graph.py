@@ -226,7 +226,7 @@ def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
     graph, names = eight
     patrol = patrol_of(graph, names=names)
     news = age_of_news(graph, patrol.matrices, 1, name="2")
-    kept = charged(graph, patrol.transition, 1, 8, name="2")
+    kept = charged(graph, patrol.matrices, 1, 8, name="2")
     file = tmp_path / "patrol.rrd"
     save_recording(dataclasses.replace(patrol, news=news, charged=kept), file)
     found = read(file)

@@ -26,7 +26,7 @@ _MAX_PRODUCTS, _QUICK = 10_000_000, 1_000_000
 @one_blas_thread()
 def charged_capture(
     graph: Graph,
-    matrix: Float[np.ndarray, "vertices vertices"],
+    matrices: Float[np.ndarray, "robots vertices vertices"],
     charger: int,
     every: int,
     attack_time: int,
@@ -35,24 +35,25 @@ def charged_capture(
     seed: int = 0,
     name: str = "",
 ) -> Charged:
-    """A walk that makes the least probability of capture great and is at a charger in time.
+    """Walks that make the least probability of capture great and are at a charger in time.
 
-    Where the robot goes depends on the steps since the charge, and steps after which it could not
-    be back in time are never made. The adversary knows the walk, and sees the robot and how long
-    ago it was charged. Adam follows the gradient of a soft minimum of the logarithms of capture
-    over the vertices and, weighted by how often they occur, over where the robot is and since when.
-    The problem is not convex: the answer is a local optimum, the best that several starts lead to.
+    Where a robot goes depends on the steps since its charge, and steps after which it could not be
+    back in time are never made. The adversary knows the walks, and sees the robots and how long ago
+    each was charged. Adam follows the gradient of a soft minimum of the logarithms of capture over
+    the vertices and, weighted by how often they occur, over where a robot is and since when. Robots
+    are independent, and all are where they are worst, as in [`maximin_capture`][]. The problem is
+    not convex: the answer is a local optimum, the best that several starts lead to.
 
     **Arguments:**
 
     - `graph`, `charger`, `every`, `name`: as in [`charged`][].
-    - `matrix`: the transition matrix of a walk that is one of the starts, led back in time; another
-        takes all edges alike, and the rest are random.
+    - `matrices`: the transition matrices of walks that are one of the starts, led back in time;
+        others take all edges alike, and the rest are random.
     - `attack_time`: how many steps an attack takes.
     - `starts`: how many are tried, fewer where that takes long.
     - `seed`: of the random ones.
 
-    **Returns:** [`Charged`][], with what the walk of the matrix captures that is only led back.
+    **Returns:** [`Charged`][], with what the walks of the matrices capture, only led back.
 
     **Raises:** `ValueError` as [`charged`][], and for what would take too long; `RuntimeError`
     where JAX is set to 32 bits.
@@ -62,35 +63,42 @@ def charged_capture(
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([[0, 1], [1, 2]])
-        >>> walk = np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
         >>> patrol.charged_capture(line, walk, 0, 3, attack_time=4)
         Traceback (most recent call last):
             ...
         ValueError: every: expected at least 4 steps, to the farthest vertex and back, got 3
     """
     require_x64("charged_capture")
-    products = every * graph.vertices**2 * attack_time
+    robots = len(matrices)
+    products = robots * every * graph.vertices**2 * attack_time
     if products > _MAX_PRODUCTS:
         raise ValueError(
             f"every: {every} steps, times {graph.vertices} vertices squared, times attacks of "
-            f"{attack_time} steps are {products:,} products; expected at most {_MAX_PRODUCTS:,}"
+            f"{attack_time} steps, are {products:,} products for {robots} robots; expected at most "
+            f"{_MAX_PRODUCTS:,}"
         )
     given: Any = {"attack_time": attack_time, "name": name}
-    led = charged(graph, matrix, charger, every, **given)
+    led = charged(graph, matrices, charger, every, **given)
     near, here = Steps.of(graph), np.arange(graph.vertices)
     image = np.asarray(near.image)
     allowed = in_time_for_charge(graph, charger, every)[:, image] & (np.asarray(near.even) > 0)
-    shape = (1, image.shape[0], every * graph.vertices)
+    shape = (robots, image.shape[0], every * graph.vertices)
     steps = ChargedSteps(
         near, jnp.asarray(allowed), jnp.asarray(charger), jnp.asarray(_RARE[0], jnp.float32)
     )
 
-    def logits(chance: Float[np.ndarray, "ages starts targets"]) -> Float[np.ndarray, "1 b cells"]:
-        return np.log(np.maximum(chance[:, here, image], 1e-3)).swapaxes(0, 1).reshape(shape)
+    def logits(walks: Charged) -> Float[np.ndarray, "robots branches cells"]:
+        return (
+            np.log(np.maximum(walks.chance[:, :, here, image], 1e-3)).swapaxes(1, 2).reshape(shape)
+        )
 
     random = np.random.default_rng(seed)
     even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
-    begins = [logits(charged(graph, even, charger, every).chance), logits(led.chance)]
+    begins = [logits(charged(graph, np.stack([even] * robots), charger, every)), logits(led)]
+    if robots > 1:
+        # Equal robots would stay equal.
+        begins = [begin + 0.5 * random.normal(size=shape) for begin in begins]
     count = int(np.clip(starts * _QUICK / products, 1, starts))
     begins += [2 * random.normal(size=shape) for _ in range(count - len(begins))]
     away = np.tile(1 - np.eye(graph.vertices, dtype=np.float32), (every, 1))
@@ -101,9 +109,9 @@ def charged_capture(
     found = [led]
     for rare in _RARE:
         made = steps._replace(rare=jnp.asarray(rare)).chances(jnp.asarray(best, jnp.float64), 0.0)
-        drawn = np.asarray(made[0]).reshape(-1, every, graph.vertices).swapaxes(0, 1)
-        chance = np.zeros((every, graph.vertices, graph.vertices))
-        np.add.at(chance, (np.arange(every)[:, None, None], here, image), drawn)
+        drawn = np.asarray(made).reshape(robots, -1, every, graph.vertices).swapaxes(1, 2)
+        chance = np.zeros((robots, every, graph.vertices, graph.vertices))
+        np.add.at(chance, (*np.ogrid[:robots, :every, :1, :1][:2], here, image), drawn)
         found.append(Charged.of(chance, charger, **given))
     walk = max(found, key=lambda one: one.least_capture or 0.0)
     return dataclasses.replace(walk, led_back=led.least_capture, late_gain=late_gain(course))

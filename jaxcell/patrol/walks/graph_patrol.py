@@ -71,7 +71,7 @@ class GraphPatrol(Measures):
     news: News | None = None
     "How old news are at a base."
     charged: Charged | None = None
-    "The walk of the robot, kept near enough to a charger."
+    "The walks, kept near enough to a charger."
     idleness: Idleness | None = None
     "How long vertices wait for visits, beside three other patrols."
     weights_unused: bool = False

@@ -19,7 +19,7 @@ CHARGER, EVERY, ATTACK = 2, 3, 4
 
 
 def walk_on(graph):
-    return patrol.random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
+    return patrol.random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
 
 
 def policy(leave, stray):
@@ -30,13 +30,13 @@ def policy(leave, stray):
     chance[1, 1, [0, 2]] = stray[1], 1 - stray[1]
     chance[1, 3, 2] = 1
     chance[2, [0, 1], 2] = 1
-    return chance
+    return chance[None]
 
 
 def simulated(found, charger, attack, runs=400_000):
     """Captures at each vertex from each state that occurs, as shares of one long run."""
     random = np.random.default_rng(0)
-    total = found.chance.cumsum(axis=2)
+    total = found.chance[0].cumsum(axis=2)
     draws = random.random(runs)
     here, age, places, ages = charger, 0, np.empty(runs, int), np.empty(runs, int)
     for step in range(runs):
@@ -72,7 +72,7 @@ def test_steps_are_those_of_the_law():
     chance = np.zeros((5, 4, 4))
     by_age = drawn.reshape(-1, 5, 4).swapaxes(0, 1)
     np.add.at(chance, (np.arange(5)[:, None, None], np.arange(4), image), by_age)
-    expected = Charged.of(chance, CHARGER, attack_time=ATTACK)
+    expected = Charged.of(chance[None], CHARGER, attack_time=ATTACK)
     assert expected.interval.sum() == pytest.approx(1)
     assert chance[chance > 0].min() > 0.04
     np.testing.assert_allclose(share.reshape(5, 4).sum(axis=0), expected.share, atol=1e-12)
@@ -108,7 +108,17 @@ def test_known_optima(graph, every, attack, optimum):
     found = charged_capture(graph, walk_on(graph), 0, every, attack, starts=2)
     assert found.least_capture == pytest.approx(optimum, abs=1e-3)
     assert found.interval.sum() == pytest.approx(1)
-    assert (found.chance[-1].argmax(axis=1)[found.chance[-1].any(axis=1)] == 0).all()
+    assert (found.chance[0, -1].argmax(axis=1)[found.chance[0, -1].any(axis=1)] == 0).all()
+
+
+@pytest.mark.slow
+def test_two_robots_capture_no_less_than_when_they_are_led_back():
+    star = Graph(np.array(nx.star_graph(3).edges))
+    found = charged_capture(star, np.repeat(walk_on(star), 2, axis=0), 0, 2, 2, starts=2)
+    # One that goes to a leaf in three captures a third there; two may share the leaves.
+    assert found.led_back == pytest.approx(1 - (2 / 3) ** 2)
+    assert found.least_capture >= found.led_back
+    assert found.chance.shape == (2, 2, 4, 4)
 
 
 def test_too_large_graphs_are_refused():
