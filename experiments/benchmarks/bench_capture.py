@@ -8,7 +8,8 @@ capture over the cells is that of the walk with the least commute time (on maps 
 and of the best patrol that was found, with the entropy of its steps. On graphs, one robot walks
 against attacks of twice as many steps as are between the vertices farthest apart, on grids twice as
 many as there are places on a side: by gradients alone, by linear programs alone from a tour, and by
-both, as they are used. User time of the processor stands beside the seconds, which on a busy
+both, as they are used; and under a charger, beside a walk that takes all edges alike and is only
+led back in time. User time of the processor stands beside the seconds, which on a busy
 machine say little.
 """
 
@@ -30,9 +31,11 @@ from jaxcell.patrol import (
     capture_policies,
     capture_probabilities,
     cell_graph,
+    charged_capture,
     distributed_policies,
     load_graph,
     maximin_capture,
+    random_walk,
 )
 from jaxcell.patrol.map.capture import entropy_rate
 from jaxcell.patrol.walks import capture
@@ -57,6 +60,8 @@ COMMUTED = 600
 GRIDS = (5, 6, 8, 20)
 # Vertices on which programs alone come to an end.
 PROGRAMS = 64
+# Vertices of graphs with a charger.
+CHARGED = 25
 
 
 def timed(program: Callable[[], Any]) -> tuple[float, float, Any]:
@@ -116,6 +121,18 @@ def on_graph(name: str, graph: Graph, attack: int) -> Row:
     return Row("capture", what, f"{name}, attacks of {attack} steps", wall)
 
 
+def charging(name: str, graph: Graph, attack: int) -> Row:
+    """At a charger as often as it takes to go to the farthest vertex and back, and two steps."""
+    even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
+    beside = graph.matrix(np.ones(len(graph.edges)))
+    every = 2 + 2 * int(scipy.sparse.csgraph.shortest_path(beside, indices=0).max())
+    wall, user, found = timed(lambda: charged_capture(graph, even, 0, every, attack))
+    shown = f"{found.led_back:.4f}", f"{found.least_capture:.4f}", f"{wall:.0f}", f"{user:.0f}"
+    line(name, graph.vertices, attack, every, *shown)
+    what = f"search for the walk with a charger that captures most, {found.least_capture:.3f}"
+    return Row("capture", what, f"{name}, every {every} steps, attacks of {attack}", wall)
+
+
 def on_map(name: str, cell: float | None) -> Row:
     cells = CellSpace.of(*suggested(DATA / "maps" / name, cell, None, None))
     graph, visible = cell_graph(cells), visible_cells(cells, REACH)
@@ -152,6 +169,11 @@ def main() -> None:
     line("graph", "vertices", "attack", *each)
     line("---", *["--:"] * 11)
     rows += [on_graph(*one) for one in graphs(arguments.full)]
+    print()
+    line("graph", "vertices", "attack", "every", "even, led back", "found", "wall, s", "user, s")
+    line("---", *["--:"] * 7)
+    small = [one for one in graphs(arguments.full) if one[1].vertices <= CHARGED]
+    rows += [charging(*one) for one in small]
     write_rows(arguments.rows, rows)
 
 
