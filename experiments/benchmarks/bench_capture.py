@@ -1,13 +1,16 @@
 """Times the search for patrols and walks that capture most, and says what they capture.
 
-Run `python experiments/benchmarks/bench_capture.py`; it takes about 40 s, and with `--full` about 6
-minutes for more maps and larger grids.
+Run `python experiments/benchmarks/bench_capture.py`; it takes about a minute, and with `--full`
+about 15 for more maps, all graphs of `data/graphs` and larger grids.
 
 Two robots that see 6 m patrol each map against attacks of 20 steps. The least probability of
 capture over the cells is that of the walk with the least commute time (on maps of up to 600 cells),
-and of the best patrol that was found, with the entropy of its steps. On grids, one robot walks from
-place to place against attacks of twice as many steps as there are places on a side. User time of
-the processor stands beside the seconds, which on a busy machine say little.
+and of the best patrol that was found, with the entropy of its steps. On graphs, one robot walks
+against attacks of twice as many steps as are between the vertices farthest apart, on grids twice as
+many as there are places on a side: by gradients alone, by linear programs alone from a tour, and by
+both, as they are used; and under a charger, beside a walk that takes all edges alike and is only
+led back in time. User time of the processor stands beside the seconds, which on a busy
+machine say little.
 """
 
 import os
@@ -16,8 +19,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jax
 import networkx as nx
 import numpy as np
+import scipy.sparse.csgraph
 from rows import Row, options, write_rows
 from timing import begin, line
 
@@ -26,16 +31,22 @@ from jaxcell.patrol import (
     capture_policies,
     capture_probabilities,
     cell_graph,
+    charged_capture,
     distributed_policies,
+    load_graph,
     maximin_capture,
-    measure,
+    random_walk,
 )
 from jaxcell.patrol.map.capture import entropy_rate
+from jaxcell.patrol.walks import capture
+from jaxcell.patrol.walks.linearized import LinearizedCapture
+from jaxcell.patrol.walks.polytope import ChainPolytope
+from jaxcell.patrol.walks.sequential_lp import maximize_least_capture
 from jaxcell.space import CellSpace, visible_cells
 from jaxcell.space.cells import suggested
 
 
-MAPS = Path(__file__).parents[2] / "data" / "maps"
+DATA = Path(__file__).parents[2] / "data"
 CELLS = {
     "depot.json": None,
     "cafe.json": None,
@@ -46,7 +57,11 @@ CELLS = {
 }
 REACH, ROBOTS, ATTACK = 6.0, 2, 20
 COMMUTED = 600
-GRIDS = (5, 8, 20)
+GRIDS = (5, 6, 8, 20)
+# Vertices on which programs alone come to an end.
+PROGRAMS = 64
+# Vertices of graphs with a charger.
+CHARGED = 25
 
 
 def timed(program: Callable[[], Any]) -> tuple[float, float, Any]:
@@ -56,20 +71,70 @@ def timed(program: Callable[[], Any]) -> tuple[float, float, Any]:
     return time.perf_counter() - wall, os.times().user - user, found
 
 
-def on_grid(side: int) -> Row:
-    """One robot on a grid, against attacks of twice as many steps as a side has places."""
-    graph = Graph(np.array(nx.convert_node_labels_to_integers(nx.grid_2d_graph(side, side)).edges))
-    wall, user, found = timed(lambda: maximin_capture(graph, 2 * side, throw=False))
-    entropy = measure(found.chains[0]).entropy_rate_nats
-    name = f"grid {side} x {side}, attacks of {2 * side} steps"
-    shown = f"{found.value:.4f}", f"{entropy:.2f}", f"{wall:.0f}", f"{user:.0f}"
-    line(name, graph.vertices, "", *shown)
-    what = f"search for the walk that captures most, {found.value:.4f}"
-    return Row("capture", what, name, wall)
+def graphs(full: bool) -> list[tuple[str, Graph, int]]:
+    """Names, graphs, and the steps of attacks."""
+    found = []
+    for file in sorted((DATA / "graphs").glob("*.json")):
+        graph, _ = load_graph(file)
+        apart = scipy.sparse.csgraph.shortest_path(graph.matrix(np.ones(len(graph.edges))))
+        found.append((file.name, graph, 2 * int(apart.max())))
+    for side in GRIDS:
+        grid = nx.convert_node_labels_to_integers(nx.grid_2d_graph(side, side))
+        found.append((f"grid {side} x {side}", Graph(np.array(grid.edges)), 2 * side))
+    return found if full else [one for one in found if one[0] in ("eight.json", "grid 5 x 5")]
+
+
+def by_gradients(graph: Graph, attack: int) -> float:
+    polished, capture._POLISHED = capture._POLISHED, 0
+    try:
+        return maximin_capture(graph, attack, throw=False).value
+    finally:
+        capture._POLISHED = polished
+
+
+def by_programs(graph: Graph, attack: int) -> float:
+    among = ChainPolytope.on(graph)
+
+    def law(moves: np.ndarray) -> LinearizedCapture:
+        return LinearizedCapture(among, moves, attack)
+
+    return maximize_least_capture(law, among, among.starts(1, 1, 0)[0], 1e-4)[1]
+
+
+def on_graph(name: str, graph: Graph, attack: int) -> Row:
+    programs: list[Callable[[], float] | None] = [
+        # On more vertices they are all there is.
+        None if graph.vertices > capture._POLISHED else lambda: by_gradients(graph, attack),
+        None if graph.vertices > PROGRAMS else lambda: by_programs(graph, attack),
+        lambda: maximin_capture(graph, attack, throw=False).value,
+    ]
+    shown: list[str] = []
+    for program in programs:
+        if program is None:
+            shown += [""] * 3
+            continue
+        jax.clear_caches()
+        wall, user, value = timed(program)
+        shown += [f"{value:.5f}", f"{wall:.0f}", f"{user:.0f}"]
+    line(name, graph.vertices, attack, *shown)
+    what = f"search for the walk that captures most, {shown[-3]}"
+    return Row("capture", what, f"{name}, attacks of {attack} steps", wall)
+
+
+def charging(name: str, graph: Graph, attack: int) -> Row:
+    """At a charger as often as it takes to go to the farthest vertex and back, and two steps."""
+    even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
+    beside = graph.matrix(np.ones(len(graph.edges)))
+    every = 2 + 2 * int(scipy.sparse.csgraph.shortest_path(beside, indices=0).max())
+    wall, user, found = timed(lambda: charged_capture(graph, even, 0, every, attack))
+    shown = f"{found.led_back:.4f}", f"{found.least_capture:.4f}", f"{wall:.0f}", f"{user:.0f}"
+    line(name, graph.vertices, attack, every, *shown)
+    what = f"search for the walk with a charger that captures most, {found.least_capture:.3f}"
+    return Row("capture", what, f"{name}, every {every} steps, attacks of {attack}", wall)
 
 
 def on_map(name: str, cell: float | None) -> Row:
-    cells = CellSpace.of(*suggested(MAPS / name, cell, None, None))
+    cells = CellSpace.of(*suggested(DATA / "maps" / name, cell, None, None))
     graph, visible = cell_graph(cells), visible_cells(cells, REACH)
     before = ""
     if cells.positions <= COMMUTED:
@@ -91,13 +156,24 @@ def on_map(name: str, cell: float | None) -> Row:
 
 
 def main() -> None:
-    full = "more maps, and grids of 8 x 8 and 20 x 20"
+    full = "more maps and graphs, and grids of up to 20 x 20"
     arguments = options(__doc__, repeats=1, full=full).parse_args()
     begin("jax", "optax", "numpy")
     line("map", "cells", "commuting", "found", "entropy, nats", "wall, s", "user, s")
     line("---", *["--:"] * 6)
     rows = [on_map(*one) for one in list(CELLS.items())[: None if arguments.full else 1]]
-    rows += [on_grid(side) for side in GRIDS[: None if arguments.full else 1]]
+    print()
+    each = [
+        f"{one}{of}" for one in ("gradients", "programs", "both") for of in ("", ", s", ", user s")
+    ]
+    line("graph", "vertices", "attack", *each)
+    line("---", *["--:"] * 11)
+    rows += [on_graph(*one) for one in graphs(arguments.full)]
+    print()
+    line("graph", "vertices", "attack", "every", "even, led back", "found", "wall, s", "user, s")
+    line("---", *["--:"] * 7)
+    small = [one for one in graphs(arguments.full) if one[1].vertices <= CHARGED]
+    rows += [charging(*one) for one in small]
     write_rows(arguments.rows, rows)
 
 

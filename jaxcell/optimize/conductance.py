@@ -13,7 +13,6 @@ from . import conic
 from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
-from .laplacian import pseudo_inverse
 from .multiplicative import least_resistance
 from .resistance import Blocks, Bounded, Found, block_gap, interior_point
 from .tour import on_walk, shortest_tour
@@ -190,8 +189,7 @@ def _constrained(
     emphasis = [] if tour is None else [Linear("the emphasis", on_tour, lower=share)]
     if callable(constraints):
         best = conic.least_resistance(graph, emphasis, constraints)
-        inverse = pseudo_inverse(graph.vertices, graph.edges, best.weights)
-        time = 4 * float(np.trace(inverse)) / (graph.vertices - 1)
+        time = 4 * best.resistance / (graph.vertices - 1)
         certificate = Certificate(best.iterations, best.gap, max(tolerance, conic.TOLERANCE))
         return MinimumCommute(best.weights, time, tour, certificate)
     left = room(len(graph.edges), [*constraints, *emphasis])

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy.sparse
-import scipy.sparse.csgraph
 from jaxtyping import Float
 
 from .constraints import Linear
 from .graph import Graph
+from .laplacian import resistance_gains
 
 
 MAX_VERTICES = 60
@@ -31,6 +31,8 @@ class ConicWeights(NamedTuple):
 
     weights: Float[np.ndarray, "edges"]
     resistance: float
+    "The sum with these weights."
+    least: float
     "The least sum, as the solver gives it."
     gap: float
     "By how much of itself that of the weights can be above it: by a second, linear program."
@@ -80,13 +82,12 @@ def least_resistance(
     least = _solve(problem)
     found = np.maximum(np.asarray(weights.value), 0)
     found /= found.sum()
-    inverse = np.linalg.pinv(scipy.sparse.csgraph.laplacian(graph.matrix(found / times)).toarray())
-    tail, head = graph.edges.T
-    gain = ((inverse[tail] - inverse[head]) ** 2).sum(axis=1) / times
+    resistance, gain = resistance_gains(vertices, graph.edges, found / times)
+    gain /= times
     steps = int(problem.solver_stats.num_iters or 0)
     most = cvxpy.Problem(cvxpy.Maximize(gain / gain.max() @ weights), bounds)
-    gap = 1 - float(np.trace(inverse)) / (gain.max() * _solve(most))
-    return ConicWeights(found, least, max(0.0, gap), steps)
+    gap = 1 - resistance / (gain.max() * _solve(most))
+    return ConicWeights(found, resistance, least, max(0.0, gap), steps)
 
 
 def _incidence(graph: Graph, other: float) -> scipy.sparse.csr_array:

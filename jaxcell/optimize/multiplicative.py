@@ -6,11 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.threads import one_blas_thread
-from .laplacian import pseudo_inverse
+from .laplacian import resistance_gains
 
 
-# Rows of the inverse of the Laplacian whose differences are held at once.
-_ROWS = 256
 # Of a weight, so that it has a logarithm.
 _LEAST = 1e-100
 
@@ -57,7 +55,7 @@ def least_resistance(
     def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
         nonlocal best, count
         count += 1
-        resistance, gain = _gains(vertices, edges, weights / durations)
+        resistance, gain = resistance_gains(vertices, edges, weights / durations)
         gain /= durations
         most = (1 - share) * gain.max() + share * gain[on_tour].max(initial=0.0)
         gap = max(0.0, 1 - resistance / float(most))
@@ -95,17 +93,3 @@ def _shared(
     if there >= share:
         return weights
     return np.where(on_tour, share / there, (1 - share) / (1 - there)) * weights
-
-
-def _gains(
-    vertices: int, edges: Int[np.ndarray, "edges 2"], weights: Float[np.ndarray, "edges"]
-) -> tuple[float, Float[np.ndarray, "edges"]]:
-    """The sum of the reciprocal eigenvalues, and by how much each weight lowers it."""
-    inverse = pseudo_inverse(vertices, edges, weights)
-    tail, head = edges.T
-    gain = np.empty(len(edges))
-    for first in range(0, len(edges), _ROWS):
-        some = slice(first, first + _ROWS)
-        columns = inverse[tail[some]] - inverse[head[some]]
-        gain[some] = np.einsum("en,en->e", columns, columns)
-    return float(np.trace(inverse)), gain

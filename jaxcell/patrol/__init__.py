@@ -43,8 +43,8 @@ Eq. 4.3 has half of this `C`, which is the mean hitting time; the best weights a
 of a walk in seconds, a semi-Markov process; `minimum_commute` and `maximin_capture` take such times
 too. *Idleness* is the time between visits: `steps_between_visits` exactly, and `simulate_idleness`
 beside a tour, random robots and reactive ones, the baselines of patrolling_sim. `age_of_news` is
-the law of the age of what a base knows, which robots tell as they pass; `charged` is a walk that is
-back at a charger every so many steps.
+the law of the age of what a base knows, which robots tell as they pass; `charged` are walks
+that are led back to a charger every so many steps, `charged_capture` those that capture most.
 
 **Games.** In `strategy_game` the patroller commits to a mixture of walks and the adversary, who
 knows it, attacks a vertex (Eq. 4.6, 4.7). The `k`-th closest vertex of a walk is worth `1/2^(k-1)`
@@ -131,7 +131,7 @@ from .team.division import (
     part_of_graph as part_of_graph,
     walk_in_part as walk_in_part,
 )
-from .team.durations import Timed as Timed, timed as timed, whole_times as whole_times
+from .team.durations import Timed as Timed, timed as timed
 from .team.idleness import (
     Idleness as Idleness,
     long_run as long_run,
@@ -139,11 +139,10 @@ from .team.idleness import (
     steps_between_visits as steps_between_visits,
 )
 from .team.news import News as News, age_of_news as age_of_news
-from .walks.capture import (
-    MaximinCapture as MaximinCapture,
-    maximin_capture as maximin_capture,
-    walk_capture_probabilities as walk_capture_probabilities,
-)
+from .team.times import whole_times as whole_times
+from .walks.arrival import walk_capture_probabilities as walk_capture_probabilities
+from .walks.capture import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
+from .walks.charged_capture import charged_capture as charged_capture
 from .walks.constraints import (
     MetConstraints as MetConstraints,
     load_constraints as load_constraints,

@@ -35,7 +35,8 @@ class GraphStudy(Study):
     base: str | None = None
     """A vertex where robots tell what they saw; how old news are there."""
     charger: str | None = None
-    """A vertex where a robot must be every so many steps; what becomes of the walk."""
+    """A vertex where a robot must be every so many steps; what becomes of the walk, or for
+    "capture" the best that is there in time."""
     every: int | None = None
     """The most steps between two times at the charger."""
     baselines: bool = False
@@ -50,8 +51,8 @@ class GraphStudy(Study):
             require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
         if (self.charger is None) != (self.every is None):
             raise ValueError("every: expected with a charger, and only then")
-        if self.charger is not None and (self.speed is not None or self.robots > 1):
-            raise ValueError("charger has no meaning with a speed, or for more than one robot")
+        if self.charger is not None and self.speed is not None:
+            raise ValueError("charger has no meaning with a speed")
         if self.division is not None and self.robots == 1:
             raise ValueError("division has no meaning for one robot")
 
@@ -78,14 +79,13 @@ class GraphStudy(Study):
             )
         if self.charger is not None and self.every is not None:
             (charger,) = self.vertices(found.names, "charger", self.charger)
-            more["charged"] = patrol.charged(
-                found.graph,
-                found.transition,
-                charger,
-                self.every,
-                attack_time=self.attack_time,
-                name=self.charger,
-            )
+            walk = found.graph, found.matrices, charger, self.every
+            if self.attack_time is None:
+                more["charged"] = patrol.charged(*walk, name=self.charger)
+            else:
+                say("seeking a walk that is back at the charger in time")
+                options: Any = {"name": self.charger, "seed": self.seed}
+                more["charged"] = patrol.charged_capture(*walk, self.attack_time, **options)
         if self.baselines:
             say("simulating patrols")
             more["idleness"] = patrol.simulate_idleness(

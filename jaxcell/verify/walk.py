@@ -57,7 +57,7 @@ def compare_commute(
         rules.append(Linear("the emphasis", tour, lower=share))
     timed = patrol.timed
     times = None if timed is None else timed.duration
-    least = conic.least_resistance(graph, rules, durations=times).resistance
+    least = conic.least_resistance(graph, rules, durations=times).least
     found = [(patrol if timed is None else timed).mean_commute_time]
     compared = [Comparison.close(what, found, [4 * least / (vertices - 1)], _TIME, relative=True)]
     if rules and timed is None:

@@ -526,7 +526,7 @@ def test_a_team_captures_in_seconds_what_its_law_says(capsys, line):
 
 
 def test_a_charger(capsys, line):
-    status, found, _ = run(capsys, "--charger", "b", "--every", 4, file=line)
+    status, found, _ = run(capsys, "--charger", "b", "--every", 4, "--robots", 2, file=line)
     assert status == 0
     assert found["charged"]["mean_interval"] <= 4
     assert found["charged"]["charger"] == "b"
@@ -539,7 +539,7 @@ def test_a_charger(capsys, line):
         (("--base", "z"), "base: there is no vertex 'z'"),
         (("--charger", "b"), "--every: expected with a charger, and only then"),
         (("--charger", "b", "--every", 3), "every: expected at least 4 steps"),
-        (("--charger", "b", "--every", 9, "--robots", 2), "charger has no meaning with a speed"),
+        (("--charger", "b", "--every", 9, "--speed", 1), "charger has no meaning with a speed"),
         (("--division", "shared"), "division has no meaning for one robot"),
         (("--division", "shared", "--robots", 3), "robots: expected 1 to 2 parts of 4 vertices"),
         (

@@ -9,7 +9,13 @@ import xarray as xr
 
 from jaxcell.mapping import Chain
 from jaxcell.optimize import Graph, minimum_commute
-from jaxcell.patrol import GraphPatrol, random_walk, walk_hitting_times
+from jaxcell.patrol import (
+    GraphPatrol,
+    age_of_news,
+    charged,
+    random_walk,
+    walk_hitting_times,
+)
 from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.record.canvas.matrix import log_matrix
@@ -214,6 +220,37 @@ def test_the_recording_shows_the_walk(eight, weights, patrol, tmp_path, read):
     assert "| 7 | 19.47 % | 4.9" in text
     assert "| graph | a&#124;b |" in text
     assert "/game/text" not in found.entities
+
+
+def test_the_recording_shows_who_waits_how_long(eight, tmp_path, read):
+    graph, names = eight
+    patrol = patrol_of(graph, names=names)
+    news = age_of_news(graph, patrol.matrices, 1, name="2")
+    kept = charged(graph, patrol.matrices, 1, 8, name="2")
+    file = tmp_path / "patrol.rrd"
+    save_recording(dataclasses.replace(patrol, news=news, charged=kept), file)
+    found = read(file)
+    times = [1 / patrol.stationary, news.mean_age, kept.idleness]
+    most = np.max(times)
+    for number, shown in enumerate(times):
+        labels = found.static(f"/graph/waits/{number}", "Points2D:labels")
+        assert labels == [f"{one:.3g} steps" for one in shown]
+        colors = found.static(f"/graph/waits/{number}", "Points2D:colors")
+        expected = ramp(1 - shown / most).astype(int) @ [1 << 24, 1 << 16, 1 << 8] + 255
+        assert colors == expected.tolist()
+    # The curve of each vertex rises with the age, in a plane whose y points down.
+    for vertex in range(graph.vertices):
+        (curve,) = found.static(f"/waits/news/{vertex}", "LineStrips2D:strips")
+        height = -np.array(curve)[:, 1] / 90
+        np.testing.assert_allclose(height, news.told[: len(height), vertex], atol=1e-6)
+    bars = found.picture("/waits/charges/interval")
+    assert np.argmax(bars.sum(axis=0)) == kept.interval.argmax()
+    assert "/waits/news/0" not in _recorded(patrol, tmp_path, read).entities
+
+
+def _recorded(patrol, folder, read):
+    save_recording(patrol, folder / "other.rrd")
+    return read(folder / "other.rrd")
 
 
 def test_the_recording_shows_the_game(with_game, game, tmp_path, read):

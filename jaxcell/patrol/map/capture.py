@@ -14,7 +14,7 @@ from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, minimum_commute
 from ..walks.ascent import Ascent, late_gain
-from ..walks.steps import Steps, chances
+from ..walks.steps import Steps
 from ..walks.walk import edge_shares, random_walk
 from .attack import capture_probabilities, check_attack_times, check_start
 from .policies import Policy
@@ -264,7 +264,7 @@ class _Problem:
     ) -> Float[np.ndarray, "robots branches cells"]:
         """Logits of the same walks under a lower floor."""
         floor = max(floor, _LEAST)
-        chance = np.asarray(chances(jnp.asarray(logits), self.steps, above), np.float64)
+        chance = np.asarray(self.steps.chances(jnp.asarray(logits), above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))
 
@@ -301,7 +301,7 @@ class _Problem:
     ) -> tuple[Policy, ...]:
         """The policy of each robot, with 64 bits."""
         cells = np.arange(self.graph.vertices, dtype=np.int32)
-        drawn = np.asarray(chances(jnp.asarray(logits, jnp.float64), self.steps, floor))
+        drawn = np.asarray(self.steps.chances(jnp.asarray(logits, jnp.float64), floor))
         policies = []
         for robot, chance in enumerate(drawn):
             chain = Chain(self.steps.image, chance / chance.sum(axis=0))

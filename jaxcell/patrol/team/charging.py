@@ -4,40 +4,94 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy.sparse.csgraph
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.quantities import Result, derived, quantity
 from ...optimize import Graph
-from .idleness import long_run
+from ..walks.arrival import captured_by_any
+from .idleness import idleness_over_vertices, steps_between_visits
+
+
+# Of steps of a robot by those since the charge, which take 8 bytes each.
+_MAX_CHANCES = 50_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Charged(Result):
-    """A walk that is back at a charger every so many steps, and what it achieves."""
+    """Walks that are back at a charger every so many steps, and what they achieve."""
 
-    title: ClassVar[str] = "Walk that returns to a charger"
+    title: ClassVar[str] = "Walks that return to a charger"
     tables: ClassVar[Mapping[str, str]] = {"vertex": "vertices"}
 
     charger: Annotated[str, quantity("", "vertex of the charger", kind="text")]
     every: Annotated[int, quantity("", "steps between charges, at most", "steps", kind="count")]
     chance: Annotated[
-        Float[np.ndarray, "ages starts targets"],
+        Float[np.ndarray, "robots ages starts targets"],
         quantity(
-            "since start target", "probability of a step, by those since the charge", kind="share"
+            "robot since start target",
+            "probability of a step, by those since the charge",
+            kind="share",
         ),
     ]
-    share: Annotated[
-        Float[np.ndarray, "vertices"],
-        quantity("vertex", "share of time in the long run", "1", kind="share"),
+    shares: Annotated[
+        Float[np.ndarray, "robots vertices"],
+        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
     ]
     interval: Annotated[
         Float[np.ndarray, "intervals"],
         quantity("interval", "probability of this time between charges", "1", kind="share"),
     ]
+    "The mean over robots."
     least_capture: Annotated[
         float | None,
-        quantity("", "least capture within the attack time, robot where worst", "1", kind="share"),
+        quantity("", "least capture within the attack time, robots where worst", "1", kind="share"),
     ] = None
+    led_back: Annotated[
+        float | None,
+        quantity("", "least capture of the walks without a charger, led back", "1", kind="share"),
+    ] = None
+    "Of that which was found without regard to it."
+    late_gain: Annotated[
+        float | None,
+        quantity("", "share of capture that the last quarter of the steps added", kind="residual"),
+    ] = None
+    "Of the gradient steps that sought it."
+
+    @classmethod
+    def of(
+        cls,
+        chance: Float[np.ndarray, "robots ages starts targets"],
+        charger: int,
+        *,
+        attack_time: Any = None,
+        name: str = "",
+    ) -> "Charged":
+        """Find the law of steps that depend on those since the charge.
+
+        **Arguments:**
+
+        - `chance`: their probabilities, 0 where a robot never is.
+        - the others as in [`charged`][].
+        """
+        robots, every, vertices, _ = chance.shape
+        often, interval = np.zeros((robots, every, vertices)), np.zeros((robots, every))
+        here = np.tile(np.eye(vertices)[charger], (robots, 1))
+        for age in range(every):
+            often[:, age] = here
+            here = np.einsum("ri,rij->rj", here, chance[:, age])
+            interval[:, age] = here[:, charger]
+            here[:, charger] = 0
+        least = None
+        if attack_time is not None:
+            attack = np.broadcast_to(np.asarray(attack_time, np.int64), vertices)
+            each = [
+                _captured(one, visited, charger, attack)
+                for one, visited in zip(chance, often > 0, strict=True)
+            ]
+            least = float(captured_by_any(np.array(each)[:, None]).min())
+        shares = often.sum(axis=1) / often.sum(axis=(1, 2))[:, None]
+        mean = interval.mean(axis=0)
+        return cls(name or str(charger), every, chance, shares, mean, least)
 
     @derived("since", "steps since the charge", "steps", kind="coordinate")
     def since(self) -> Int[np.ndarray, "ages"]:
@@ -51,39 +105,37 @@ class Charged(Result):
     def mean_interval(self) -> float:
         return float(self.interval @ np.arange(1, self.every + 1))
 
-    @derived("vertex", "steps between visits, mean", "steps", kind="time")
+    @derived("vertex", "share of time in the long run, mean over robots", "1", kind="share")
+    def share(self) -> Float[np.ndarray, "vertices"]:
+        return self.shares.mean(axis=0)
+
+    @derived("vertex", "steps between visits by any robot, mean", "steps", kind="time")
     def idleness(self) -> Float[np.ndarray, "vertices"]:
-        return 1 / self.share
+        return steps_between_visits(self.shares)
 
-    @derived("", "steps between visits, mean over vertices", "steps", kind="time")
-    def mean_idleness(self) -> float:
-        return float(self.idleness.mean())
-
-    @derived("", "steps between visits at the vertex with most of them", "steps", kind="time")
-    def worst_idleness(self) -> float:
-        return float(self.idleness.max())
+    mean_idleness, worst_idleness = idleness_over_vertices("steps")
 
 
 def charged(
     graph: Graph,
-    matrix: Float[np.ndarray, "vertices vertices"],
+    matrices: Float[np.ndarray, "robots vertices vertices"],
     charger: int,
     every: int,
     *,
     attack_time: Any = None,
     name: str = "",
 ) -> Charged:
-    """A walk kept near enough to a charger, and its law, exactly.
+    """Walks kept near enough to a charger, and their law, exactly.
 
-    From each vertex the robot draws among those steps of the walk after which it can still be at
+    From each vertex a robot draws among those steps of the walk after which it can still be at
     the charger in time; where the walk has none, it goes to any neighbour that leads there. Where
     it goes depends on the steps since the charge: the vertices times these are the states of a
-    Markov chain, from which all numbers come.
+    Markov chain, from which all numbers come. Robots are independent.
 
     **Arguments:**
 
     - `graph`: a connected graph.
-    - `matrix`: the transition matrix of the walk.
+    - `matrices`: the transition matrix of each robot.
     - `charger`: the vertex of the charger; being there is enough.
     - `every`: the most steps from one time there to the next.
     - `attack_time`: how many steps an attack takes, one number or array `[vertices]`.
@@ -91,75 +143,65 @@ def charged(
 
     **Returns:** [`Charged`][].
 
-    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time.
+    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time, and for
+    more steps than there is memory for.
 
     A robot on a line of three is at one end every fourth step, at least:
 
         >>> import numpy as np
         >>> from jaxcell import patrol
         >>> line = patrol.Graph([[0, 1], [1, 2]])
-        >>> walk = np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+        >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
         >>> found = patrol.charged(line, walk, 0, 4)
         >>> found.interval.round(3).tolist(), found.share.round(3).tolist()
         ([0.0, 0.5, 0.0, 0.5], [0.333, 0.5, 0.167])
     """
-    vertices = graph.vertices
-    hops = scipy.sparse.csgraph.shortest_path(
-        graph.matrix(np.ones(len(graph.edges))), unweighted=True, indices=charger
-    )
+    beside = graph.matrix(np.ones(len(graph.edges))).toarray()
+    in_time = in_time_for_charge(graph, charger, every)[:, None, :]
+    drawn = np.where(in_time, matrices[:, None], 0.0)
+    stuck = drawn.sum(axis=3, keepdims=True) <= 0
+    drawn = np.where(stuck, np.where(in_time, beside, 0.0), drawn)
+    total = drawn.sum(axis=3, keepdims=True)
+    # From where it is too late the robot never is.
+    chance = np.divide(drawn, total, out=np.zeros_like(drawn), where=total > 0)
+    return Charged.of(chance, charger, attack_time=attack_time, name=name)
+
+
+def in_time_for_charge(graph: Graph, charger: int, every: int) -> Bool[np.ndarray, "ages vertices"]:
+    """Where a step may lead for a robot to be at the charger in time, by those since it was there.
+
+    **Raises:** `ValueError` if a vertex is too far away to go there and come back in time, and for
+    more steps than there is memory for.
+    """
+    beside = graph.matrix(np.ones(len(graph.edges)))
+    hops = scipy.sparse.csgraph.shortest_path(beside, unweighted=True, indices=charger)
     if not every >= 2 * hops.max():
         raise ValueError(
             f"every: expected at least {2 * hops.max():.0f} steps, to the farthest vertex and "
             f"back, got {every}"
         )
-    beside = graph.matrix(np.ones(len(graph.edges))).toarray()
-    chance = np.zeros((every, vertices, vertices))
-    for age in range(every):
-        in_time = hops <= every - age - 1
-        drawn = np.where(in_time, matrix, 0.0)
-        stuck = drawn.sum(axis=1) <= 0
-        drawn[stuck] = np.where(in_time, beside, 0.0)[stuck]
-        total = drawn.sum(axis=1, keepdims=True)
-        # From where it is too late the robot never is.
-        chance[age] = np.divide(drawn, total, out=np.zeros_like(drawn), where=total > 0)
-    whole = _product(chance, charger)
-    share = long_run([whole])[0].reshape(every, vertices)
-    # The chances to be at each vertex so long after a charge, and then at the charger.
-    first = share / share[0, charger]
-    interval = np.array([first[age] @ chance[age, :, charger] for age in range(every)])
-    least = None
-    if attack_time is not None:
-        attack = np.broadcast_to(np.asarray(attack_time, np.int64), vertices)
-        least = _least_capture(whole, share.ravel() > 0, attack)
-    return Charged(name or str(charger), every, chance, share.sum(axis=0), interval, least)
+    most = _MAX_CHANCES // graph.vertices**2
+    if every > most:
+        raise ValueError(
+            f"every: expected at most {most:,} steps on {graph.vertices:,} vertices, got {every:,}"
+        )
+    return hops <= every - 1 - np.arange(every)[:, None]
 
 
-def _product(
-    chance: Float[np.ndarray, "ages vertices vertices"], charger: int
-) -> scipy.sparse.csr_array:
-    """The chain on steps since the charge and vertices; what is never reached goes to charge."""
-    every, vertices, _ = chance.shape
-    age, tail, head = np.nonzero(chance)
-    here = age * vertices + tail
-    there = np.where(head == charger, charger, (age + 1) % every * vertices + head)
-    lost = np.flatnonzero(chance.sum(axis=2).ravel() == 0)
-    numbers = np.concatenate([chance[age, tail, head], np.ones(lost.size)])
-    ends = np.append(here, lost), np.append(there, np.full(lost.size, charger))
-    return scipy.sparse.csr_array((numbers, ends), shape=(every * vertices,) * 2)
-
-
-def _least_capture(
-    whole: scipy.sparse.csr_array,
-    visited: Any,
+def _captured(
+    chance: Float[np.ndarray, "ages vertices vertices"],
+    visited: Bool[np.ndarray, "ages vertices"],
+    charger: int,
     attack: Int[np.ndarray, "vertices"],
-) -> float:
-    """The least probability to come to a vertex in time, from any state that occurs."""
-    vertices = attack.size
-    away = np.tile(1 - np.eye(vertices), (whole.shape[0] // vertices, 1))
-    late, least = away, np.ones(vertices)
+) -> Float[np.ndarray, "vertices"]:
+    """The least probability to come to each vertex in time, from any state that occurs."""
+    away, least = 1 - np.eye(attack.size), np.ones(attack.size)
+    late = np.broadcast_to(away, chance.shape)
     for time in range(1, int(attack.max()) + 1):
-        missed = whole @ late
+        after = np.roll(late, -1, axis=0)
+        after[:, charger] = late[0, charger]
+        missed = chance @ after
         due = attack == time
         least[due] = 1 - missed[visited][:, due].max(axis=0)
         late = away * missed
-    return float(least.min())
+    return least

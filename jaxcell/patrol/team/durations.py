@@ -3,10 +3,12 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ...base.quantities import Checks, Result, derived, quantity
 from ...optimize import Graph
+from .idleness import idleness_over_vertices
+from .times import move_times
 
 
 _TIME = 1e-6
@@ -47,13 +49,7 @@ class Timed(Result):
     def mean_commute_time(self) -> float:
         return 2 * self.mean_hitting_time
 
-    @derived("", "time between visits, mean over vertices", "s", kind="time")
-    def mean_idleness(self) -> float:
-        return float(self.idleness.mean())
-
-    @derived("", "time between visits at the vertex where it is longest", "s", kind="time")
-    def worst_idleness(self) -> float:
-        return float(self.idleness.max())
+    mean_idleness, worst_idleness = idleness_over_vertices("s")
 
     def checks(self) -> Checks:
         times = self.hitting_time
@@ -97,7 +93,7 @@ def timed(
         [[0.0, 1.0, 13.0], [21.0, 0.0, 12.0], [31.0, 10.0, 0.0]]
     """
     durations = np.array(durations, np.float64)
-    taken = graph.matrix(durations).toarray() + wait * np.eye(graph.vertices)
+    taken = move_times(graph, durations, wait)
     steps = (matrices * taken).sum(axis=2)
     means = (shares * steps).sum(axis=1)
     with np.errstate(divide="ignore"):
@@ -129,24 +125,3 @@ def _hitting(
     times[:, visited] = ahead[:, None] - ahead[visited] + share @ step * own / share[visited]
     np.fill_diagonal(times, 0)
     return np.maximum(times, 0)
-
-
-def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edges"]:
-    """How long each edge takes, in whole units of time of at least 1.
-
-    **Arguments:**
-
-    - `graph`: the graph, whose edges have lengths in metres.
-    - `speed`: in metres per second.
-    - `unit`: in seconds.
-
-    **Returns:** the times, rounded.
-
-    Two edges of 1 and 2.6 m at 0.5 m/s, in seconds:
-
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([[0, 1], [1, 2]], xy=[[0, 0], [1, 0], [3.6, 0]])
-        >>> patrol.whole_times(graph, 0.5, 1.0).tolist()
-        [2, 5]
-    """
-    return np.maximum(1, np.rint(graph.lengths / (speed * unit))).astype(np.int64)

@@ -1,16 +1,18 @@
 import dataclasses
 import heapq
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
-from ...base.quantities import Result, quantity
+from ...base.quantities import Result, derived, quantity
 from ...mapping import Chain, persistent_groups
 from ...markov import limiting_distribution
 from ...optimize import Graph, shortest_tour
+from .times import move_times
 
 
 # Moves of a simulation, at least and for each vertex.
@@ -67,6 +69,23 @@ def long_run(matrices: Iterable[Any]) -> Float[np.ndarray, "robots vertices"]:
     chains = [Chain.from_scipy(scipy.sparse.csr_array(matrix, dtype=float)) for matrix in matrices]
     limits = [limiting_distribution(chain, persistent_groups(chain)).value for chain in chains]
     return np.stack([np.asarray(limit) for limit in limits])
+
+
+def idleness_over_vertices(
+    units: str, idleness: Callable[[Any], Float[np.ndarray, "vertices"]] = attrgetter("idleness")
+) -> tuple[derived, derived]:
+    """The mean and the longest time between visits over the vertices, as quantities of a result.
+
+    **Arguments:**
+
+    - `units`: of the times.
+    - `idleness`: the times of a result, by vertex.
+    """
+    mean = derived("", "time between visits, mean over vertices", units, kind="time")
+    worst = derived("", "time between visits at the vertex where it is longest", units, kind="time")
+    return mean(lambda self: float(idleness(self).mean())), worst(
+        lambda self: float(idleness(self).max())
+    )
 
 
 def steps_between_visits(
@@ -133,8 +152,7 @@ def simulate_idleness(
     """
     robots, vertices = matrices.shape[:2]
     each = np.broadcast_to(np.asarray(1.0 if times is None else times, float), len(graph.edges))
-    durations = graph.matrix(each).toarray()
-    durations[durations == 0] = each.min()
+    durations = move_times(graph, each, each.min())
     tour = shortest_tour(graph, range(vertices))
     spaced = _spaced(tour, durations, robots)
     neighbours = [np.flatnonzero(row) for row in graph.matrix(each).toarray()]

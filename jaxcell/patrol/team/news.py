@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from .idleness import long_run
+from .times import move_times
 
 
 # What is left of the law where it ends, and the longest age that is followed.
@@ -102,8 +103,7 @@ def age_of_news(
         >>> found.told.round(3).tolist()[:3], found.mean_age.round(3).tolist()
         ([[0.333, 0.0, 0.0], [0.667, 0.0, 0.333], [1.0, 0.333, 0.667]], [1.0, 3.0, 2.0])
     """
-    taken = np.ones(len(graph.edges)) if times is None else np.asarray(times, np.float64)
-    delays = graph.matrix(taken).toarray().astype(np.int64) + np.eye(graph.vertices, dtype=np.int64)
+    delays = move_times(graph, times).astype(np.int64)
     laws = [_Backward.of(matrix, delays, base, graph.vertices) for matrix in matrices]
     heard = np.any([law.heard for law in laws], axis=0)
     missed: list[float] = []

@@ -10,8 +10,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from ...markov import dense
-from .steps import Steps, chances, pull
+from .steps import ChargedSteps, Steps
 
 
 # Steps between two looks at all targets; in between, only those that are caught least count.
@@ -28,7 +27,7 @@ _TINY = 1e-12
 class Ascent:
     """What is climbed: robots come from where they may be into view of a target, in time."""
 
-    steps: Steps
+    steps: Steps | ChargedSteps
     unseen: Float[np.ndarray, "cells targets"]
     "1 where a target is out of view, else 0."
     begin: Float[np.ndarray, "cells targets"]
@@ -92,7 +91,7 @@ def late_gain(course: list[float]) -> float:
 
 def _log_missed(
     logits: Float[Array, "robots branches cells"],
-    steps: Steps,
+    steps: Steps | ChargedSteps,
     unseen: Float[Array, "cells targets"],
     begin: Float[Array, "cells targets"],
     floor: float | Float[Array, ""],
@@ -106,36 +105,30 @@ def _log_missed(
     because a probability that is a product of many would leave a gradient of almost 0.
     """
     total = jnp.zeros(unseen.shape[1], unseen.dtype)
-    for chance in chances(logits, steps, floor):
+    for chance in steps.chances(logits, floor):
 
         def step(value, _, chance=chance):  # type: ignore[no-untyped-def]
-            return unseen * pull(chance, value, steps), None
+            return unseen * steps.pull(chance, value), None
 
         late, _ = jax.lax.scan(step, unseen, length=attack_time - 1)
-        late = pull(chance, late, steps)
+        late = steps.pull(chance, late)
         if start == "worst":
-            caught = jnp.where(begin > 0, jnp.maximum(1 - late, _TINY), 1.0)
+            weight = begin * steps.often(chance)[:, None]
+            caught = jnp.where(weight > 0, jnp.maximum(1 - late, _TINY), 1.0)
             if hardness is None:
                 worst = jnp.min(caught, axis=0)
             else:
-                soft = jnp.where(begin > 0, -hardness * jnp.log(caught), -jnp.inf)
-                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0) / hardness)
+                soft = -hardness * jnp.log(caught)
+                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=weight) / hardness)
             # Of a small probability, nothing is lost.
             total += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
         else:
             share = begin
             if start == "stationary":
-                share = begin * _share_of_time(chance, steps).astype(begin.dtype)[:, None]
+                share = begin * steps.share_of_time(chance).astype(begin.dtype)[:, None]
             missed = jnp.sum(share * late, axis=0) / jnp.sum(share, axis=0)
             total += jnp.log(missed + 1e-30)
     return total
-
-
-def _share_of_time(chance: Float[Array, "branches cells"], steps: Steps) -> Float[Array, "cells"]:
-    cells = chance.shape[1]
-    matrix = jnp.zeros((cells, cells))
-    here = jnp.broadcast_to(jnp.arange(cells), chance.shape)
-    return dense.stationary(matrix.at[here, steps.image].add(chance.astype(matrix.dtype)))
 
 
 @functools.partial(jax.jit, static_argnames=("attack_time", "start"))

@@ -13,12 +13,13 @@ from ...base.precision import require_x64
 from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...optimize import Graph
+from .arrival import captured_by_any, first_passage, on_device, whole_numbers
 from .ascent import Ascent, late_gain
 from .descent import descend
 from .linearized import DenseCapture, LinearizedCapture
 from .polytope import ChainPolytope
 from .sequential_lp import Linearized, maximize_least_capture
-from .steps import Steps, chances
+from .steps import Steps
 
 
 # Of the soft minimum of the logarithms. Softer, all starts lead to the most symmetric chain; what
@@ -123,12 +124,10 @@ def maximin_capture(
     for name, count in (("robots", robots), ("starts", starts)):
         if count < 1:
             raise ValueError(f"{name}: expected at least 1, got {count}")
-    attack = _attack_times(graph, attack_time)
-    delays = _delays(graph, travel_times)
+    delays, attack = whole_numbers(graph, attack_time, travel_times)
     _check_reach(delays, attack)
     among = ChainPolytope.on(graph, stationary, stay=stay)
-    slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
-    arguments = (jnp.asarray(delays), jnp.asarray(attack), *slots)
+    arguments = on_device(delays, attack)
     plain = stationary is None and travel_times is None and not stay and np.ptp(attack) == 0
     if plain:
         # A step is quick on small graphs, and more starts find more than more steps.
@@ -173,52 +172,6 @@ def maximin_capture(
     return MaximinCapture(matrices, value, best, certificate)
 
 
-def walk_capture_probabilities(
-    graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
-) -> Float[np.ndarray, "starts targets"]:
-    """The probability that a robot comes to a target within the attack time.
-
-    The attack begins as the robot leaves its start. It comes to the start itself when it is first
-    back there; a patroller that stays is back after a time of 1.
-
-    **Arguments:**
-
-    - `graph`: the graph.
-    - `matrix`: array `[vertices, vertices]`, the transition matrix of the robot.
-    - `attack_time`: how long an attack takes, a whole number, or array `[vertices]` of one for each
-        target.
-    - `travel_times`: array `[edges]`, how long each edge takes, whole numbers; by default 1.
-
-    **Returns:** array `[vertices, vertices]`, the start first.
-
-    **Raises:** `ValueError` for times that are not whole numbers of at least 1, and for a matrix
-    whose rows are not probabilities, or that has a move that is no edge.
-
-    A random walk on a line of three vertices, against attacks of two steps:
-
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([[0, 1], [1, 2]])
-        >>> matrix = [[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]
-        >>> patrol.walk_capture_probabilities(graph, matrix, 2).tolist()
-        [[0.5, 1.0, 0.5], [0.5, 1.0, 0.5], [0.5, 1.0, 0.5]]
-    """
-    attack = _attack_times(graph, attack_time)
-    delays = _delays(graph, travel_times)
-    given = np.array(matrix, np.float64)
-    if given.shape != delays.shape:
-        raise ValueError(f"matrix: expected {list(delays.shape)}, got {list(given.shape)}")
-    if not (given >= 0).all() or np.abs(given.sum(axis=1) - 1).max() > 1e-9:
-        raise ValueError("matrix: expected rows of numbers of at least 0 that sum to 1")
-    wrong = np.argwhere((given > 0) & (delays == 0))
-    if wrong.size:
-        raise ValueError(f"matrix{wrong[0].tolist()} is positive, but no edge of the graph")
-    slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
-    require_x64("walk_capture_probabilities")
-    return np.asarray(
-        _compiled(jnp.asarray(given), jnp.asarray(delays), jnp.asarray(attack), *slots)
-    )
-
-
 @one_blas_thread()
 def _ascend(
     graph: Graph, attack_time: int, starts: Float[np.ndarray, "starts robots vertices vertices"]
@@ -241,42 +194,11 @@ def _ascend(
     # Values that differ by rounding count as equal, and the first of them is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
     best, _, _, course = found[first]
-    drawn = np.asarray(chances(jnp.asarray(best, jnp.float64), steps, _FLOOR))
+    drawn = np.asarray(steps.chances(jnp.asarray(best, jnp.float64), _FLOOR))
     matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
     for matrix, chance in zip(matrices, drawn, strict=True):
         np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)
     return matrices, first, count * len(starts), late_gain(course)
-
-
-def _captured(
-    P: Float[Array, "vertices vertices"],
-    delays: Int[Array, "vertices vertices"],
-    attack: Int[Array, "vertices"],
-    longest: Float[Array, "delays"],
-    horizon: Float[Array, "times"],
-) -> Float[Array, "vertices vertices"]:
-    """The first passage `F_k(i, j) = sum_l p_il (t_il = k and l = j, or else F_(k - t_il)(l, j))`.
-
-    The sum goes over the `l != j`. The last arguments have the sizes of the loops, because the
-    shapes are what is compiled for.
-    """
-    n, slots = P.shape[0], longest.size
-    each = jnp.arange(1, slots + 1, dtype=delays.dtype)
-    moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
-
-    def step(state, time):  # type: ignore[no-untyped-def]
-        later, captured = state
-        first = jnp.where(delays == time, P, 0.0) + jnp.einsum("dil,dlj->ij", moves, later)
-        captured = captured + jnp.where((time <= attack)[None, :], first, 0.0)
-        onward = first - jnp.diag(jnp.diagonal(first))
-        return (jnp.concatenate([onward[None], later[:-1]]), captured), None
-
-    start = jnp.zeros((slots, n, n), P.dtype), jnp.zeros((n, n), P.dtype)
-    times = jnp.arange(1, horizon.size + 1, dtype=delays.dtype)
-    return jax.lax.scan(step, start, times)[0][1]
-
-
-_compiled = jax.jit(_captured)
 
 
 def _missed(
@@ -287,7 +209,7 @@ def _missed(
     horizon: Float[Array, "times"],
 ) -> Float[Array, ""]:
     """Minus a soft minimum of the logarithm of the probability of capture."""
-    captured = jax.vmap(lambda P: _captured(P, delays, attack, longest, horizon))(matrices)
+    captured = jax.vmap(lambda P: first_passage(P, delays, attack, longest, horizon))(matrices)
     # What is lost in underflow has no gradient, and must not have one that is not a number.
     logs = jnp.log(captured + jnp.finfo(captured.dtype).tiny)
     worst = -jax.nn.logsumexp(-_HARDNESS * logs, axis=1) / _HARDNESS
@@ -313,16 +235,16 @@ def _with_slope(
 
     def captured(robot):  # type: ignore[no-untyped-def]
         P = jnp.zeros(delays.shape, robot.dtype).at[tails, heads].set(robot)
-        return _captured(P, delays, attack, longest, horizon)
+        return first_passage(P, delays, attack, longest, horizon)
 
     return jax.vmap(captured)(moves), jax.vmap(jax.jacfwd(captured))(moves)
 
 
-def _value_of(
+def _value(
     matrices: Float[np.ndarray, "robots vertices vertices"], arguments: tuple[Any, ...]
 ) -> float:
-    captured = np.stack([_compiled(jnp.asarray(one), *arguments) for one in matrices])
-    return float((1 - (1 - captured.min(axis=1)).prod(axis=0)).min())
+    each = np.stack([first_passage(jnp.asarray(one), *arguments) for one in matrices])
+    return float(captured_by_any(each).min())
 
 
 def _without_rare_moves(
@@ -333,42 +255,15 @@ def _without_rare_moves(
     A robot that leaves a part of the graph to others comes there, once in 10^6 moves, by what is
     left of a floor; times until then are lost in rounding.
     """
-    value = _value_of(matrices, arguments)
+    value = _value(matrices, arguments)
+    if len(matrices) == 1:
+        return matrices, value
     kept = np.where(matrices < _RARE, 0.0, matrices)
     kept /= kept.sum(axis=2, keepdims=True)
-    without = _value_of(kept, arguments)
-    if len(matrices) > 1 and without >= (1 - 10 * _RARE) * value:
+    without = _value(kept, arguments)
+    if without >= (1 - 10 * _RARE) * value:
         return kept, without
     return matrices, value
-
-
-def _attack_times(graph: Graph, attack_time: Any) -> Int[np.ndarray, "vertices"]:
-    return _whole("attack_time", attack_time, graph.vertices, "vertex")
-
-
-def _delays(graph: Graph, travel_times: Any) -> Int[np.ndarray, "vertices vertices"]:
-    """How long the move from one vertex to another takes; 0 where there is no edge."""
-    times = _whole(
-        "travel_times", 1 if travel_times is None else travel_times, len(graph.edges), "edge"
-    )
-    delays = np.eye(graph.vertices, dtype=np.int32)
-    tail, head = graph.edges.T
-    delays[tail, head] = delays[head, tail] = times
-    return delays
-
-
-def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "count"]:
-    numbers = np.asarray(given)
-    if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
-        raise ValueError(
-            f"{name}: expected a whole number, or {count}, one a {what}, got an array of "
-            f"{numbers.dtype} with shape {list(numbers.shape)}"
-        )
-    numbers = np.broadcast_to(numbers, count)
-    if numbers.min() < 1:
-        wrong = int(np.argmin(numbers))
-        raise ValueError(f"{name}: expected at least 1, got {numbers[wrong]} for {what} {wrong}")
-    return numbers.astype(np.int32)
 
 
 def _check_reach(

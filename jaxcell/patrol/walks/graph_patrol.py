@@ -13,9 +13,15 @@ from ...optimize import Graph
 from ..team.charging import Charged
 from ..team.division import Division
 from ..team.durations import Timed
-from ..team.idleness import Idleness, long_run, steps_between_visits
+from ..team.idleness import (
+    Idleness,
+    idleness_over_vertices,
+    long_run,
+    steps_between_visits,
+)
 from ..team.news import News
-from .capture import walk_capture_probabilities
+from ..team.times import move_times
+from .arrival import captured_by_any, walk_capture_probabilities
 from .constraints import MetConstraints
 from .game import StrategyGame
 from .measures import Measures, measure
@@ -50,6 +56,10 @@ class GraphPatrol(Measures):
     bounds: MetConstraints | None = None
     "How it meets the constraints on it."
     game: StrategyGame | None = None
+    shares: Annotated[
+        Float[np.ndarray, "robots vertices"],
+        quantity("robot vertex", "share of time in the long run of each robot", "1", kind="share"),
+    ]
     team: Float[np.ndarray, "robots vertices vertices"] | None = None
     "The transition matrix of each robot, where they differ; the measures are those of the first."
     timed: Timed | None = None
@@ -61,7 +71,7 @@ class GraphPatrol(Measures):
     news: News | None = None
     "How old news are at a base."
     charged: Charged | None = None
-    "The walk of the first robot, kept near enough to a charger."
+    "The walks, kept near enough to a charger."
     idleness: Idleness | None = None
     "How long vertices wait for visits, beside three other patrols."
     weights_unused: bool = False
@@ -130,12 +140,16 @@ class GraphPatrol(Measures):
             ]
             more["first_arrival"] = np.array(arrivals)
         if attack_time is not None:
-            each = [
-                walk_capture_probabilities(graph, matrix, attack_time).min(axis=0)
-                for matrix in ([found.transition] if team is None else team)
-            ]
-            missed = np.prod([1 - one for one in each], axis=0)
-            more["captured"] = 1 - missed ** (robots if team is None else 1)
+            each = np.stack(
+                [
+                    walk_capture_probabilities(graph, matrix, attack_time)
+                    for matrix in ([found.transition] if team is None else team)
+                ]
+            )
+            whole = np.broadcast_to(each, (robots, *each.shape[1:]))
+            more["captured"] = captured_by_any(whole)
+        alike = np.broadcast_to(found.stationary, (robots, found.stationary.size))
+        more["shares"] = alike if team is None else long_run(team)
         return cls(**vars(found), graph=graph, names=list(names), robots=robots, **more)
 
     def __post_init__(self) -> None:
@@ -144,8 +158,7 @@ class GraphPatrol(Measures):
             raise ValueError(f"chain: expected one of {graph.vertices} vertices, got {vertices}")
         if len(self.names) != vertices:
             raise ValueError(f"names: expected {vertices}, one a vertex, got {len(self.names)}")
-        allowed = graph.matrix(np.ones(len(graph.edges))).toarray() + np.eye(vertices)
-        wrong = np.argwhere((allowed == 0) & (self.transition > _NOTHING))
+        wrong = np.argwhere((move_times(graph) == 0) & (self.transition > _NOTHING))
         if len(wrong):
             raise ValueError(
                 f"chain: it goes from vertex {wrong[0, 0]} to {wrong[0, 1]}, between which there "
@@ -161,7 +174,9 @@ class GraphPatrol(Measures):
     @property
     def matrices(self) -> Float[np.ndarray, "robots vertices vertices"]:
         """The transition matrix of each robot."""
-        return np.stack([self.transition] * self.robots) if self.team is None else self.team
+        if self.team is not None:
+            return self.team
+        return np.broadcast_to(self.transition, (self.robots, *self.transition.shape))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -252,17 +267,9 @@ class GraphPatrol(Measures):
     def iterations(self) -> int | None:
         return None if self.certificate is None else int(self.certificate.iterations)
 
-    @derived("robot vertex", "share of time in the long run of each robot", "1", kind="share")
-    def shares(self) -> Float[np.ndarray, "robots vertices"]:
-        return long_run(self.matrices)
-
-    @derived("", "steps between visits, mean over vertices", "steps", kind="time")
-    def mean_idleness(self) -> float:
-        return float(steps_between_visits(self.shares).mean())
-
-    @derived("", "steps between visits at the vertex with most of them", "steps", kind="time")
-    def worst_idleness(self) -> float:
-        return float(steps_between_visits(self.shares).max())
+    mean_idleness, worst_idleness = idleness_over_vertices(
+        "steps", lambda self: steps_between_visits(self.shares)
+    )
 
     @property
     def _directions(self) -> list[tuple[np.ndarray, np.ndarray]]:

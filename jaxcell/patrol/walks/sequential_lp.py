@@ -6,6 +6,7 @@ import scipy.optimize
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
+from .arrival import captured_by_any
 from .polytope import ChainPolytope
 
 
@@ -62,7 +63,7 @@ def maximize_least_capture(
     program without a distance would raise it, and the number of programs.
     """
     here = law(moves)
-    value = _value(here.probability)
+    value = captured_by_any(here.probability).min().item()
     distance = _FIRST
     most = max(_FEW, min(_STEPS, _STEPS * _MANY // (here.probability.size * moves.shape[1])))
     for programs in range(1, most):
@@ -73,17 +74,14 @@ def maximize_least_capture(
             if gain <= tolerance / 4 or distance < _SHORTEST:
                 return moves, value, gain, programs
         there = law(trial)
-        raised_by = _value(there.probability) / value - 1
+        raised = captured_by_any(there.probability).min().item()
+        raised_by = raised / value - 1
         distance = min(1.0, 2 * distance) if raised_by > _GOOD * predicted else distance
         if raised_by > _ENOUGH * predicted:
-            moves, here, value = trial, there, _value(there.probability)
+            moves, here, value = trial, there, raised
         else:
             distance /= 3
     return moves, value, _program(polytope, moves, here, 1.0)[1], most
-
-
-def _value(probability: Float[np.ndarray, "robots starts targets"]) -> float:
-    return float((1 - (1 - probability.min(axis=1)).prod(axis=0)).min())
 
 
 def _program(
@@ -102,7 +100,7 @@ def _program(
     **Returns:** the chains and that share, which is not negative.
     """
     worst = here.probability.min(axis=1)
-    value = float((1 - (1 - worst).prod(axis=0)).min())
+    value = captured_by_any(here.probability).min()
     above = (here.probability - worst[:, None, :]) / value
     known = np.zeros(above.shape, bool)
     for robot, order in enumerate(np.argsort(above.reshape(len(moves), -1), axis=1)):
@@ -139,8 +137,8 @@ def _solved(
     targets = probability.shape[2]
     worst = probability.min(axis=1)
     miss = 1 - worst
-    captured = 1 - miss.prod(axis=0)
-    value = float(captured.min())
+    captured = captured_by_any(probability)
+    value = captured.min()
     lines, sides = [], []
     for robot in range(robots):
         start, target = np.nonzero(known[robot])

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
+from ...markov import dense
 from ...optimize import Graph
 
 
@@ -34,20 +35,96 @@ class Steps(NamedTuple):
         back[slot, tail] = slot[np.searchsorted(tail * cells + head, head * cells + tail)]
         return cls(jnp.asarray(image), jnp.asarray(even), jnp.asarray(back))
 
+    def chances(
+        self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
+    ) -> Float[Array, "robots branches cells"]:
+        """The probability of each step, of which the floor is shared evenly."""
+        even = self.even.astype(logits.dtype)
+        even = (even / even.sum(axis=0, keepdims=True))[None]
+        own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
+        return (1 - floor) * own + floor * even
 
-def chances(
-    logits: Float[Array, "robots branches cells"],
-    steps: Steps,
-    floor: float | Float[Array, ""],
-) -> Float[Array, "robots branches cells"]:
-    even = steps.even.astype(logits.dtype)
-    even = (even / even.sum(axis=0, keepdims=True))[None]
-    own = jax.nn.softmax(jnp.where(even > 0, logits, -jnp.inf), axis=1)
-    return (1 - floor) * own + floor * even
+    def pull(
+        self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
+    ) -> Float[Array, "cells targets"]:
+        """`P v` for several `v`."""
+        return _pull(chance, value, self)
+
+    def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+        """How much each cell counts as one where a robot may be: all alike."""
+        return jnp.ones(chance.shape[1], chance.dtype)
+
+    def share_of_time(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+        """The share of its time that a robot spends in each cell in the long run."""
+        cells = chance.shape[1]
+        matrix = jnp.zeros((cells, cells))
+        here = jnp.broadcast_to(jnp.arange(cells), chance.shape)
+        return dense.stationary(matrix.at[here, self.image].add(chance.astype(matrix.dtype)))
+
+
+class ChargedSteps(NamedTuple):
+    """The steps of a robot that must be at a charger every so many steps.
+
+    Its cells are the vertices once for each number of steps since the charge, so that where it goes
+    may depend on that.
+    """
+
+    near: Steps
+    allowed: Bool[Array, "ages branches vertices"]
+    "Which steps leave time to come to the charger."
+    charger: Int[Array, ""]
+    rare: Float[Array, ""]
+    "Of the likeliest step: what is less likely is never made."
+
+    def chances(
+        self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
+    ) -> Float[Array, "robots branches cells"]:
+        """The probability of each step, without rare ones; there is no floor.
+
+        Gradients are those with the rare ones, which may come back.
+        """
+        may = self.allowed.swapaxes(0, 1).reshape(1, *logits.shape[1:])
+        own = jax.nn.softmax(jnp.where(may, logits, jnp.finfo(logits.dtype).min), axis=1)
+        own = jnp.where(may, own, 0)
+        most = own.max(axis=1, keepdims=True)
+        made = jnp.where(own < self.rare.astype(own.dtype) * most, 0, own)
+        made /= jnp.where(most > 0, made.sum(axis=1, keepdims=True), 1)
+        return own + jax.lax.stop_gradient(made - own)
+
+    def pull(
+        self, chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"]
+    ) -> Float[Array, "cells targets"]:
+        """`P v` for several `v`."""
+        by_age = value.reshape(*self.allowed.shape[::2], -1)
+        after = jnp.roll(by_age, -1, axis=0).at[:, self.charger].set(by_age[0, self.charger])
+        return jax.vmap(lambda one, v: _pull(one, v, self.near))(
+            self._by_age(chance), after
+        ).reshape(value.shape)
+
+    def often(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+        """How often a robot is in each cell between two charges."""
+        begin = jnp.zeros(self.allowed.shape[2], chance.dtype).at[self.charger].set(1)
+
+        def step(here, one):  # type: ignore[no-untyped-def]
+            there = jnp.zeros_like(here).at[self.near.image].add(one * here[None])
+            return there.at[self.charger].set(0), here
+
+        return jax.lax.scan(step, begin, self._by_age(chance))[1].ravel()
+
+    def share_of_time(self, chance: Float[Array, "branches cells"]) -> Float[Array, "cells"]:
+        """The share of its time that a robot spends in each cell in the long run."""
+        often = self.often(chance)
+        return often / often.sum()
+
+    def _by_age(
+        self, chance: Float[Array, "branches cells"]
+    ) -> Float[Array, "ages branches vertices"]:
+        ages, branches, vertices = self.allowed.shape
+        return chance.reshape(branches, ages, vertices).swapaxes(0, 1)
 
 
 @jax.custom_vjp
-def pull(
+def _pull(
     chance: Float[Array, "branches cells"], value: Float[Array, "cells targets"], steps: Steps
 ) -> Float[Array, "cells targets"]:
     """`P v` for several `v`. Every step has one back, so that its derivative gathers too.
@@ -58,14 +135,14 @@ def pull(
 
 
 def _pull_forward(chance, value, steps):  # type: ignore[no-untyped-def]
-    return pull(chance, value, steps), (chance, value, steps)
+    return _pull(chance, value, steps), (chance, value, steps)
 
 
 def _pull_backward(kept, force):  # type: ignore[no-untyped-def]
     chance, value, steps = kept
     into = jnp.where(steps.even > 0, chance[steps.back, steps.image], 0)
     along = jnp.stack([jnp.sum(force * value[to], axis=1) for to in steps.image])
-    return along, pull(into, force, steps), None
+    return along, _pull(into, force, steps), None
 
 
-pull.defvjp(_pull_forward, _pull_backward)
+_pull.defvjp(_pull_forward, _pull_backward)

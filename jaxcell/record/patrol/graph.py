@@ -10,12 +10,13 @@ from jaxtyping import Float, Int
 
 from ...mapping import Chain
 from ...markov import sample_walks
-from ...patrol import GraphPatrol
+from ...patrol import GraphPatrol, steps_between_visits
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_walker, points
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import FREE, PLAIN, ROBOT, ROBOTS, ramp, robot_color
+from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, ramp, robot_color
+from ..canvas.plot import Plot, ticks
 from ..canvas.prose import counted, described, made_with, numbers
 from ..canvas.scale import ramp_legend
 from ..canvas.stream import plane, send_blueprint, send_changing
@@ -39,8 +40,8 @@ def log_patrol_graph(
 
     Over the timeline `step`: patrollers that walk, from places drawn from the stationary
     distribution, and how long ago each vertex was visited. Without time: how often each edge is
-    walked, where a patroller goes next from each vertex, a heat map of the hitting times, and the
-    payoffs and the mixture of a game.
+    walked, how long vertices, news and robots wait, where a patroller goes next from each vertex, a
+    heat map of the hitting times, and the payoffs and the mixture of a game.
 
     Vertices without positions are drawn where springs along edges put them.
     """
@@ -50,7 +51,8 @@ def log_patrol_graph(
         places = nx.spring_layout(graph, seed=0, scale=math.sqrt(patrol.graph.vertices))
         xy = np.array([places[vertex] for vertex in range(patrol.graph.vertices)])
     drawing = _Drawing(stream, patrol, xy)
-    tabs = [_log_walk(drawing, spec), _log_next(drawing), _log_times(stream, patrol)]
+    tabs = [_log_walk(drawing, spec), _log_waits(drawing), _log_next(drawing)]
+    tabs.append(_log_times(stream, patrol))
     if patrol.game is not None:
         tabs.append(log_game(stream, patrol.game))
     send_blueprint(stream, tabs, "step", 4.0)
@@ -173,6 +175,51 @@ def _log_idle(drawing: _Drawing, walks: Int[np.ndarray, "times robots"]) -> str:
     return "walk/longest"
 
 
+def _log_waits(drawing: _Drawing) -> rrb.Container:
+    """Log the vertices by how long they wait for visits, and their news and charges for theirs."""
+    patrol, stream = drawing.patrol, drawing.stream
+    news, charged = patrol.news, patrol.charged
+    units = "steps" if patrol.timed is None else "s"
+    between = steps_between_visits(patrol.shares)
+    shown = {"Time between visits": between if patrol.timed is None else patrol.timed.idleness}
+    if news is not None:
+        shown[f"Mean age of news at the base {news.base}"] = news.mean_age
+    if charged is not None:
+        shown[f"Time between visits, with the charger {charged.charger}"] = charged.idleness
+    all_times = np.concatenate([*shown.values()])
+    finite = np.isfinite(all_times)
+    most = float(all_times[finite].max())
+    views: list[rrb.View] = []
+    for number, (title, times) in enumerate(shown.items()):
+        known = np.isfinite(times)
+        colors = np.where(known[:, None], ramp(1 - times / most), PLAIN[:3]).astype(np.uint8)
+        mean = [f"{one:.3g} {units}" for one in times.tolist()]
+        drawing.discs(f"waits/{number}", drawing.mark, colors, mean)
+        views.append(drawing.view(title, "edges", f"waits/{number}", "names"))
+    charts: list[rrb.View] = []
+    if news is not None:
+        last = float(news.late_age[np.isfinite(news.late_age)].max(initial=1.0))
+        plot = Plot(stream, "waits/news", last, 1.0)
+        plot.axes(ticks(last), ticks(1.0), f"age ({units})", "share of news this old or newer")
+        for vertex, age in enumerate(news.mean_age[:_MAX_NAMES].tolist()):
+            (color,) = ramp(np.array([max(0.0, 1 - age / most)])).tolist()
+            plot.line(str(vertex), news.age, news.told[:, vertex], tuple(color), 2.0)
+        charts.append(plot.view("Age of news of each vertex, in its colour"))
+    if charged is not None:
+        every, high = float(charged.every), float(charged.interval.max())
+        apart = math.ceil(charged.every / 10)
+        middles = {n - 0.5: str(n) for n in range(apart, charged.every + 1, apart)}
+        plot = Plot(stream, "waits/charges", every, high)
+        plot.axes(middles, ticks(high), "steps between charges", "share of them")
+        plot.bars("interval", charged.interval, every, BELIEF)
+        charts.append(plot.view("Steps between charges"))
+    texts, shades = zip(*ramp_legend(f"{{:.3g}} {units}", most, _SHADES), strict=True)
+    legend = [*zip(texts, shades[::-1], strict=True)]
+    legend += [] if finite.all() else [("never", PLAIN)]
+    rows: list[Any] = [rrb.Horizontal(*views), *([rrb.Horizontal(*charts)] if charts else [])]
+    return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(5, 1))
+
+
 def _log_next(drawing: _Drawing) -> rrb.Container:
     """Log the half of each edge that is next to a vertex by the probability of leaving by it."""
     patrol = drawing.patrol
@@ -224,6 +271,7 @@ Press play, or drag the slider `step` at the bottom.
   along its last steps.
 - **Time since a visit**: a vertex is yellow when a patroller is there, and turns blue until the
   next visit. The curve is the longest such time.
+- The tab **Waiting**: how long each vertex waits for a visit in the long run{_asked(patrol)}.
 - The tab **Where to next**: the half of an edge next to a vertex is wide and yellow if the
   patroller is likely to leave by it.
 - The tab **Hitting times**: from the vertex of the row to that of the column.
@@ -240,6 +288,14 @@ periodic: it does not forget its start.
 {_constraints(patrol)}
 {_team(patrol)}
 {made_with(spec)}"""
+
+
+def _asked(patrol: GraphPatrol) -> str:
+    """What else the tab on waiting has."""
+    found = [] if patrol.news is None else ["how old news of it are at the base"]
+    if patrol.charged is not None:
+        found.append("what becomes of that for a robot that is at the charger in time")
+    return "".join(f", {one}" for one in found)
 
 
 def _constraints(patrol: GraphPatrol) -> str:

@@ -13,11 +13,11 @@ CHARGER, EVERY = 2, 5
 
 
 def test_against_a_run():
-    found = charged(GRAPH, WALK, CHARGER, EVERY)
+    found = charged(GRAPH, WALK[None], CHARGER, EVERY)
     random, here, since = np.random.default_rng(0), CHARGER, 0
     visits, intervals = np.zeros(5), np.zeros(EVERY)
     for _ in range(40_000):
-        here = int(random.choice(5, p=found.chance[since, here]))
+        here = int(random.choice(5, p=found.chance[0, since, here]))
         visits[here] += 1
         since += 1
         if here == CHARGER:
@@ -33,13 +33,13 @@ def test_against_a_run():
 def test_capture_against_all_ways():
     """Of two steps for each vertex, from all states that occur, by enumeration."""
     attack, least = 3, 1.0
-    found = charged(GRAPH, WALK, CHARGER, EVERY, attack_time=attack)
+    found = charged(GRAPH, WALK[None], CHARGER, EVERY, attack_time=attack)
     states = {(0, CHARGER)}
     while True:
         after = {
             (0 if there == CHARGER else since + 1, int(there))
             for since, here in states
-            for there in np.flatnonzero(found.chance[since, here])
+            for there in np.flatnonzero(found.chance[0, since, here])
         }
         if after <= states:
             break
@@ -49,15 +49,23 @@ def test_capture_against_all_ways():
         for way in itertools.product(range(5), repeat=attack):
             chance, age, here = 1.0, since, start
             for there in way:
-                chance *= found.chance[age % EVERY, here, there]
+                chance *= found.chance[0, age % EVERY, here, there]
                 age, here = (0 if there == CHARGER else age + 1), there
             caught += chance * (target in way)
         least = min(least, caught)
     assert found.least_capture == pytest.approx(least, abs=1e-12)
 
 
+def test_two_robots_are_independent():
+    one = charged(GRAPH, WALK[None], CHARGER, EVERY, attack_time=3)
+    two = charged(GRAPH, np.stack([WALK, WALK]), CHARGER, EVERY, attack_time=3)
+    assert two.least_capture == pytest.approx(1 - (1 - one.least_capture) ** 2)
+    np.testing.assert_allclose(two.idleness, 1 / (1 - (1 - one.share) ** 2))
+    np.testing.assert_allclose(two.interval, one.interval)
+
+
 def test_much_energy_changes_nothing():
-    found = charged(GRAPH, WALK, CHARGER, 200)
+    found = charged(GRAPH, WALK[None], CHARGER, 200)
     share = np.linalg.matrix_power((WALK + np.eye(5)) / 2, 2000)[0]
     np.testing.assert_allclose(found.share, share, atol=1e-6)
 
@@ -65,10 +73,12 @@ def test_much_energy_changes_nothing():
 def test_a_walk_that_never_comes_there_is_led_back():
     to_and_fro = np.zeros((5, 5))
     to_and_fro[[0, 1, 2, 3, 4], [1, 0, 1, 4, 3]] = 1
-    found = charged(GRAPH, to_and_fro, CHARGER, 4)
+    found = charged(GRAPH, to_and_fro[None], CHARGER, 4)
     assert found.interval[-2:].sum() == pytest.approx(1)
 
 
 def test_a_charger_that_is_too_far_is_refused():
     with pytest.raises(ValueError, match="every: expected at least 4 steps, to the far"):
-        charged(GRAPH, WALK, CHARGER, 3)
+        charged(GRAPH, WALK[None], CHARGER, 3)
+    with pytest.raises(ValueError, match="every: expected at most 2,000,000 steps on 5 vertices"):
+        charged(GRAPH, WALK[None], CHARGER, 2_000_001)

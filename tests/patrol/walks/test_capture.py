@@ -10,7 +10,8 @@ import scipy.optimize
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
 from jaxcell.patrol.walks import capture, sequential_lp
-from jaxcell.patrol.walks.capture import maximin_capture, walk_capture_probabilities
+from jaxcell.patrol.walks.arrival import walk_capture_probabilities
+from jaxcell.patrol.walks.capture import maximin_capture
 from jaxcell.patrol.walks.linearized import LinearizedCapture
 from jaxcell.patrol.walks.polytope import ChainPolytope
 from jaxcell.patrol.walks.sequential_lp import maximize_least_capture

@@ -1,0 +1,125 @@
+"""The exact law of capture: how likely robots on a graph come to a target in time."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ...base.precision import require_x64
+from ...optimize import Graph
+from ..team.times import move_times
+
+
+def walk_capture_probabilities(
+    graph: Graph, matrix: Any, attack_time: Any, travel_times: Any = None
+) -> Float[np.ndarray, "starts targets"]:
+    """The probability that a robot comes to a target within the attack time.
+
+    The attack begins as the robot leaves its start. It comes to the start itself when it is first
+    back there; a patroller that stays is back after a time of 1.
+
+    **Arguments:**
+
+    - `graph`: the graph.
+    - `matrix`: array `[vertices, vertices]`, the transition matrix of the robot.
+    - `attack_time`: how long an attack takes, a whole number, or array `[vertices]` of one for each
+        target.
+    - `travel_times`: array `[edges]`, how long each edge takes, whole numbers; by default 1.
+
+    **Returns:** array `[vertices, vertices]`, the start first.
+
+    **Raises:** `ValueError` for times that are not whole numbers of at least 1, and for a matrix
+    whose rows are not probabilities, or that has a move that is no edge.
+
+    A random walk on a line of three vertices, against attacks of two steps:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2]])
+        >>> matrix = [[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]
+        >>> patrol.walk_capture_probabilities(graph, matrix, 2).tolist()
+        [[0.5, 1.0, 0.5], [0.5, 1.0, 0.5], [0.5, 1.0, 0.5]]
+    """
+    delays, attack = whole_numbers(graph, attack_time, travel_times)
+    given = np.array(matrix, np.float64)
+    if given.shape != delays.shape:
+        raise ValueError(f"matrix: expected {list(delays.shape)}, got {list(given.shape)}")
+    if not (given >= 0).all() or np.abs(given.sum(axis=1) - 1).max() > 1e-9:
+        raise ValueError("matrix: expected rows of numbers of at least 0 that sum to 1")
+    wrong = np.argwhere((given > 0) & (delays == 0))
+    if wrong.size:
+        raise ValueError(f"matrix{wrong[0].tolist()} is positive, but no edge of the graph")
+    require_x64("walk_capture_probabilities")
+    return np.asarray(first_passage(jnp.asarray(given), *on_device(delays, attack)))
+
+
+def captured_by_any(
+    probability: Float[np.ndarray, "robots starts targets"],
+) -> Float[np.ndarray, "targets"]:
+    """The least probability that one of some robots comes in time, each from where it is worst."""
+    return 1 - (1 - probability.min(axis=1)).prod(axis=0)
+
+
+@jax.jit
+def first_passage(
+    P: Float[Array, "vertices vertices"],
+    delays: Int[Array, "vertices vertices"],
+    attack: Int[Array, "vertices"],
+    longest: Float[Array, "delays"],
+    horizon: Float[Array, "times"],
+) -> Float[Array, "vertices vertices"]:
+    """The first passage `F_k(i, j) = sum_l p_il (t_il = k and l = j, or else F_(k - t_il)(l, j))`.
+
+    The sum goes over the `l != j`. The last arguments have the sizes of the loops, because the
+    shapes are what is compiled for.
+    """
+    n, slots = P.shape[0], longest.size
+    each = jnp.arange(1, slots + 1, dtype=delays.dtype)
+    moves = jnp.where(delays[None] == each[:, None, None], P[None], 0.0)
+
+    def step(state, time):  # type: ignore[no-untyped-def]
+        later, captured = state
+        first = jnp.where(delays == time, P, 0.0) + jnp.einsum("dil,dlj->ij", moves, later)
+        captured = captured + jnp.where((time <= attack)[None, :], first, 0.0)
+        onward = first - jnp.diag(jnp.diagonal(first))
+        return (jnp.concatenate([onward[None], later[:-1]]), captured), None
+
+    start = jnp.zeros((slots, n, n), P.dtype), jnp.zeros((n, n), P.dtype)
+    times = jnp.arange(1, horizon.size + 1, dtype=delays.dtype)
+    return jax.lax.scan(step, start, times)[0][1]
+
+
+def whole_numbers(
+    graph: Graph, attack_time: Any, travel_times: Any
+) -> tuple[Int[np.ndarray, "vertices vertices"], Int[np.ndarray, "vertices"]]:
+    """How long moves take, 0 where there is none, and attacks on each vertex.
+
+    **Raises:** `ValueError` for times that are not whole numbers of at least 1.
+    """
+    attack = _whole("attack_time", attack_time, graph.vertices, "vertex")
+    given = 1 if travel_times is None else travel_times
+    times = _whole("travel_times", given, len(graph.edges), "edge")
+    return move_times(graph, times).astype(np.int32), attack
+
+
+def on_device(
+    delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
+) -> tuple[Array, Array, Array, Array]:
+    """What [`first_passage`][] takes beside a matrix."""
+    slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
+    return jnp.asarray(delays), jnp.asarray(attack), *slots
+
+
+def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "count"]:
+    numbers = np.asarray(given)
+    if numbers.shape not in ((), (count,)) or not np.issubdtype(numbers.dtype, np.integer):
+        raise ValueError(
+            f"{name}: expected a whole number, or {count}, one a {what}, got an array of "
+            f"{numbers.dtype} with shape {list(numbers.shape)}"
+        )
+    numbers = np.broadcast_to(numbers, count)
+    if numbers.min() < 1:
+        wrong = int(np.argmin(numbers))
+        raise ValueError(f"{name}: expected at least 1, got {numbers[wrong]} for {what} {wrong}")
+    return numbers.astype(np.int32)

@@ -1,0 +1,139 @@
+import itertools
+
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+
+from jaxcell import patrol
+from jaxcell.optimize import Graph
+from jaxcell.patrol.team.charging import Charged, in_time_for_charge
+from jaxcell.patrol.walks.charged_capture import charged_capture
+from jaxcell.patrol.walks.steps import ChargedSteps, Steps
+from jaxcell.study import PatrolGraph
+
+
+KITE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])
+CHARGER, EVERY, ATTACK = 2, 3, 4
+
+
+def walk_on(graph):
+    return patrol.random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
+
+
+def policy(leave, stray):
+    """All walks on the kite that are back at the charger every third step."""
+    chance = np.zeros((EVERY, 4, 4))
+    chance[0, CHARGER, [0, 1, 3]] = leave
+    chance[1, 0, [1, 2]] = stray[0], 1 - stray[0]
+    chance[1, 1, [0, 2]] = stray[1], 1 - stray[1]
+    chance[1, 3, 2] = 1
+    chance[2, [0, 1], 2] = 1
+    return chance[None]
+
+
+def simulated(found, charger, attack, runs=400_000):
+    """Captures at each vertex from each state that occurs, as shares of one long run."""
+    random = np.random.default_rng(0)
+    total = found.chance[0].cumsum(axis=2)
+    draws = random.random(runs)
+    here, age, places, ages = charger, 0, np.empty(runs, int), np.empty(runs, int)
+    for step in range(runs):
+        places[step], ages[step] = here, age
+        here = int(np.searchsorted(total[age, here], draws[step] * total[age, here, -1]))
+        age = 0 if here == charger else age + 1
+    windows = np.lib.stride_tricks.sliding_window_view(places[1:], attack)
+    begin, least = ages[: len(windows)] * total.shape[1] + places[: len(windows)], 1.0
+    for target in range(total.shape[1]):
+        caught = (windows == target).any(axis=1)
+        count = np.bincount(begin)
+        share = np.bincount(begin, caught)[count > 2000] / count[count > 2000]
+        least = min(least, float(share.min()))
+    return least
+
+
+def test_steps_are_those_of_the_law():
+    near = Steps.of(KITE)
+    image = np.asarray(near.image)
+    allowed = in_time_for_charge(KITE, CHARGER, 5)[:, image] & (np.asarray(near.even) > 0)
+    steps = ChargedSteps(near, jnp.asarray(allowed), jnp.asarray(CHARGER), jnp.asarray(0.05))
+    unseen = jnp.asarray(np.tile(1 - np.eye(4), (5, 1)))
+
+    @jax.jit
+    def law(logits):
+        drawn, late = steps.chances(logits, 0.0)[0], unseen
+        for _ in range(ATTACK - 1):
+            late = unseen * steps.pull(drawn, late)
+        return drawn, steps.often(drawn), steps.share_of_time(drawn), steps.pull(drawn, late)
+
+    logits = np.random.default_rng(0).normal(size=(1, image.shape[0], 20))
+    drawn, often, share, late = (np.asarray(one) for one in law(jnp.asarray(logits)))
+    chance = np.zeros((5, 4, 4))
+    by_age = drawn.reshape(-1, 5, 4).swapaxes(0, 1)
+    np.add.at(chance, (np.arange(5)[:, None, None], np.arange(4), image), by_age)
+    expected = Charged.of(chance[None], CHARGER, attack_time=ATTACK)
+    assert expected.interval.sum() == pytest.approx(1)
+    assert chance[chance > 0].min() > 0.04
+    np.testing.assert_allclose(share.reshape(5, 4).sum(axis=0), expected.share, atol=1e-12)
+    assert 1 - late[often > 0].max() == pytest.approx(expected.least_capture)
+
+
+@pytest.mark.slow
+def test_no_walk_of_a_fine_grid_of_all_captures_more():
+    found = charged_capture(KITE, walk_on(KITE), CHARGER, EVERY, ATTACK)
+    tenths = np.arange(0, 1.01, 0.1)
+    best = max(
+        Charged.of(policy([a, b, 1 - a - b], stray), CHARGER, attack_time=ATTACK).least_capture
+        for a, b in itertools.product(tenths, tenths)
+        if a + b < 1 + 1e-9
+        for stray in itertools.product(tenths[::2], tenths[::2])
+    )
+    assert found.least_capture > best - 1e-3 > found.led_back
+    assert found.least_capture == pytest.approx(simulated(found, CHARGER, ATTACK), abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("graph", "every", "attack", "optimum"),
+    [
+        # To the other end and back, which no walk without a memory does.
+        (nx.path_graph(5), 8, 8, 1.0),
+        # One of three leaves, twice within the attack.
+        (nx.star_graph(3), 2, 4, 5 / 9),
+    ],
+)
+def test_known_optima(graph, every, attack, optimum):
+    graph = Graph(np.array(graph.edges))
+    found = charged_capture(graph, walk_on(graph), 0, every, attack, starts=2)
+    assert found.least_capture == pytest.approx(optimum, abs=1e-3)
+    assert found.interval.sum() == pytest.approx(1)
+    assert (found.chance[0, -1].argmax(axis=1)[found.chance[0, -1].any(axis=1)] == 0).all()
+
+
+@pytest.mark.slow
+def test_two_robots_capture_no_less_than_when_they_are_led_back():
+    star = Graph(np.array(nx.star_graph(3).edges))
+    found = charged_capture(star, np.repeat(walk_on(star), 2, axis=0), 0, 2, 2, starts=2)
+    # One that goes to a leaf in three captures a third there; two may share the leaves.
+    assert found.led_back == pytest.approx(1 - (2 / 3) ** 2)
+    assert found.least_capture >= found.led_back
+    assert found.chance.shape == (2, 2, 4, 4)
+
+
+def test_too_large_graphs_are_refused():
+    line = Graph([(i, i + 1) for i in range(99)])
+    with pytest.raises(ValueError, match="every: 200 steps, times 100 vertices squared, times att"):
+        charged_capture(line, walk_on(line), 0, 200, 200)
+
+
+def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
+    asked = {}
+    monkeypatch.setattr(patrol, "charged_capture", lambda *a, **b: asked.update(a=a, **b))
+    file = tmp_path / "kite.edges"
+    options = {"strategy": "capture", "charger": "2", "every": 3, "attack_time": 4}
+    study = PatrolGraph(file=file, **options)
+    found = patrol.GraphPatrol.of(KITE, patrol.random_walk(KITE, np.ones(4)))
+    assert study.more(found, print).keys() == {"charged"}
+    assert asked["a"][2:] == (2, 3, 4)
+    assert asked["name"] == "2"
