@@ -12,18 +12,18 @@ import resource
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numba
 import numpy as np
 import psutil
-import scipy.sparse
+from any_map import any_map
 from rows import Row, options, rows_of, write_rows
 from timing import Timing, begin, line, take_turns
 
 from jaxcell import bounce
-from jaxcell.mapping import GroupSummary, periodic_groups
+from jaxcell.mapping import GroupSummary
 from jaxcell.space import CellSpace, Workspace, stencil
 
 
@@ -291,45 +291,6 @@ def side_by_side(collision: str, repeats: int) -> list[Row]:
     return rows_for(timings, cells, collision)
 
 
-def any_map(repeats: int) -> list[Row]:
-    """Programs that know nothing of rooms: the image is given."""
-    cells = room()
-    image = bounce.bounce_map(cells, BOUNCE).image
-    graph = scipy.sparse.csr_array(
-        (
-            np.ones(cells.size, np.int8),
-            np.asarray(image),
-            np.arange(cells.size + 1, dtype=np.int32),
-        ),
-        shape=(cells.size, cells.size),
-    )
-    components = scipy.sparse.csgraph.connected_components
-    calls: dict[str, Callable[[], Any]] = {
-        "periodic_groups(image)": lambda: periodic_groups(image),
-        "scipy connected_components, strong": lambda: components(graph, connection="strong"),
-        "scipy connected_components, weak": lambda: components(graph, connection="weak"),
-    }
-
-    def pairs(one: np.ndarray, other: np.ndarray) -> int:
-        return np.unique(one.astype(np.int64) * cells.size + other).size
-
-    def check(results: dict[str, Any]) -> None:
-        groups, (_, strong), (basins, weak) = results.values()
-        group, periodic = np.asarray(groups.group), np.asarray(groups.periodic)
-        counts = {pairs(group, weak), pairs(group[periodic], strong[periodic]), basins}
-        if counts != {int(groups.count)}:
-            sys.exit("scipy and periodic_groups disagree")
-
-    timings = take_turns(calls, repeats, check)
-    print(f"\n### Any map, {cells.size:,} cells, image given\n")
-    line("", "gives", "min, ms", "median, ms")
-    line("---", "---", "--:", "--:")
-    gives = ["groups, steps, periods", "groups of periodic cells", "basins"]
-    for (name, timing), what in zip(timings.items(), gives, strict=True):
-        line(name, what, f"{timing.least * 1e3:.0f}", f"{timing.median * 1e3:.0f}")
-    return rows_of("groups", "groups of any map, image given", f"{cells.size:,} cells", timings)
-
-
 def series(title: str, spaces: Iterable[CellSpace], repeats: int) -> list[Row]:
     """The median time of all programs in several sizes, and the exponent of its growth.
 
@@ -386,7 +347,7 @@ def main() -> None:
     rows = side_by_side("swept", repeats)
     if arguments.full:
         rows += side_by_side("endpoint", repeats)
-    rows += any_map(min(repeats, 5))
+    rows += any_map(np.asarray(bounce.bounce_map(room(), BOUNCE).image), min(repeats, 5))
     full_size = room().size
     sizes = sorted(SIZES + MORE_SIZES) if arguments.full else SIZES
     rooms = (room(math.sqrt(size / full_size)) for size in sizes)

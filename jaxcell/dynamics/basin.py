@@ -11,7 +11,7 @@ from ..mapping.peel import peeled_groups
 from ..space.box import Box
 from . import attractors as of_map
 from .imaging import Say, changed_by_half_step, images_of_each, self_images, torn_axes
-from .maps import Map
+from .maps import Flow, Map
 from .orbits import orbit_basins
 
 
@@ -69,6 +69,11 @@ class Basins(Result):
     "Periodic axes at whose two ends the map differs."
     duration: float | None = None
     "The time of a mapping, if all cells have the same."
+    time: Annotated[
+        Float[np.ndarray, "cells"] | None,
+        quantity("cell", "time until the cell is on its group or attractor", kind="time"),
+    ] = None
+    "Where mappings have a time each; that outside the box is not counted."
     labels: tuple[str, ...] = ()
     "What the axes are called; none for `x0`, `x1`, ..."
 
@@ -103,13 +108,21 @@ class Basins(Result):
 
     @derived("attractor", "mean mappings to the attractor", "step", kind="time")
     def mean_steps(self) -> Float[np.ndarray, "attractors"]:
-        found = self.basin >= 0
-        total = np.bincount(self.basin[found], self.step[found], minlength=self.attractors)
-        return total / np.maximum(1, self.fraction * self.box.size)
+        return self._mean(self.step)
 
     @derived("attractor", "mean time to the attractor", kind="time")
     def mean_time(self) -> Float[np.ndarray, "attractors"] | None:
-        return None if self.duration is None else self.duration * self.mean_steps
+        return None if self.duration is None and self.time is None else self._mean(self.times)
+
+    @property
+    def times(self) -> Float[np.ndarray, "cells"]:
+        """Time until each cell is on its attractor, in mappings where they have no time."""
+        return self.step * (self.duration or 1.0) if self.time is None else self.time
+
+    def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
+        found = self.basin >= 0
+        total = np.bincount(self.basin[found], of_cells[found], minlength=self.attractors)
+        return total / np.maximum(1, self.fraction * self.box.size)
 
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
@@ -230,7 +243,10 @@ def basins_of_each(
     say: Say | None = None,
 ) -> list[Basins]:
     """[`basins`][jaxcell.dynamics.basins] for each of some parameters, in one batch."""
-    image = images_of_each(map, box, members, follow=follow, dtype=dtype, say=say)
+    duration = getattr(map, "duration", None)
+    timed = hasattr(map, "timed") or (isinstance(map, Flow) and map.crossing > 0)
+    time = np.empty((len(members), box.size), np.float32) if timed else None
+    image = images_of_each(map, box, members, follow=follow, dtype=dtype, time=time, say=say)
     if say is not None:
         say("finding groups and attractors", 0, 0)
     sinks = np.array([box.outside, box.nowhere], np.int32)
@@ -240,11 +256,12 @@ def basins_of_each(
     )
     changed = changed_by_half_step(map, box, members, follow=follow)
     torn = torn_axes(map, box, members)
-    each = []
+    each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
         one = _by_cells(box, params, *parts)
-        duration = getattr(map, "duration", None)
         one = dataclasses.replace(one, torn=ends, duration=duration, labels=labels)
+        if time is not None and by == "cells":
+            one = dataclasses.replace(one, time=_along(one, time[len(each)]))
         if by == "orbits":
             cells = one.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
@@ -253,6 +270,16 @@ def basins_of_each(
             one = dataclasses.replace(one, several=several, **followed)
         each.append(one)
     return each
+
+
+def _along(found: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
+    """The time of all mappings until each cell is on its group, those nearest to it first."""
+    time = np.zeros(found.box.size + 2)
+    order = np.argsort(found.step, kind="stable")
+    ends = np.cumsum(np.bincount(found.step))
+    for cells in np.split(order, ends[:-1])[1:]:
+        time[cells] = lasts[cells] + time[found.image[cells]]
+    return time[:-2]
 
 
 def _by_cells(

@@ -1,4 +1,5 @@
 import functools
+import itertools
 from typing import Any
 
 import jax
@@ -21,6 +22,7 @@ def chain(
     *,
     samples: int = 16,
     noise: float | tuple[float, ...] = 0.0,
+    quadrature: int = 0,
     key: Any = None,
 ) -> Chain:
     """The generalized map of a box: images of points inside each cell, with additive noise.
@@ -35,11 +37,14 @@ def chain(
     - `map`, `box`, `params`: as for [`jaxcell.dynamics.images`][].
     - `samples`: points of each cell, all of one weight.
     - `noise`: standard deviation of what is added to an image, along all axes or along each.
+    - `quadrature`: nodes of Gauss and Hermite along each axis with noise, all of which are added to
+        each image, with their weights; by default each image has noise of its own. Polynomials up
+        to twice as many nodes then have their exact means.
     - `key`: of JAX's random numbers, by default `jax.random.key(0)`.
 
     **Returns:** [`jaxcell.mapping.Chain`][], for all of [`jaxcell.markov`][].
 
-    **Raises:** `ValueError` for no samples, noise that is negative, or a map as
+    **Raises:** `ValueError` for no samples, noise or nodes that are negative, or a map as
     [`jaxcell.dynamics.images`][] says. `RuntimeError` where JAX is set to 32 bits.
 
     A walk on a ring:
@@ -55,6 +60,8 @@ def chain(
     require_x64("a chain of a map")
     if samples < 1:
         raise ValueError(f"samples: expected at least 1, got {samples}")
+    if quadrature < 0:
+        raise ValueError(f"quadrature: expected a number of nodes from 0, got {quadrature}")
     deviation = np.broadcast_to(np.asarray(noise, float), (box.dimensions,))
     if not (np.isfinite(deviation).all() and (deviation >= 0).all()):
         raise ValueError(f"noise: expected numbers from 0, got {noise}")
@@ -62,17 +69,37 @@ def chain(
         raise ValueError("map: noise needs the same time everywhere; give flow a number of steps")
     check_map(map, box, params)
     key = jax.random.key(0) if key is None else key
-    image = _sampled(map, box, params, jnp.asarray(deviation), key, samples)
+    nodes, weights = _nodes(deviation, quadrature) if quadrature else (None, np.ones(1))
+    added = None if nodes is None else jnp.asarray(nodes)
+    image = _sampled(map, box, params, jnp.asarray(deviation), key, samples, added)
     inside = image < box.size
     # What left the box is missing from the probabilities of its cell.
     cells = np.arange(box.size, dtype=np.int32)
-    return Chain(jnp.where(inside, image, cells), jnp.where(inside, 1 / samples, 0.0))
+    share = np.tile(weights / samples, samples)[:, None]
+    return Chain(jnp.where(inside, image, cells), jnp.where(inside, share, 0.0))
+
+
+def _nodes(
+    deviation: Float[np.ndarray, "axes"], quadrature: int
+) -> tuple[Float[np.ndarray, "nodes axes"], Float[np.ndarray, "nodes"]]:
+    """What is added to an image, and the weight of each."""
+    places, weights = np.polynomial.hermite_e.hermegauss(quadrature)
+    along = [(places * one, weights) if one else (np.zeros(1), np.ones(1)) for one in deviation]
+    nodes = np.array(list(itertools.product(*(place for place, _ in along))))
+    mass = np.array(list(itertools.product(*(weight for _, weight in along)))).prod(axis=1)
+    return nodes, mass / mass.sum()
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box", "samples"))
 def _sampled(
-    map: Map, box: Box, params: Any, deviation: Float[Array, "axes"], key: Any, samples: int
-) -> Int[Array, "samples cells"]:
+    map: Map,
+    box: Box,
+    params: Any,
+    deviation: Float[Array, "axes"],
+    key: Any,
+    samples: int,
+    nodes: Float[Array, "nodes axes"] | None,
+) -> Int[Array, "branches cells"]:
     centre = box.centre(jnp.arange(box.size, dtype=jnp.int32))
     width = jnp.asarray(box.width)[None]
     shift = jax.random.uniform(key, (box.size, 2 * box.dimensions))
@@ -82,9 +109,12 @@ def _sampled(
         place = (shift + k * turn) % 1.0
         within, quantile = jnp.split(place, 2, axis=1)
         end = jax.vmap(lambda x: map(x, params))(centre + (within - 0.5) * width)
-        return box.index(end + deviation[None] * ndtri(jnp.clip(quantile, 1e-16, 1 - 1e-16)))
+        drawn = deviation[None] * ndtri(jnp.clip(quantile, 1e-16, 1 - 1e-16))
+        added = drawn[None] if nodes is None else nodes[:, None]
+        return box.index(end[None] + added)
 
-    return jax.lax.map(sample, jnp.arange(samples, dtype=turn.dtype))
+    image = jax.lax.map(sample, jnp.arange(samples, dtype=turn.dtype))
+    return image.reshape(-1, box.size)
 
 
 def _turns(dimensions: int) -> Float[np.ndarray, "dimensions"]:

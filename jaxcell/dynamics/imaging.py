@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from ..mapping.section import bucket
 from ..space.box import Box
@@ -71,9 +71,13 @@ def images_of_each(
     follow: int = 0,
     dtype: Any = None,
     out: Int[np.ndarray, "members cells"] | None = None,
+    time: Float[np.ndarray, "members cells"] | None = None,
     say: Say | None = None,
 ) -> Int[np.ndarray, "members cells"]:
-    """[`images`][jaxcell.dynamics.images] for each of some parameters, in one batch."""
+    """[`images`][jaxcell.dynamics.images] for each of some parameters, in one batch.
+
+    If the map has times of its own, `time` is an array to write to how long each mapping takes.
+    """
     check_map(map, box, members[0])
     found = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
@@ -81,7 +85,10 @@ def images_of_each(
     def compute(start: int) -> int:
         first = min(start, box.size - size)
         cells = np.arange(first, first + size, dtype=np.int32)
-        found[:, first : first + size] = _images_of(map, box, members, cells, follow, dtype)
+        part = slice(first, first + size)
+        found[:, part], taken = _images_of(map, box, members, cells, follow, dtype)
+        if time is not None:
+            time[:, part] = taken
         return first + size
 
     for done in in_threads(compute, range(0, box.size, size)):
@@ -148,44 +155,52 @@ def changed_by_half_step(
         return [None] * len(members)
     count = int(np.clip(box.size // 100, min(box.size, 256), 1 << 16))
     cells = np.random.default_rng(seed).integers(0, box.size, count, dtype=np.int32)
-    one, half = (_images_of(m, box, members, cells, follow, None) for m in (map, map.halved()))
+    one, half = (_images_of(m, box, members, cells, follow, None)[0] for m in (map, map.halved()))
     return (one != half).mean(axis=1).tolist()
 
 
-def _crossing(map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any) -> np.ndarray:
-    """The images of cells that have a time each."""
+def _crossing(
+    map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """The images of cells that have a time each, and the time."""
 
     def stage(state: Any, k: int) -> Any:
-        cells, points = state
+        cells, points, taken = state
         steps = min(_STAGE, map.steps - k * _STAGE)
-        points, index, away = _cross(map, box, params, cells, points, steps)
-        return (cells, points), away | (k * _STAGE + steps >= map.steps), (index, points)
+        points, taken, index, away = _cross(map, box, params, *state, steps)
+        ended = away | (k * _STAGE + steps >= map.steps)
+        return (cells, points, taken), ended, (index, points, taken)
 
     start = np.asarray(cells)
-    index, points = in_stages((start, np.asarray(box.centre(start, dtype))), stage)
+    begun = start, np.asarray(box.centre(start, dtype)), np.zeros(start.size, np.int32)
+    index, points, taken = in_stages(begun, stage)
     lost = index == box.outside
     if follow and lost.any():
         points = points[lost]
         filled = with_last(points, bucket(len(points)))
         ahead = _followed(map, box, params, filled, follow * map.steps)
         index[lost] = np.asarray(ahead)[: len(points)]
-    return index
+    return index, taken * map.dt
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
-def _cross(map: Flow, box: Box, params: Any, cells: Any, points: Any, steps: Any) -> Any:
+def _cross(
+    map: Flow, box: Box, params: Any, cells: Any, points: Any, taken: Any, steps: Any
+) -> Any:
     """Up to some steps from points, until they are away from the cells that they began in."""
 
-    def cross(cell, x):  # type: ignore[no-untyped-def]
+    def cross(cell, x, taken):  # type: ignore[no-untyped-def]
         here = box.coordinates(cell)
 
-        def step(_, y):  # type: ignore[no-untyped-def]
-            return jnp.where(_away(map, box, here, y), y, map.one(y, params))
+        def step(_, state):  # type: ignore[no-untyped-def]
+            y, taken = state
+            away = _away(map, box, here, y)
+            return jnp.where(away, y, map.one(y, params)), jnp.where(away, taken, taken + 1)
 
-        y = jax.lax.fori_loop(0, steps, step, x)
-        return y, box.index(y), _away(map, box, here, y)
+        y, taken = jax.lax.fori_loop(0, steps, step, (x, taken))
+        return y, taken, box.index(y), _away(map, box, here, y)
 
-    return jax.vmap(cross)(cells, points)
+    return jax.vmap(cross)(cells, points, taken)
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
@@ -219,11 +234,12 @@ def _images(
     cells: Int[Array, "size"],
     follow: int,
     dtype: Any,
-) -> Int[Array, "members size"]:
+) -> tuple[Int[Array, "members size"], Float[Array, "members size"] | None]:
     def image(member, cell):  # type: ignore[no-untyped-def]
         own = params_of(params, member)
-        y = map(box.centre(cell, dtype), own)
-        return _until_inside(map, box, y, own, follow) if follow else box.index(y)
+        x = box.centre(cell, dtype)
+        y, time = map.timed(x, own) if hasattr(map, "timed") else (map(x, own), None)
+        return (_until_inside(map, box, y, own, follow) if follow else box.index(y)), time
 
     return jax.vmap(lambda member: jax.vmap(lambda cell: image(member, cell))(cells))(members)
 
@@ -235,10 +251,14 @@ def _images_of(
     cells: Int[np.ndarray, "size"],
     follow: int,
     dtype: Any,
-) -> Int[np.ndarray, "members size"]:
+) -> tuple[Int[np.ndarray, "members size"], Float[np.ndarray, "members size"] | None]:
+    """The images of cells, and how long they take if the map has times of its own."""
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
     if isinstance(map, Flow) and map.crossing:
         arrays = (jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), one) for one in members)
-        return np.stack([_crossing(map, box, one, cells, follow, kind) for one in arrays])
-    params, each = stacked(members, kind), jnp.arange(len(members))
-    return np.asarray(_images(map, box, params, each, jnp.asarray(cells), follow, kind))
+        each = [_crossing(map, box, one, cells, follow, kind) for one in arrays]
+        image, time = (np.stack(parts) for parts in zip(*each, strict=True))
+        return image, time
+    params, every = stacked(members, kind), jnp.arange(len(members))
+    image, time = _images(map, box, params, every, jnp.asarray(cells), follow, kind)
+    return np.asarray(image), None if time is None else np.asarray(time)

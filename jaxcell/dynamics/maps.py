@@ -99,6 +99,10 @@ class Section:
     max_steps: int
 
     def __call__(self, x: Any, params: Any) -> Any:
+        return self.timed(x, params)[0]
+
+    def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
+        """Where a point comes back to the surface, and when."""
         # The first step leaves the surface, where the sign of zero says nothing.
         first = self.flow.one(jnp.asarray(self.lift(x, params)), params)
 
@@ -114,7 +118,8 @@ class Section:
         last, _, steps = jax.lax.while_loop(before, step, (first, self.flow.one(first, params), 0))
         time = _crossing_time(self._height(last, params), self.flow.dt)
         there = self._partial(last, params, time)
-        return jnp.where(steps < self.max_steps, self.project(there, params), jnp.nan)
+        back = jnp.where(steps < self.max_steps, self.project(there, params), jnp.nan)
+        return back, (steps + 1) * self.flow.dt + time
 
     def _partial(self, x: Any, params: Any, dt: Any) -> Any:
         return _rk4(lambda _, y: self.flow.field(y, params), x, 0.0, dt)

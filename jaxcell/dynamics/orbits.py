@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ..space.box import Box
 from .batches import in_stages
@@ -15,9 +15,9 @@ from .imaging import CHUNK, Say
 from .maps import Map
 
 
-# Visits to the cells of an attractor that settle it, mappings between two looks at which orbits
-# have ended, and the most of them.
-_VISITS = 16
+VISITS = 16
+"""Visits to the cells of an attractor that settle it."""
+# Mappings between two looks at which orbits have ended, and the most of them.
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 _NONE, _OUTSIDE = -1, -2
@@ -42,35 +42,54 @@ def orbit_basins(
     **Returns:** the attractor of each cell, -2 if its orbit leaves the box, -1 if it comes to none;
     and the mappings until the first of these visits.
     """
-    owner = np.full(box.size + 2, _NONE, np.int32)
-    owner[box.outside] = _OUTSIDE
-    for k, cells in enumerate(attractor_cells):
-        owner[cells] = k
-    params = jax.tree.map(jnp.asarray, params)
+    owner = attractor_owners(box, attractor_cells)
     basin, step = np.empty((2, box.size), np.int32)
     for first in range(0, box.size, CHUNK):
         cells = np.arange(first, min(first + CHUNK, box.size), dtype=np.int32)
-        basin[cells], step[cells] = _of_chunk(map, box, params, jnp.asarray(owner), cells, follow)
+        centres = box.centre(cells)
+        basin[cells], step[cells] = orbit_ends(map, box, params, owner, centres, follow=follow)
         if say is not None:
             say("following orbits", int(cells[-1]) + 1, box.size)
     return basin, step
 
 
-def _of_chunk(
-    map: Map, box: Box, params: Any, owner: Any, cells: Int[np.ndarray, "size"], follow: int
-) -> tuple[np.ndarray, ...]:
+def attractor_owners(
+    box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
+) -> Int[np.ndarray, "_"]:
+    """The attractor that each cell is on, -1 for none; and what becomes of the two sinks."""
+    owner = np.full(box.size + 2, _NONE, np.int32)
+    owner[box.outside] = _OUTSIDE
+    for k, cells in enumerate(attractor_cells):
+        owner[cells] = k
+    return owner
+
+
+def orbit_ends(
+    map: Map,
+    box: Box,
+    params: Any,
+    owner: Int[np.ndarray, "_"],
+    points: Float[np.ndarray, "points axes"],
+    *,
+    follow: int = 0,
+    visits: int = VISITS,
+) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
+    """Follow points until they have visited cells of one owner as often as that."""
+    params, known = jax.tree.map(jnp.asarray, params), jnp.asarray(owner)
+
     def stage(state: Any, k: int) -> Any:
         done = (k + 1) * _STAGE
-        state = jax.device_get(_visit(map, box, params, owner, state, k * _STAGE, follow))
-        _, label, begun, visits, away = state
-        lost, settled = away > follow, visits >= _VISITS
+        state = jax.device_get(_visit(map, box, params, known, state, k * _STAGE, follow))
+        _, label, begun, seen, away = state
+        lost, settled = away > follow, seen >= visits
         basin = np.where(lost, _OUTSIDE, np.where(settled, label, _NONE)).astype(np.int32)
         since = np.where(lost, done, np.where(settled, begun, _NONE)).astype(np.int32)
         return state, lost | settled | (done >= _MAX_MAPPINGS), (basin, since)
 
-    begun, visits, away = np.zeros((3, cells.size), np.int32)
-    label = np.full(cells.size, _NONE, np.int32)
-    return in_stages((box.centre(cells), label, begun, visits, away), stage)
+    begun, seen, away = np.zeros((3, len(points)), np.int32)
+    label = np.full(len(points), _NONE, np.int32)
+    basin, since = in_stages((points, label, begun, seen, away), stage)
+    return basin, since
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))

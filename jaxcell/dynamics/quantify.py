@@ -40,7 +40,7 @@ def basin_stability(
     mass = np.ones(found.box.size)
     if weight is not None:
         mass = np.asarray(weight(found.box.centre(np.arange(found.box.size, dtype=np.int32))))
-    come = np.where(_times(found) <= within, found.basin, -1)
+    come = np.where(found.times <= within, found.basin, -1)
     return np.bincount(come + 1, mass, minlength=found.attractors + 1)[1:] / mass.sum()
 
 
@@ -65,7 +65,7 @@ def convergence_pace(found: Basins) -> Float[np.ndarray, "attractors"]:
         >>> dynamics.convergence_pace(found).tolist()
         [2.0, 2.0]
     """
-    times = _times(found)
+    times = found.times
 
     def pace(own: np.ndarray, far: np.ndarray) -> float:
         return float(np.where(far > 0, times[own] / np.where(far > 0, far, 1), 0).mean())
@@ -95,10 +95,6 @@ def noncritical_shocks(
     """
     lengths = [far for _, far in _basins_with_distance(found)]
     return np.array([far.mean() for far in lengths]), np.array([far.max() for far in lengths])
-
-
-def _times(found: Basins) -> Float[np.ndarray, "cells"]:
-    return found.step * (found.duration or 1.0)
 
 
 def _basins_with_distance(found: Basins) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -12,16 +13,13 @@ from jaxtyping import Bool, Float, Int
 from ..space.box import Box
 from ..space.cells import TOLERANCE
 from .basin import Basins
-from .batches import in_stages
 from .imaging import CHUNK, check_map
 from .maps import Map
+from .orbits import VISITS, attractor_owners, orbit_ends
 
 
-# Mappings between two looks at which points have come to a cell that is not at a boundary, and the
-# most of these looks.
-_STAGE = 8
-_MAX_STAGES = 64
-_UNSURE = -2
+# Points that are followed for what is not cut, of each level; so many cells have as many around.
+_SAMPLED = 1 << 16
 
 
 class Refined(NamedTuple):
@@ -30,7 +28,8 @@ class Refined(NamedTuple):
     fraction: Float[np.ndarray, "attractors"]
     "The share of the box that leads to each attractor, by the finest cells."
     uncertain: Float[np.ndarray, "levels"]
-    "The share of the box that cells at a boundary take, by level; the first is that of the basins."
+    """The share of the box that cells at a boundary take, by level; the first is that of the
+    basins. Where the boundary is fractal, what is not cut is sampled."""
     exponent: float
     "The slope of its logarithm over that of the length of cells; 1 for smooth boundaries."
     boundary: Float[np.ndarray, "cells axes"]
@@ -47,8 +46,10 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
     A cell with another basin beside it is cut in two along each axis, and the centres of its parts
     are mapped until they come to a cell that has its own basin on all sides. Parts that have
     another basin beside them are cut again. A fractal boundary also passes between cells of one
-    basin, which are not cut: there the exponent is somewhat large, and
-    [`uncertainty_exponent`][jaxcell.dynamics.uncertainty_exponent] of finer cells is better.
+    basin, which are not cut. So points of the finest level are drawn from all of the box and
+    followed to their attractors: they correct the shares, and if any of them shows that a cell has
+    other basins in it than those around, every point is followed so, and cells at a boundary that
+    are not cut are counted among those drawn.
 
     **Arguments:**
 
@@ -73,16 +74,21 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
     keys = [np.arange(box.size)]
     basins = [found.basin]
     edge = np.flatnonzero(_at_boundary(box, keys, basins))
-    certain = np.append(found.basin, [-1, -1]).astype(np.int32)
-    certain[edge] = _UNSURE
-    for k, cells in enumerate(found.attractor_cells):
-        certain[cells] = k
+    owner, visits = attractor_owners(box, found.attractor_cells), VISITS
+    size = _SAMPLED // 3**box.dimensions, box.dimensions
+    drawn = np.random.default_rng(0).uniform(0, box.cells, size)
+    truth = _ends(map, found, owner, visits, box.lower + drawn * box.width)
+    cell = _keys(box, drawn.astype(np.int64), 0)
+    fractal = bool(((truth != found.basin[cell]) & ~np.isin(cell, edge)).any())
+    if not fractal:
+        sure = np.setdiff1d(keys[0], edge)
+        owner[sure], visits = found.basin[sure], 1
     volume = np.bincount(found.basin + 1, minlength=found.attractors + 1).astype(float)
     uncertain = [edge.size / box.size]
     parts = 2**box.dimensions
     for level in range(1, levels + 1):
         new = _halved(box, keys[-1][edge], level)
-        label = _followed(map, found, certain, _centres(box, new, level))
+        label = _ends(map, found, owner, visits, _centres(box, new, level))
         # What was said of the cells is taken back, and said of their parts.
         share = 0.5 ** (level * box.dimensions)
         volume -= share * parts * np.bincount(basins[-1][edge] + 1, minlength=volume.size)
@@ -91,6 +97,14 @@ def refined(map: Map, found: Basins, levels: int = 3) -> Refined:
         basins.append(label)
         edge = np.flatnonzero(_at_boundary(box, keys, basins))
         uncertain.append(edge.size * share / box.size)
+    place = (drawn * 2**levels).astype(np.int64)
+    for label, sign in ((truth, 1), (_basin_at(box, keys, basins, place), -1)):
+        volume += sign * box.size * np.bincount(label + 1, minlength=volume.size) / len(drawn)
+    for level in range(levels + 1 if fractal else 0):
+        beside = np.concatenate([*_around(box, drawn * 2**level, level)])
+        points = np.array(box.lower) + beside * (box.width / 2**level)
+        label = _ends(map, found, owner, visits, points).reshape(-1, len(drawn))
+        uncertain[level] = float(np.mean((label != truth).any(axis=0)))
     seen = np.flatnonzero(uncertain)
     slope = np.polyfit(seen, np.log2(np.array(uncertain)[seen]), 1)[0] if seen.size > 1 else np.nan
     return Refined(
@@ -189,15 +203,21 @@ def _at_boundary(
 ) -> Bool[np.ndarray, "cells"]:
     """Which cells of the finest level have another basin beside them, or at a corner."""
     level = len(keys) - 1
-    places, own = _places(box, keys[-1], level), basins[-1]
+    differs = np.zeros(keys[-1].size, bool)
+    for beside in _around(box, _places(box, keys[-1], level) + 0.5, level):
+        differs |= _basin_at(box, keys, basins, beside.astype(np.int64)) != basins[-1]
+    return differs
+
+
+def _around(
+    box: Box, places: Float[np.ndarray, "points axes"], level: int
+) -> Iterator[Float[np.ndarray, "points axes"]]:
+    """What is a cell of a level away from points, in each direction, and they themselves."""
     count = np.array(box.cells) << level
-    around = np.array([kind == "periodic" for kind in box.axes])
-    differs = np.zeros(own.size, bool)
+    periodic = np.array(box.axes) == "periodic"
     for step in itertools.product((-1, 0, 1), repeat=box.dimensions):
         beside = places + np.array(step)
-        beside = np.where(around, beside % count, np.clip(beside, 0, count - 1))
-        differs |= _basin_at(box, keys, basins, beside) != own
-    return differs
+        yield np.where(periodic, beside % count, np.clip(beside, 0, count * (1 - 1e-12)))
 
 
 def _basin_at(
@@ -210,37 +230,24 @@ def _basin_at(
     finest = len(keys) - 1
     basin = basins[0][_keys(box, places >> finest, 0)]
     for level in range(1, finest + 1):
+        if not keys[level].size:
+            break
         wanted = _keys(box, places >> (finest - level), level)
         at = np.minimum(np.searchsorted(keys[level], wanted), keys[level].size - 1)
         basin = np.where(keys[level][at] == wanted, basins[level][at], basin)
     return basin
 
 
-def _followed(
-    map: Map, found: Basins, certain: Int[np.ndarray, "_"], points: Float[np.ndarray, "cells axes"]
+def _ends(
+    map: Map,
+    found: Basins,
+    owner: Int[np.ndarray, "_"],
+    visits: int,
+    points: Float[np.ndarray, "cells axes"],
 ) -> Int[np.ndarray, "cells"]:
-    """The basins of points, by the first cell that they come to and that is not at a boundary."""
-    params, known = jax.tree.map(jnp.asarray, found.params), jnp.asarray(certain)
-    # Where points never come to one, as the last cell that they were in has it.
-    guess = np.append(found.basin, [-1, -1])
-
-    def stage(state: Any, k: int) -> Any:
-        points, index = jax.device_get(_ahead(map, found.box, params, known, state[0]))
-        label = certain[index]
-        unsure = label == _UNSURE
-        return (points,), ~unsure | (k + 1 >= _MAX_STAGES), (np.where(unsure, guess[index], label),)
-
-    parts = [in_stages((points[k : k + CHUNK],), stage)[0] for k in range(0, len(points), CHUNK)]
-    return np.concatenate([np.empty(0, guess.dtype), *parts])
-
-
-@functools.partial(jax.jit, static_argnames=("map", "box"))
-def _ahead(map: Map, box: Box, params: Any, certain: Any, points: Any) -> Any:
-    def ahead(x):  # type: ignore[no-untyped-def]
-        def step(_, y):  # type: ignore[no-untyped-def]
-            return jnp.where(certain[box.index(y)] == _UNSURE, map(y, params), y)
-
-        y = jax.lax.fori_loop(0, _STAGE, step, x)
-        return y, box.index(y)
-
-    return jax.vmap(ahead)(points)
+    """The basins of points, by the cells of an owner that they come to."""
+    parts = [
+        orbit_ends(map, found.box, found.params, owner, points[k : k + CHUNK], visits=visits)[0]
+        for k in range(0, len(points), CHUNK)
+    ]
+    return np.maximum(np.concatenate([np.empty(0, np.int32), *parts]), -1)

@@ -64,9 +64,9 @@ from .groups import (
     GroupSummary as GroupSummary,
     GroupTotals as GroupTotals,
     PeriodicGroups as PeriodicGroups,
-    periodic_groups as periodic_groups,
 )
 from .observed import ObservedChain as ObservedChain
+from .peel import periodic_groups as periodic_groups
 from .section import (
     Section as Section,
     SectionGroups as SectionGroups,

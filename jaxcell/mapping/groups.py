@@ -85,30 +85,10 @@ class GroupTotals:
 
 
 @jax.jit
-def periodic_groups(
+def doubled_groups(
     image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
 ) -> PeriodicGroups:
-    """Find the periodic groups of a simple map by pointer doubling (Alg. 2.1 of Alam 2018).
-
-    Works on any functional graph, under `jit` and `vmap`. The number of rounds is about the binary
-    logarithm of the longest transient or period, and each round is a few gathers.
-
-    **Arguments:**
-
-    - `image`: the cell that each cell is mapped to.
-    - `where`: the cells that count, all by default; the image of one that counts must count.
-        The others get group, step and period -1.
-
-    **Returns:** [`PeriodicGroups`][].
-
-    Cells 1 and 2 change places, 3 stays, and 0 comes to the first two:
-
-        >>> import jax.numpy as jnp
-        >>> from jaxcell.mapping import periodic_groups
-        >>> groups = periodic_groups(jnp.array([1, 2, 1, 3]))
-        >>> groups.group.tolist(), groups.step.tolist(), groups.period.tolist()
-        ([0, 0, 0, 1], [1, 0, 0, 0], [2, 2, 2, 1])
-    """
+    """[`jaxcell.mapping.periodic_groups`][] by pointer doubling, whatever the map."""
     cells = image.shape[0]
     me = jnp.arange(cells, dtype=image.dtype)
     counts = jnp.ones(cells, bool) if where is None else where

@@ -46,6 +46,26 @@ def test_noise_makes_the_gaussian_of_ornstein_and_uhlenbeck():
     np.testing.assert_allclose(rates, [-2, -1, 0], atol=0.02)
 
 
+def test_noise_by_quadrature_has_the_moments_of_a_linear_map():
+    box, decay, noise = Box([-3, -1], [3, 1], [150, 3], "clamp"), 0.6, 0.4
+
+    def linear(x, p):
+        return jnp.stack([decay * x[0], x[1]])
+
+    chain = dynamics.chain(linear, box, samples=8, noise=(noise, 0.0), quadrature=5)
+    assert chain.image.shape == (40, box.size)
+    # One mapping from a cell: fourth moments are exact but for the width of cells.
+    places = box.centre(np.arange(box.size, dtype=np.int32))[:, 0]
+    here = int(box.index(np.array([1.0, 0.0])))
+    row = chain.to_scipy().toarray()[here]
+    found = [float(row @ (places - decay * places[here]) ** k) for k in (0, 1, 2, 4)]
+    np.testing.assert_allclose(found, [1, 0, noise**2, 3 * noise**4], atol=0.005)
+    # For ever: each of the three rows by itself is normal, of this deviation.
+    mass = limiting(chain)
+    assert mass @ places**2 == pytest.approx(noise**2 / (1 - decay**2), rel=0.01)
+    np.testing.assert_allclose(mass.reshape(150, 3).sum(axis=0), 1 / 3)
+
+
 # A walk that is seen every so often passes an end unseen, as if the end were farther away by this
 # share of its deviation (Chernoff 1965).
 UNSEEN = 0.5826
@@ -109,7 +129,12 @@ def test_a_key_makes_the_same_chain_again():
 
 @pytest.mark.parametrize(
     ("options", "said"),
-    [({"samples": 0}, "samples"), ({"noise": -1.0}, "noise"), ({"noise": float("nan")}, "noise")],
+    [
+        ({"quadrature": -1}, "quadrature"),
+        ({"samples": 0}, "samples"),
+        ({"noise": -1.0}, "noise"),
+        ({"noise": float("nan")}, "noise"),
+    ],
 )
 def test_bad_options_are_refused(options, said):
     with pytest.raises(ValueError, match=said):

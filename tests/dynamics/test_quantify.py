@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxcell import dynamics
+from jaxcell.dynamics.imaging import images_of_each
 from jaxcell.space import Box
 
 
@@ -46,6 +47,43 @@ def test_times_are_those_of_a_flow():
     np.testing.assert_allclose(found.mean_time, 0.2 * found.mean_steps)
     early = dynamics.basin_stability(found, within=0.45)
     assert early[0] == pytest.approx(np.mean(found.step <= 2))
+
+
+def test_times_of_crossings_are_those_of_one_cell_after_the_other():
+    dt, crossed, most, cells = 0.05, 3, 100, 40
+    flow = dynamics.flow(lambda x, p: -x, dt, crossed=crossed, max_steps=most)
+    found = dynamics.basins(flow, Box([0], [1], [cells]))
+    decay = 1 - dt + dt**2 / 2 - dt**3 / 6 + dt**4 / 24
+
+    def mapped(cell):
+        place, steps = (cell + 0.5) / cells, 0
+        while abs(int(place * cells) - cell) < crossed and steps < most:
+            place, steps = place * decay, steps + 1
+        return int(place * cells), steps * dt
+
+    expected = np.zeros(cells)
+    for start in range(cells):
+        cell = start
+        while found.step[cell] > 0:
+            cell, time = mapped(cell)
+            expected[start] += time
+    np.testing.assert_allclose(found.time, expected, rtol=1e-5)
+    assert np.unique(np.diff(found.time).round(4)).size > 4
+    np.testing.assert_allclose(found.mean_time, expected.mean(), rtol=1e-5)
+    assert dynamics.basin_stability(found, within=2.0)[0] == np.mean(expected <= 2)
+
+
+def test_times_of_returns_are_those_of_turns():
+    spiral = dynamics.section(
+        lambda x, p: jnp.array([-0.1 * x[0] - x[1], x[0] - 0.1 * x[1]]),
+        lambda x, p: x[1],
+        lift=lambda u, p: jnp.array([u[0], 0.0]),
+        project=lambda x, p: x[:1],
+        dt=0.1,
+    )
+    time = np.empty((1, 20), np.float32)
+    images_of_each(spiral, Box([0.01], [1.01], [20]), [None], time=time)
+    np.testing.assert_allclose(time, 2 * np.pi, rtol=1e-4)
 
 
 def test_newtons_method_has_basins_of_wada():

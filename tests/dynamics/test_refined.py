@@ -81,14 +81,28 @@ def test_a_cover_of_henons_attractor_holds_its_orbit():
     assert len(cover) < 0.03 * fine.size
 
 
+def test_a_cantor_set_between_basins_has_the_exponent_of_its_dimension():
+    def thirds(x, p):
+        # What is left for ever is Cantor's set; both halves of each gap go to another end.
+        middle = jnp.where(x < 0.5, -0.5, 1.5)
+        inside = jnp.where(x < 1 / 3, 3 * x, jnp.where(x > 2 / 3, 3 * x - 2, middle))
+        return jnp.where(x < 0, -0.5, jnp.where(x > 1, 1.5, inside))
+
+    # Cells of 3^-3 have most of it inside, unseen from their centres.
+    found = dynamics.basins(thirds, Box([-1], [2], [81]), by="orbits")
+    fine = dynamics.refined(thirds, found, 9)
+    assert fine.exponent == pytest.approx(1 - np.log(2) / np.log(3), abs=0.03)
+    np.testing.assert_allclose(fine.fraction, 0.5, atol=0.005)
+
+
 @pytest.mark.slow
 def test_a_fractal_boundary_has_the_exponent_of_grebogi():
     def grebogi(x, p):
         angle = x[0] + 1.32 * jnp.sin(2 * x[0]) - 0.9 * jnp.sin(4 * x[0]) - x[1] * jnp.sin(x[0])
         return jnp.stack([angle, -0.3 * jnp.cos(x[0])])
 
-    box = Box([0, -0.5], [2 * np.pi, 0.5], [100, 100], ["periodic", "sink"])
-    fine = dynamics.refined(grebogi, dynamics.basins(grebogi, box, by="orbits"), 4)
-    # Of all cells of this size it is 0.21, and the paper says 0.2.
-    assert 0.2 < fine.exponent < 0.32
+    box = Box([0, -0.5], [2 * np.pi, 0.5], [50, 50], ["periodic", "sink"])
+    fine = dynamics.refined(grebogi, dynamics.basins(grebogi, box, by="orbits"), 3)
+    # The paper says 0.2.
+    assert fine.exponent == pytest.approx(0.2, abs=0.03)
     np.testing.assert_allclose(fine.fraction, 0.5, atol=0.01)

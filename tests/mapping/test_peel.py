@@ -23,13 +23,28 @@ def test_peeling_changes_nothing(images):
     same(np.array(images, np.int32))
 
 
-@pytest.mark.parametrize("few", [0, 1 << 20])
-def test_both_ways_of_doubling_give_the_same(monkeypatch, few):
-    monkeypatch.setattr("jaxcell.mapping.peel._FEW", few)
+@pytest.mark.parametrize("front", [0, 200])
+def test_one_front_after_another_changes_nothing(monkeypatch, front):
+    monkeypatch.setattr("jaxcell.mapping.peel._FRONT", front)
     rng = np.random.default_rng(1)
     same(rng.integers(0, 3000, 3000).astype(np.int32))
     same(rng.permutation(3000).astype(np.int32))
     same(np.maximum(np.arange(3000, dtype=np.int32) - 1, 0))
+    # Runs of 30 cells, which come together in others.
+    cells = np.arange(3000)
+    same(np.where(cells % 30 < 29, cells + 1, rng.integers(0, 3000, 3000)).astype(np.int32))
+
+
+def test_large_maps_are_peeled_and_small_or_traced_ones_doubled(monkeypatch):
+    image = jnp.asarray(np.random.default_rng(2).integers(0, 3000, 3000))
+    doubled = periodic_groups(image)
+    monkeypatch.setattr("jaxcell.mapping.peel._MANY", 3000)
+    monkeypatch.setattr("jaxcell.mapping.peel.doubled_groups", None)
+    peeled = periodic_groups(image)
+    for one, other in zip(jax.tree.leaves(doubled), jax.tree.leaves(peeled), strict=True):
+        np.testing.assert_array_equal(one, other, strict=True)
+    with pytest.raises(TypeError):
+        jax.jit(periodic_groups)(image)
 
 
 def test_a_map_without_cells_has_no_groups():
