@@ -190,8 +190,7 @@ SLIP = space.Slip(step=0.02, turn=0.02, heading=0.02, give=0.02)
 def sets():
     # Off by any angle, so that nothing can be off more.
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=16)
-    moves, bumps = bounce.bounded_matrices(fine, TURN, SLIP)
-    return Bounded(HiddenMap.of(moves, bumps, fine.coarse, fine.centres))
+    return Bounded(bounce.bounded_matrices(fine, TURN, SLIP), fine.coarse, fine.centres)
 
 
 @settings(max_examples=40, deadline=None)
@@ -210,8 +209,8 @@ def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
 
 def test_sets_of_a_robot_without_errors_leave_cells_out():
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
-    moves, bumps = bounce.bounded_matrices(fine, TURN, space.Slip(give=0.02))
-    sets = Bounded(HiddenMap.of(moves, bumps, fine.coarse, fine.centres))
+    images = bounce.bounded_matrices(fine, TURN, space.Slip(give=0.02))
+    sets = Bounded(images, fine.coarse, fine.centres)
     state = sets.start()
     for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
         state = sets.observe(state, observation)
@@ -227,7 +226,7 @@ def test_the_batch_gives_what_the_host_does(fine, hidden):
     found, _ = jax.vmap(filtered, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
     early = jax.vmap(smoothed, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
     known = jax.vmap(possible, (None, None, 0))(model, fine.centres > 0, jnp.asarray(runs))
-    belief, sets = Belief(hidden), Bounded(hidden)
+    belief, sets = Belief(hidden), Bounded.of(hidden)
     for run, weights, befores, masks in zip(runs, found, early, known, strict=True):
         state, known_ = belief.start(), sets.start()
         for time, observation in enumerate(run.tolist(), 1):
