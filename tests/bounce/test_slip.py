@@ -307,3 +307,26 @@ def test_fine_cells_stay_within_their_number():
     assert sizes[0] == CELLS.size
     assert all(a < b for a, b in itertools.pairwise(sizes))
     assert sizes[2] <= 20_000
+
+
+@pytest.mark.parametrize("error", [0.02, 0.1])
+def test_headings_drift_no_further_than_fine_cells_reach(error):
+    slip = space.Slip.of(error, give=0.02)
+    fine = bounce.FineCells.within(CELLS, slip)
+    walls, legs = space.felt_walls(ROOM, slip.give), space.stride_legs(8, 1.0, 1.0)
+    rng, cell = np.random.default_rng(4), np.arange(1000) % CELLS.size
+    pose, believed = np.stack(CELLS.centre(cell), axis=1), cell // CELLS.positions
+    for _ in range(40):
+        noise = rng.standard_normal((cell.size, 9))
+        pose, bumped = space.slipping_step(pose, legs[believed], TURN, noise, walls, slip)
+        believed = (believed + 3 * bumped) % 8
+    off = np.abs((pose[:, 2] - believed * math.pi / 4 + math.pi) % (2 * math.pi) - math.pi)
+    assert np.mean(off < (fine.reach + 0.5) * 2 * math.pi / fine.fine.directions) > 0.97
+
+
+def test_fine_directions_are_not_much_wider_than_the_errors_of_turns():
+    # As many positions as a large map has.
+    large = space.CellSpace.of(space.Workspace([(0, 0), (14, 0), (14, 14), (0, 14)]), 1.0, 8)
+    for error in (0.01, 0.02, 0.05):
+        fine = bounce.FineCells.within(large, space.Slip.of(error))
+        assert 2 * math.pi / fine.fine.directions < 4 * error * TURN

@@ -23,11 +23,11 @@ _SAMPLES = 128
 _CHUNK = 2048
 MAX_CELLS = 100_000
 "How many fine cells a map is cut into at most, unless told otherwise."
-# By how many standard deviations a heading may drift in so many steps, by how many radians a bump
-# turns the robot, and how many cells it goes between two bumps.
-_DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 2
+# By how many standard deviations a heading may drift in so many steps, and by how many radians a
+# bump turns the robot.
+_DRIFT, _STEPS, _TURN = 2.5, 40, 2.4
 # The most squares along the side of a cell, and the most fine directions of one, that are tried.
-_MAX_SQUARES, _MAX_DIRECTIONS = 31, 63
+_MAX_SQUARES, _MAX_DIRECTIONS = 31, 64
 # Bytes of a cell: the entries of its row in a matrix, while it is made.
 _BYTES = 1000
 
@@ -86,9 +86,9 @@ class FineCells:
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
         """The cells, at most so many, that blur least where a robot is.
 
-        A square hides where in it the robot is, and a fine direction how far aside it goes until
-        it bumps. Directions reach as far as the heading may drift, and are no finer than half the
-        error of a turn.
+        A square hides where in it the robot is, and a fine direction how far aside a step ends.
+        Directions reach as far as the heading may drift, and are no finer than half the error of a
+        turn.
 
         **Arguments:**
 
@@ -109,12 +109,12 @@ class FineCells:
         )
         best, least = (1, 1, 0), math.inf
         for squares in range(1, _MAX_SQUARES + 1, 2):
-            for directions in range(1, _MAX_DIRECTIONS + 1, 2):
+            for directions in range(1, _MAX_DIRECTIONS + 1):
                 number = cells.directions * directions
                 bin_ = 2 * math.pi / number
                 reach = min(max(1, math.ceil(drift / bin_ - 0.5)), number // 2)
                 size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
-                blur = 1 / squares**2 + (_WAY * max(bin_, _TURN * slip.turn / 2)) ** 2
+                blur = 1 / squares**2 + max(bin_, _TURN * slip.turn / 2) ** 2
                 if size <= (MAX_CELLS if most is None else most) and blur < least:
                     best, least = (squares, directions, reach), blur
         return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
