@@ -93,15 +93,15 @@ def bounded_matrices(
         facing = (direction + shift) % coarse.directions
         turns[1, row, _rows(cells, facing, off, spread)] = True
     same, between = scipy.sparse.eye_array(fine.positions, dtype=bool), rows * fine.free.size
-    moves, bumps = (
+    images = [
         (
             _pattern(right[i], (size, between)),
             _pattern(up[i], (between, size)),
             scipy.sparse.kron(turns[i], same, "csr"),
         )
         for i in (0, 1)
-    )
-    return moves, bumps
+    ]
+    return images[0], images[1]
 
 
 def _way(
