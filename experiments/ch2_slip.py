@@ -56,11 +56,13 @@ bounded sets among 65,000 cells takes up to 19 ms.
 """
 
 import argparse
-import csv
 import dataclasses
+import functools
+import itertools
+import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -121,17 +123,23 @@ class Found:
 
 def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Found:
     """What an estimator with `start`, `observe` and `estimate` says in some runs."""
-    found = Found()
-    for one in runs:
-        state, bumps, first = estimator.start(), 0, math.inf
-        for observation, _ in one:
+    found, before, states = Found(), [], [estimator.start()]
+    # Runs that begin alike share what is known of their beginnings.
+    for one in sorted(runs, key=lambda one: [observation for observation, _ in one]):
+        word, bumps, first = [observation for observation, _ in one], 0, math.inf
+        alike = [a == b for a, b in zip(word, before, strict=False)]
+        del states[1 + (alike.index(False) if False in alike else len(alike)) :]
+        before = word
+        for observation in word[len(states) - 1 :]:
             began = time.process_time()
-            state = estimator.observe(state, observation)
+            states.append(estimator.observe(states[-1], observation))
             found.seconds.append(time.process_time() - began)
+        for observation, state in zip(word, states[1:], strict=True):
             bumps += observation
-            if first == math.inf and 0 < estimator.estimate(state).cells.size <= small:
+            if 0 < estimator.estimate(state).cells.size <= small:
                 first = bumps
-        estimate = estimator.estimate(state)
+                break
+        estimate = estimator.estimate(states[-1])
         truth = int(nearest_cell(cells, *one[-1][1]))
         refuted = estimate.nowhere > SURE
         found.held.append(truth in estimate.cells and not refuted)
@@ -167,7 +175,8 @@ def main() -> None:
     parser.add_argument("--bounce", type=float, default=135.0)
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--seed", type=int, default=0, help="of the first run")
-    parser.add_argument("--few", type=int, default=50)
+    parser.add_argument("--other", type=int, default=100, help="runs for --models but 1")
+    parser.add_argument("--few", type=int, default=50, help="runs for sets and particles")
     parser.add_argument("--observations", type=int, default=40)
     parser.add_argument("--particles", type=int, nargs="*", default=[1_000, 10_000])
     parser.add_argument("--models", type=float, nargs="+", default=[1.0, 0.5, 2.0])
@@ -177,56 +186,77 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
     rows: Rows = []
-    for name in options.maps:
+    for error, name in itertools.product(options.errors, options.maps):
         cells = CellSpace.load(MAPS / f"{name}.json")
-        for error in options.errors:
-            case = {"map": name, "error, %": 100 * error}
-            for what, found in estimated(cells, error, options):
-                rows.append({**case, "estimator": what, **found.row()})
-                # What there is is kept, whatever becomes of the rest.
-                with (options.out / "slip.csv").open("w", newline="", encoding="utf-8") as file:
-                    writer = csv.DictWriter(file, list(rows[0]))
-                    writer.writeheader()
-                    writer.writerows(rows)
+        case = {"map": name, "error, %": 100 * error}
+        about = f"{name}_{error:g}_{options.seed}_{options.runs}{'_driver' * options.driver}"
+        for what, found in estimated(cells, error, options, options.out / about):
+            rows.append({**case, "estimator": what, **found.row()})
     emit("Estimators", rows, options.out / "slip.csv", spec=".1f")
     say("A run that is refuted, or nowhere, holds the truth in no case.")
 
 
 def estimated(
-    cells: CellSpace, error: float, options: argparse.Namespace
+    cells: CellSpace, error: float, options: argparse.Namespace, out: Path
 ) -> Iterator[tuple[str, Found]]:
     """Each estimator of a case with what it said."""
     bounce, give = math.radians(options.bounce), bumper_give(cells.cell)
-    runs = [
-        run(cells, bounce, error, seed, limit=options.observations, driver=options.driver)
-        for seed in range(options.seed, options.seed + options.runs)
-    ]
+    seeds = range(options.seed, options.seed + options.runs)
+    runs = kept(
+        out / "runs.json",
+        lambda: [
+            run(cells, bounce, error, seed, limit=options.observations, driver=options.driver)
+            for seed in seeds
+        ],
+    )
     # The driver stops a robot that backs into a wall.
     runs = [one for one in runs if len(one) == options.observations]
-    few = runs[: options.few]
+
+    def found(what: str, make: Callable[[], Any], count: int) -> tuple[str, Found]:
+        def followed() -> dict[str, Any]:
+            return dataclasses.asdict(follow(make(), cells, runs[:count], options.small))
+
+        return what, Found(**kept(out / f"{what}.json", followed))
 
     def slipping(factor: float) -> Slip:
         # A robot that is told to do without errors has still those of rounding.
         return Slip.of(max(_LEAST, min(1.0, factor * error)), give=give)
 
-    filter = localization_filter(bounce_map(cells, bounce))
-    yield "combinatorial", follow(Combinatorial(filter), cells, runs, options.small)
+    def combinatorial() -> Combinatorial:
+        return Combinatorial(localization_filter(bounce_map(cells, bounce)))
+
+    def belief(fine: FineCells, slip: Slip) -> Belief:
+        matrices = slip_matrices(fine, bounce, slip)
+        return Belief(HiddenMap.of(*matrices, fine.coarse, fine.centres))
+
+    def bounded(fine: FineCells, slip: Slip) -> Bounded:
+        return Bounded(bounded_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+
+    yield found("combinatorial", combinatorial, len(runs))
     for factor in options.models if error else [1.0]:
         slip = slipping(factor)
         fine = FineCells.within(cells, slip)
-        hidden = HiddenMap.of(*slip_matrices(fine, bounce, slip), fine.coarse, fine.centres)
         model = "" if factor == 1 else f", errors x {factor:g}"
         what = f"belief, {fine.size:,} cells{model}"
-        yield what, follow(Belief(hidden), cells, runs, options.small)
+        count = len(runs) if factor == 1 else options.other
+        yield found(what, functools.partial(belief, fine, slip), count)
     if error <= _BOUNDED and options.few:
         slip = slipping(3.0)
         fine = FineCells.within(cells, slip)
-        hidden = HiddenMap.of(*bounded_matrices(fine, bounce, slip), fine.coarse, fine.centres)
         what = f"bounded, {fine.size:,} cells"
-        yield what, follow(Bounded(hidden), cells, few, options.small)
+        yield found(what, functools.partial(bounded, fine, slip), options.few)
     for count in options.particles if options.few else []:
-        cloud = Particles(cells, bounce, slipping(1.0), count=count)
-        yield f"particles, {count:,}", follow(cloud, cells, few, options.small)
+        cloud = functools.partial(Particles, cells, bounce, slipping(1.0), count=count)
+        yield found(f"particles, {count:,}", cloud, options.few)
+
+
+def kept(path: Path, make: Callable[[], Any]) -> Any:
+    """What was made before and is in a file, or else is made now and written there."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = json.dumps(make())
+        path.write_text(made, encoding="utf-8")
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 if __name__ == "__main__":

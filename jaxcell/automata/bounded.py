@@ -1,7 +1,9 @@
 import dataclasses
+import functools
 
 import numpy as np
-from jaxtyping import Int
+import scipy.sparse
+from jaxtyping import Float, Int
 
 from .hidden import Estimate, HiddenMap
 from .subset import Automaton
@@ -15,10 +17,9 @@ _FEW = 0.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bounded:
-    """The sets of cells that observations leave possible, on a map with several images of a cell.
+    """The sets of cells that observations leave possible, where a cell has several images.
 
-    Probabilities do not matter but that they are not 0. The sets never lose a robot that does what
-    the map holds for possible, and they may grow.
+    The sets never lose a robot that does what is held for possible, and they may grow.
 
     A robot in one of three cells in a row, which goes on or stays, and bumps at the end:
 
@@ -27,37 +28,56 @@ class Bounded:
         >>> moves = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0, 0, 0]])
         >>> bumps = np.diag([0.0, 0.0, 1.0])
         >>> hidden = automata.HiddenMap.of(moves, bumps, np.arange(3), np.ones(3) / 3)
-        >>> sets = automata.Bounded(hidden)
+        >>> sets = automata.Bounded.of(hidden)
         >>> sets.observe(sets.observe(sets.start(), 1), 1).tolist()
         [2]
         >>> sets.automaton().transition.tolist()
         [[0, 1], [-1, 1]]
     """
 
-    hidden: HiddenMap
-    "With one angle."
+    images: tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]
+    """For observation 0 and 1, matrices that are followed one after the other from cells to cells:
+    from a row a robot may come to a column where an entry is `True`."""
+    configuration: Int[np.ndarray, "cells"]
+    "The configuration that each cell is in."
+    start_weight: Float[np.ndarray, "cells"]
+    "A distribution over the cells in the beginning, of which only counts where it is positive."
 
-    def __post_init__(self) -> None:
-        if self.hidden.angles > 1:
-            raise ValueError(f"hidden: expected a map of one angle, got {self.hidden.angles}")
+    @classmethod
+    def of(cls, hidden: HiddenMap) -> "Bounded":
+        """What is not impossible on a hidden map of one angle.
+
+        **Raises:** `ValueError` for a map of several angles.
+        """
+        if hidden.angles > 1:
+            raise ValueError(f"hidden: expected a map of one angle, got {hidden.angles}")
+        moves, bumps = (part > 0 for part in (hidden.moves, hidden.bumps[0]))
+        return cls(((moves,), (bumps,)), hidden.configuration, hidden.start)
+
+    @functools.cached_property
+    def _arriving(self) -> tuple[tuple[scipy.sparse.csr_array, ...], ...]:
+        return tuple(tuple(part.T.tocsr() for part in parts) for parts in self.images)
 
     def start(self) -> Int[np.ndarray, "cells"]:
         """The cells where the robot may be before the first observation, ascending."""
-        return np.flatnonzero(self.hidden.start).astype(np.int32)
+        return np.flatnonzero(self.start_weight).astype(np.int32)
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
         """Those after an observation, 0 or 1; none if it cannot be on the map."""
-        mark = np.zeros(self.hidden.cells, bool)
-        if state.size < _FEW * self.hidden.cells:
-            mark[self.hidden.leaving(observation)[state].indices] = True
-        else:
-            mark[state] = True
-            mark = self.hidden.arriving[observation] @ mark > 0
-        return np.flatnonzero(mark).astype(np.int32)
+        both = zip(self.images[observation], self._arriving[observation], strict=True)
+        for leaving, arriving in both:
+            before, after = (np.zeros(count, bool) for count in leaving.shape)
+            if state.size < _FEW * before.size:
+                after[leaving[state].indices] = True
+            else:
+                before[state] = True
+                after = arriving @ before
+            state = np.flatnonzero(after).astype(np.int32)
+        return state
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
         """The configurations of the set; it is nowhere for sure if there are none."""
-        cells = np.unique(self.hidden.configuration[state])
+        cells = np.unique(self.configuration[state])
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
 
     def automaton(self, *, limit: int = _LIMIT) -> Automaton:

@@ -84,7 +84,7 @@ def test_nowhere_is_a_coin_that_a_robot_may_turn_into_at_each_time(seed, observa
 @cases
 def test_sets_are_those_of_all_paths(seed, observations):
     hidden = random_map(seed)
-    sets = Bounded(hidden)
+    sets = Bounded.of(hidden)
     state = sets.start()
     for observation in observations:
         state = sets.observe(state, observation)
@@ -105,14 +105,14 @@ def test_a_map_with_one_image_has_the_automaton_of_the_subset_construction():
     both = np.zeros((30, 60))
     both[np.arange(30), image + 30 * bumped] = 1
     hidden = HiddenMap.of(both[:, :30], both[:, 30:], np.arange(30), np.ones(30) / 30)
-    found, expected = Bounded(hidden).automaton(), subset_construction(image, bumped)
+    found, expected = Bounded.of(hidden).automaton(), subset_construction(image, bumped)
     np.testing.assert_array_equal(found.transition, expected.transition)
     np.testing.assert_array_equal(found.members, expected.members)
 
 
 def test_sets_that_outgrow_the_limit_are_refused():
     with pytest.raises(ValueError, match="more than the limit of 20; follow sets"):
-        Bounded(random_map(1, 12)).automaton(limit=20)
+        Bounded.of(random_map(1, 12)).automaton(limit=20)
 
 
 def test_a_belief_of_what_cannot_be_is_nowhere():
@@ -121,7 +121,7 @@ def test_a_belief_of_what_cannot_be_is_nowhere():
     state = belief.observe(belief.start(), 1)
     assert state.nowhere == 1
     assert belief.estimate(state).cells.size == 0
-    assert Bounded(hidden).estimate(np.empty(0, np.int32)).nowhere == 1
+    assert Bounded.of(hidden).estimate(np.empty(0, np.int32)).nowhere == 1
 
 
 def test_a_run_that_a_coin_explains_better_becomes_nowhere():
@@ -207,7 +207,7 @@ def test_a_robot_that_never_bumps_has_what_it_knows():
 
 def test_sets_are_for_one_angle():
     with pytest.raises(ValueError, match="expected a map of one angle, got 2"):
-        Bounded(map_with_angles(0))
+        Bounded.of(map_with_angles(0))
 
 
 def test_a_bump_does_not_depend_on_the_angle_after_it():

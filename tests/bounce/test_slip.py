@@ -190,8 +190,7 @@ SLIP = space.Slip(step=0.02, turn=0.02, heading=0.02, give=0.02)
 def sets():
     # Off by any angle, so that nothing can be off more.
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=16)
-    moves, bumps = bounce.bounded_matrices(fine, TURN, SLIP)
-    return Bounded(HiddenMap.of(moves, bumps, fine.coarse, fine.centres))
+    return Bounded(bounce.bounded_matrices(fine, TURN, SLIP), fine.coarse, fine.centres)
 
 
 @settings(max_examples=40, deadline=None)
@@ -210,8 +209,8 @@ def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
 
 def test_sets_of_a_robot_without_errors_leave_cells_out():
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
-    moves, bumps = bounce.bounded_matrices(fine, TURN, space.Slip(give=0.02))
-    sets = Bounded(HiddenMap.of(moves, bumps, fine.coarse, fine.centres))
+    images = bounce.bounded_matrices(fine, TURN, space.Slip(give=0.02))
+    sets = Bounded(images, fine.coarse, fine.centres)
     state = sets.start()
     for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
         state = sets.observe(state, observation)
@@ -227,7 +226,7 @@ def test_the_batch_gives_what_the_host_does(fine, hidden):
     found, _ = jax.vmap(filtered, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
     early = jax.vmap(smoothed, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
     known = jax.vmap(possible, (None, None, 0))(model, fine.centres > 0, jnp.asarray(runs))
-    belief, sets = Belief(hidden), Bounded(hidden)
+    belief, sets = Belief(hidden), Bounded.of(hidden)
     for run, weights, befores, masks in zip(runs, found, early, known, strict=True):
         state, known_ = belief.start(), sets.start()
         for time, observation in enumerate(run.tolist(), 1):
@@ -308,3 +307,26 @@ def test_fine_cells_stay_within_their_number():
     assert sizes[0] == CELLS.size
     assert all(a < b for a, b in itertools.pairwise(sizes))
     assert sizes[2] <= 20_000
+
+
+@pytest.mark.parametrize("error", [0.02, 0.1])
+def test_headings_drift_no_further_than_fine_cells_reach(error):
+    slip = space.Slip.of(error, give=0.02)
+    fine = bounce.FineCells.within(CELLS, slip)
+    walls, legs = space.felt_walls(ROOM, slip.give), space.stride_legs(8, 1.0, 1.0)
+    rng, cell = np.random.default_rng(4), np.arange(1000) % CELLS.size
+    pose, believed = np.stack(CELLS.centre(cell), axis=1), cell // CELLS.positions
+    for _ in range(40):
+        noise = rng.standard_normal((cell.size, 9))
+        pose, bumped = space.slipping_step(pose, legs[believed], TURN, noise, walls, slip)
+        believed = (believed + 3 * bumped) % 8
+    off = np.abs((pose[:, 2] - believed * math.pi / 4 + math.pi) % (2 * math.pi) - math.pi)
+    assert np.mean(off < (fine.reach + 0.5) * 2 * math.pi / fine.fine.directions) > 0.97
+
+
+def test_fine_directions_are_not_much_wider_than_the_errors_of_turns():
+    # As many positions as a large map has.
+    large = space.CellSpace.of(space.Workspace([(0, 0), (14, 0), (14, 14), (0, 14)]), 1.0, 8)
+    for error in (0.01, 0.02, 0.05):
+        fine = bounce.FineCells.within(large, space.Slip.of(error))
+        assert 2 * math.pi / fine.fine.directions < 4 * error * TURN

@@ -23,9 +23,11 @@ _SAMPLES = 128
 _CHUNK = 2048
 MAX_CELLS = 100_000
 "How many fine cells a map is cut into at most, unless told otherwise."
-# By how many standard deviations a heading may drift in so many steps, a third of them bumps that
-# turn the robot by 2 radians.
-_DRIFT, _STEPS = 2.5, 36
+# By how many standard deviations a heading may drift in so many steps, and by how many radians a
+# bump turns the robot.
+_DRIFT, _STEPS, _TURN = 2.5, 40, 2.4
+# The most squares along the side of a cell, and the most fine directions of one, that are tried.
+_MAX_SQUARES, _MAX_DIRECTIONS = 31, 64
 # Bytes of a cell: the entries of its row in a matrix, while it is made.
 _BYTES = 1000
 
@@ -82,7 +84,11 @@ class FineCells:
 
     @classmethod
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
-        """The finest of about the same error in place and heading with at most so many cells.
+        """The cells, at most so many, that blur least where a robot is.
+
+        A square hides where in it the robot is, and a fine direction how far aside a step ends.
+        Directions reach as far as the heading may drift, and are no finer than half the error of a
+        turn.
 
         **Arguments:**
 
@@ -93,20 +99,24 @@ class FineCells:
 
         **Returns:** the fine cells.
         """
+        assert cells.workspace is not None
+        pose = np.stack(cells.centre(np.arange(cells.size)), axis=1)
+        legs = np.repeat(stride_legs(cells.directions, cells.cell, cells.cell), cells.positions, 0)
+        walls, exact = felt_walls(cells.workspace, slip.give), np.zeros((cells.size, ERRORS))
+        bumps = _STEPS * slipping_step(pose, legs, 0.0, exact, walls, slip)[1].mean()
         drift = _DRIFT * math.hypot(
-            math.sqrt(_STEPS) * slip.heading, 2 * math.sqrt(_STEPS / 3) * slip.turn
+            math.sqrt(_STEPS) * slip.heading, _TURN * math.sqrt(bumps) * slip.turn
         )
-        best = 1, 1, 0
-        for squares in range(1, 32, 2):
-            # A step along a heading that is off by a fine direction ends about a square aside.
-            directions = max(1, round(2 * math.pi * squares / cells.directions))
-            number = cells.directions * directions
-            reach = min(
-                max(directions // 2, math.ceil(drift * number / (2 * math.pi))), number // 2
-            )
-            size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
-            if size <= (MAX_CELLS if most is None else most):
-                best = squares, directions, reach
+        best, least = (1, 1, 0), math.inf
+        for squares in range(1, _MAX_SQUARES + 1, 2):
+            for directions in range(1, _MAX_DIRECTIONS + 1):
+                number = cells.directions * directions
+                bin_ = 2 * math.pi / number
+                reach = min(max(1, math.ceil(drift / bin_ - 0.5)), number // 2)
+                size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
+                blur = 1 / squares**2 + max(bin_, _TURN * slip.turn / 2) ** 2
+                if size <= (MAX_CELLS if most is None else most) and blur < least:
+                    best, least = (squares, directions, reach), blur
         return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
 
     @property

@@ -11,6 +11,8 @@ from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 # Where around the front the bumper is felt, and how far from the contact a wall still holds it.
 _PROBES = np.radians(np.arange(-85.0, 86.0, 10.0))
 _HELD = 1e-3
+# Where the left and the right wheel are, in units of their distance.
+_SIDES = np.array([-0.5, 0.5])
 # A wall farther to a side than this presses only the half of the bumper on that side.
 _MIDDLE = math.radians(20.0)
 
@@ -122,7 +124,7 @@ class Body:
             self.theta += float(
                 self._rng.normal(0.0, self.noise.veer * math.sqrt(abs(forward) * moved))
             )
-        wheels = forward * moved + np.array([-0.5, 0.5]) * turn * WHEEL_BASE
+        wheels = forward * moved + _SIDES * turn * WHEEL_BASE
         if self.noise.encoder:
             wheels = wheels * (1 + self._rng.normal(0.0, self.noise.encoder, 2))
         self.travelled += wheels
@@ -137,20 +139,24 @@ class Body:
         """Go straight as far as the walls allow; return the share of the way that is."""
         if forward == 0:
             return 1.0
-        along = np.array([math.cos(heading), math.sin(heading)])
-        here = np.array([self.x, self.y])
+        ux, uy = math.cos(heading), math.sin(heading)
         share = 1.0
-        if not self._space.covers(shapely.LineString([here, here + forward * along])):
+        if not self._free(forward * ux, forward * uy):
             # A bisection to a nanometre: the walls may be curved, and the first meeting counts.
             share, blocked = 0.0, 1.0
             while (blocked - share) * abs(forward) > 1e-9:
                 middle = (share + blocked) / 2
-                if self._space.covers(shapely.LineString([here, here + middle * forward * along])):
+                if self._free(middle * forward * ux, middle * forward * uy):
                     share = middle
                 else:
                     blocked = middle
-        self.x, self.y = (here + share * forward * along).tolist()
+        self.x, self.y = self.x + share * forward * ux, self.y + share * forward * uy
         return share
+
+    def _free(self, right: float, up: float) -> bool:
+        """Whether the body may go straight so far along both axes."""
+        way = shapely.linestrings([[self.x, self.y], [self.x + right, self.y + up]])
+        return bool(shapely.covers(self._space, way))
 
     def _feel(self, *, pushing: bool) -> None:
         if not (pushing or self.bump_left or self.bump_right):
