@@ -1,5 +1,7 @@
 """Currents in several files, stores, addresses and datasets in hand."""
 
+import tracemalloc
+
 import croco
 import netCDF4
 import numpy as np
@@ -82,10 +84,14 @@ def test_one_record_at_a_time_is_read(tmp_path):
                     name, "f4", ("time", "lat", "lon"), chunksizes=(1, 50, 50)
                 )
                 variable[7, 500:503, 600:604] = 0.25 + number
+    tracemalloc.start()
     currents = open_currents(
         tmp_path / "sea_*.nc", time="2021-01-01T07:00", bounds=(0.6, 0.5, 0.603, 0.502)
     )
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
     np.testing.assert_array_equal(currents.u, np.full((1, 1, 3, 4), 1.25))
+    assert peak < 50e6
 
 
 def native(folder, **options):
@@ -124,7 +130,7 @@ def moved(dataset):
     ("change", "message"),
     [
         (moved, r"b.nc: longitude: not the same as in .*a.nc; expected one grid"),
-        (lambda d: d, r"a.nc, .*b.nc: time: expected records that go on from"),
+        (lambda d: d, r"a.nc, .*b.nc: uo: expected records in order from file to file"),
         (lambda d: d.assign_coords(time=("time", [0, 1, 2], {"units": "moons"})), r"b.nc: time: u"),
     ],
 )
@@ -134,6 +140,15 @@ def test_files_that_do_not_fit_are_refused(tmp_path, change, message):
     with pytest.raises(ValueError, match=message) as caught:
         open_currents(paths)
     assert "\n" not in str(caught.value)
+
+
+def test_velocities_at_other_times_are_refused(tmp_path):
+    dataset = products.regular("uo", "vo")
+    later = dataset.drop_vars("uo").assign_coords(time=("time", [9, 10, 11], dataset.time.attrs))
+    paths = [write(tmp_path, dataset.drop_vars("vo"), "u.nc"), write(tmp_path, later, "v.nc")]
+    message = r"u.nc, .*v.nc: time: no variable is at each of the 6 records of these files"
+    with pytest.raises(ValueError, match=message):
+        open_currents(paths)
 
 
 def test_sources_that_are_not_there(tmp_path):

@@ -1,7 +1,6 @@
 """What currents are read from: files, stores, addresses, and datasets in hand."""
 
 import contextlib
-import dataclasses
 import glob
 import os
 import re
@@ -15,7 +14,7 @@ import xarray as xr
 from .conventions import find
 from .dimensions import axis_kind
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned
-from .times import read_times, time_variable
+from .records import join_records
 
 
 Source: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | xr.Dataset
@@ -83,7 +82,13 @@ def _opened(source: Source, stack: contextlib.ExitStack) -> OceanFile:
     if isinstance(source, xr.Dataset):
         return OceanFile(source_name(source), source.reset_coords())
     files = [_opened_alone(path, stack) for path in _paths(source)]
-    return files[0] if len(files) == 1 else _combined(files)
+    if len(files) == 1:
+        return files[0]
+    clashing = _clashing_positions(files)
+    parts = [
+        OceanFile(file.name, file.dataset.drop_vars(clashing, errors="ignore")) for file in files
+    ]
+    return join_records(parts, _joined([file.name for file in files]))
 
 
 def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
@@ -99,38 +104,6 @@ def _opened_alone(path: str, stack: contextlib.ExitStack) -> OceanFile:
         return OceanFile(path, stack.enter_context(open_undecoded(path, engine)))
     except Exception as error:  # what the libraries raise is not written
         raise ValueError(f"{path}: {why}: {error_line(error)}") from error
-
-
-def _combined(files: list[OceanFile]) -> OceanFile:
-    """Several files as one, with dates in place of the times that each counts from its own."""
-    name = _joined([file.name for file in files])
-    files = [_dated(file) for file in files]
-    clashing = _clashing_positions(files)
-    parts = [file.dataset.drop_vars(clashing, errors="ignore") for file in files]
-    try:
-        dataset = xr.combine_by_coords(
-            parts, data_vars="minimal", coords="minimal", compat="override", join="exact",
-            combine_attrs="override",
-        )  # fmt: skip
-    except (ValueError, xr.MergeError) as error:
-        raise ValueError(
-            f"{name}: time: expected records that go on from file to file, the same ones for u and "
-            f"v; they cannot be joined: {error_line(error)}"
-        ) from error
-    assert isinstance(dataset, xr.Dataset)
-    return OceanFile(name, dataset)
-
-
-def _dated(file: OceanFile) -> OceanFile:
-    """A file with dates on its dimension of time, in parts of one record each."""
-    dims = map(str, file.dataset.dims)
-    dim = next((dim for dim in dims if axis_kind(file.dataset, dim) == "time"), None)
-    if dim is None:
-        return file
-    times = read_times(file, str(time_variable(file, dim)))
-    attributes = {} if times.dtype.kind in "MO" else {"units": "seconds"}
-    dataset = file.dataset.assign_coords({dim: (dim, times, attributes)})
-    return dataclasses.replace(file, dataset=dataset.chunk({dim: 1}, token=file.name))
 
 
 def _clashing_positions(files: list[OceanFile]) -> set[str]:
