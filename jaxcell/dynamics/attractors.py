@@ -223,23 +223,22 @@ def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
     """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
-    row, column, nodes = [], [], len(place)
+    one, other, orbits = [], [], len(place)
+    bits = orbits.bit_length()
     counts = parts * np.array(box.cells)
     for shift in itertools.product((0.0, 0.5), repeat=box.dimensions):
         corner = parts * place + np.array(shift)
         corner = np.floor(np.nan_to_num(corner, nan=-1.0, posinf=-1, neginf=-1))
-        key = np.arange(len(place))[:, None]
+        key = np.zeros(place.shape[:2], np.int64)
         for axis, (count, kind) in enumerate(zip(counts, box.axes, strict=True)):
             along = corner[..., axis] % count if kind == "periodic" else corner[..., axis]
             key = key * (count + 3) + np.clip(along, -1, count + 1).astype(np.int64) + 1
-        # Sorted as a whole, since rows are in ascending order.
-        key = np.sort(key, axis=1).ravel()
-        key = key[np.diff(key, prepend=-1) > 0]
-        who, cell = np.divmod(key, np.prod(counts + 3))
-        of_cell = np.unique(cell, return_inverse=True)[1]
-        row.append(who)
-        column.append(nodes + of_cell)
-        nodes += int(of_cell.max(initial=-1)) + 1
-    edges = np.concatenate(row), np.concatenate(column)
-    graph = coo_array((np.ones(edges[0].size), edges), shape=(nodes, nodes))
-    return connected_components(graph, directed=False)[1][: len(place)]
+        # Sorted by cells, so that orbits in one cell are next to each other.
+        key = np.sort(((key << bits) + np.arange(orbits)[:, None]).ravel())
+        cell, who = key >> bits, key & ((1 << bits) - 1)
+        meet = (cell[1:] == cell[:-1]) & (who[1:] != who[:-1])
+        one.append(who[:-1][meet])
+        other.append(who[1:][meet])
+    edges = np.concatenate(one), np.concatenate(other)
+    graph = coo_array((np.ones(edges[0].size), edges), shape=(orbits, orbits))
+    return connected_components(graph, directed=False)[1]
