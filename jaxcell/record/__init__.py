@@ -39,7 +39,7 @@ The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ..base.extras import import_module
+from ..base import extras as _extras
 from .data.described import dataset as dataset, summary as summary
 from .data.files import save_dataset as save_dataset
 from .drift.files import save_deployment as save_deployment
@@ -60,6 +60,6 @@ _LATER = {
 
 def __getattr__(name: str) -> Any:
     if name in _LATER:
-        import_module("rerun")
+        _extras.import_module("rerun")
         return getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

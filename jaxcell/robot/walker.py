@@ -57,9 +57,9 @@ class Walker:
 
     observations: str
     "What the robot has sensed so far: 0 for a step, 1 for a bump."
-    recalled: str
+    recalled: str = ""
     "Those of them that were sensed in a run before this one."
-    drives: bool
+    drives: bool = True
     "Whether the robot moves by now: not while it recalls."
 
     def __init__(
