@@ -33,6 +33,7 @@ _EXAMPLES = {
     "navigate": "@complex --bounces 45 90 135 --start 0.5,1.5,0 --goal 12.5,9.5,0",
     "patrol graph": "@random --robots 2",
     "patrol map": "@depot --robots 2 --range 6",
+    "robot calibrate": "--port /dev/ttyUSB0",
     "robot check": "--port /dev/ttyUSB0",
     "robot replay": "runs/emulated/run.jsonl",
     "robot run": "runs/lab/filter.jxf --simulate @lab_a --out runs/emulated",
