@@ -1,12 +1,16 @@
 import dataclasses
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse
 from jaxtyping import Float, Int
 
 from .hidden import Estimate, HiddenMap
 from .subset import Automaton
+
+
+if TYPE_CHECKING:
+    import scipy.sparse
 
 
 # The largest total size of the sets of an automaton, unless told otherwise.
@@ -35,7 +39,7 @@ class Bounded:
         [[0, 1], [-1, 1]]
     """
 
-    images: tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]
+    images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
     """For observation 0 and 1, matrices that are followed one after the other from cells to cells:
     from a row a robot may come to a column where an entry is `True`."""
     configuration: Int[np.ndarray, "cells"]
@@ -55,7 +59,7 @@ class Bounded:
         return cls(((moves,), (bumps,)), hidden.configuration, hidden.start)
 
     @functools.cached_property
-    def _arriving(self) -> tuple[tuple[scipy.sparse.csr_array, ...], ...]:
+    def _arriving(self) -> "tuple[tuple[scipy.sparse.csr_array, ...], ...]":
         return tuple(tuple(part.T.tocsr() for part in parts) for parts in self.images)
 
     def start(self) -> Int[np.ndarray, "cells"]:

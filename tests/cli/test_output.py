@@ -27,6 +27,7 @@ WRITING = {
     "navigate": [LAB, "--bounces", "45", "--start", "0", "--goal", "1"],
     "patrol graph": [GRAPH],
     "patrol map": [LAB],
+    "robot replay": ["{log}"],
     "robot run": ["{filter}", "--simulate", LAB],
     "robot sketch": ["{filter}"],
     "sweep": ["{spec}"],
@@ -39,7 +40,7 @@ FILES = {"robot sketch": "a.ino", "sweep view": "a.rrd"}
 @pytest.fixture
 def given(tmp_path):
     """Files that commands read, by their names in `WRITING`."""
-    found = {name: tmp_path / name for name in ("filter", "spec", "folder")}
+    found = {name: tmp_path / name for name in ("filter", "spec", "folder", "log")}
     found["filter"] = tmp_path / "filter.jxf"
     spec = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 90}
     image, bumped = [0, 0, 1], [True, False, False]
@@ -96,8 +97,8 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
         **{name: [path, *words[1:]] for name, words in WRITING.items()},
         "export": [path, str(tmp_path / "a.dot")],
         "info": [path],
+        "robot calibrate": ["--port", path],
         "robot check": ["--port", path],
-        "robot replay": [path],
         "run": [path],
         "robot run": [path, "--simulate", LAB],
         "sweep status": [path],
@@ -110,7 +111,7 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
     assert main([*command.split(), *arguments[command]]) == 2
     told = capsys.readouterr().err
     assert told.startswith(f"jaxcell {command}: ")
-    assert f"{read}.json" in told or command == "robot check"
+    assert f"{read}.json" in told or command in ("robot calibrate", "robot check")
     assert "Errno" not in told
     assert told.count("\n") == 1
 
