@@ -216,7 +216,7 @@ def estimated(
         def followed() -> dict[str, Any]:
             return dataclasses.asdict(follow(make(), cells, runs[:count], options.small))
 
-        return what, Found(**kept(out / f"{what}.json", followed))
+        return what, Found(**kept(out / f"{what}, {count} runs.json", followed))
 
     def slipping(factor: float) -> Slip:
         # A robot that is told to do without errors has still those of rounding.
