@@ -46,9 +46,9 @@ held the truth in 88 %.
 Where there is a star, squares are smaller than those that are chosen now: 9 a side of a cell and
 not 7 at 1 %, 13 and not 11 at 0 %.
 
-From 2 % on what the sets say is in the interval, but on `complex` at 10 %, where they are too large.
-At 0 and 1 % they hold the truth more often than they say: on the labs they are of one cell or two, and on `complex` and `depot` squares of 33 cm blur the
-robot more than its errors do.
+From 2 % on what the sets say is in the interval, but on `complex` at 10 %, where they are too
+large. At 0 and 1 % they hold the truth more often than they say: on the labs they are of one cell
+or two, and on `complex` and `depot` squares of 33 cm blur the robot more than its errors do.
 
 The filter holds the truth in 70, 16.5, 0.5 and 0 % of the runs on `lab_a` for errors of 1, 2, 5 and
 10 %, in 36.5 and 8.5 % on `complex` and 22.5 and 7 % on `depot` at 1 and 2 %. An observation takes
