@@ -41,7 +41,8 @@ class Bounded:
 
     images: "tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]"
     """For observation 0 and 1, matrices that are followed one after the other from cells to cells:
-    from a row a robot may come to a column where an entry is `True`."""
+    from a row a robot may come to a column where an entry is `True`. Each row and column of a
+    smaller matrix is one of a block of cells, and leads to the like ones of others."""
     configuration: Int[np.ndarray, "cells"]
     "The configuration that each cell is in."
     start_weight: Float[np.ndarray, "cells"]
@@ -68,14 +69,18 @@ class Bounded:
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
         """Those after an observation, 0 or 1; none if it cannot be on the map."""
+        size = self.configuration.size
         both = zip(self.images[observation], self._arriving[observation], strict=True)
         for leaving, arriving in both:
-            before, after = (np.zeros(count, bool) for count in leaving.shape)
-            if state.size < _FEW * before.size:
+            block = size // leaving.shape[0]
+            size = leaving.shape[1] * block
+            if block == 1 and state.size < _FEW * leaving.shape[0]:
+                after = np.zeros(size, bool)
                 after[leaving[state].indices] = True
             else:
-                before[state] = True
-                after = arriving @ before
+                before = np.zeros((leaving.shape[0], block), bool)
+                before.ravel()[state] = True
+                after = (arriving @ before).ravel()
             state = np.flatnonzero(after).astype(np.int32)
         return state
 

@@ -23,9 +23,9 @@ _SAMPLES = 128
 _CHUNK = 2048
 MAX_CELLS = 100_000
 "How many fine cells a map is cut into at most, unless told otherwise."
-# By how many standard deviations a heading may drift in so many steps, and by how many radians a
-# bump turns the robot.
-_DRIFT, _STEPS, _TURN = 2.5, 40, 2.4
+# By how many standard deviations a heading may drift in so many steps, by how many radians a bump
+# turns the robot, and how many cells it goes along one heading.
+_DRIFT, _STEPS, _TURN, _WAY = 2.5, 40, 2.4, 1.5
 # The most squares along the side of a cell, and the most fine directions of one, that are tried.
 _MAX_SQUARES, _MAX_DIRECTIONS = 31, 64
 # Bytes of a cell: the entries of its row in a matrix, while it is made.
@@ -86,7 +86,7 @@ class FineCells:
     def within(cls, cells: CellSpace, slip: Slip, most: int | None = None) -> "FineCells":
         """The cells, at most so many, that blur least where a robot is.
 
-        A square hides where in it the robot is, and a fine direction how far aside a step ends.
+        A square hides where in it the robot is, and a fine direction how far aside it gets.
         Directions reach as far as the heading may drift, and are no finer than half the error of a
         turn.
 
@@ -114,7 +114,7 @@ class FineCells:
                 bin_ = 2 * math.pi / number
                 reach = min(max(1, math.ceil(drift / bin_ - 0.5)), number // 2)
                 size = cells.positions * squares**2 * cells.directions * (2 * reach + 1)
-                blur = 1 / squares**2 + max(bin_, _TURN * slip.turn / 2) ** 2
+                blur = 1 / squares**2 + (_WAY * max(bin_, _TURN * slip.turn / 2)) ** 2
                 if size <= (MAX_CELLS if most is None else most) and blur < least:
                     best, least = (squares, directions, reach), blur
         return cls.of(cells, squares=best[0], directions=best[1], reach=best[2])
