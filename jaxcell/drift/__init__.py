@@ -98,7 +98,7 @@ from .distance import (
 from .drift_map import (
     METHODS as METHODS,
     drift_map as drift_map,
-    periodic_drift_map as periodic_drift_map,
+    drift_maps as drift_maps,
 )
 from .drifters import (
     Comparison as Comparison,

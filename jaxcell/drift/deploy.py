@@ -6,7 +6,8 @@ import scipy.sparse
 from jaxtyping import Bool, Int
 from scipy.sparse import csgraph
 
-from ..mapping import Chain, PersistentGroups
+from ..mapping import Chain, ChainSequence, PersistentGroups
+from ..mapping.classes import reaching
 from ..optimize import greedy_cover, minimum_cover
 from .behaviour import LongTermBehaviour
 from .water import Water
@@ -80,14 +81,15 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
         >>> found.cells.tolist(), found.group.tolist(), found.transient_group.tolist()
         ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
     """
-    groups = behaviour.groups
-    group, part = np.asarray(groups.group), np.asarray(behaviour.transient.group)
+    begins, parts = behaviour.begins, np.asarray(behaviour.transient.group)
+    groups, cells = begins.groups, behaviour.chain.cells
+    group, part = np.asarray(groups.group), parts[:cells]
     # To seven digits, so that rounding does not decide between equal times.
-    digits, power = np.frexp(np.asarray(behaviour.absorption.value))
+    digits, power = np.frexp(np.asarray(begins.absorption.value))
     time = np.ldexp(np.round(digits, 7), power)
     transient = np.flatnonzero(group < 0)
     order = transient[np.lexsort((transient, -time[transient], part[transient]))]
-    first = _first_ancestor(behaviour.chain.to_scipy(), part, order)
+    first = _first_ancestor(behaviour.chain.to_scipy(), parts, order)
     taken = np.flatnonzero(first == np.arange(order.size))
     persistent = np.flatnonzero(group >= 0)
     _, smallest = np.unique(group[persistent], return_index=True)
@@ -95,12 +97,13 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
     gained = np.concatenate(
         [np.asarray(groups.size), np.bincount(first, minlength=order.size)[taken]]
     )
-    return Deployment(cells.astype(np.int32), group[cells], part[cells], gained.astype(np.int32))
+    number = np.asarray(begins.transient.group)
+    return Deployment(cells.astype(np.int32), group[cells], number[cells], gained.astype(np.int32))
 
 
 def _first_ancestor(
     matrix: scipy.sparse.csr_array,
-    part: Int[np.ndarray, "cells"],
+    part: Int[np.ndarray, "states"],
     order: Int[np.ndarray, "some"],
 ) -> Int[np.ndarray, "some"]:
     """The place in an order of the first cell that leads to each of some cells within its part.
@@ -108,22 +111,25 @@ def _first_ancestor(
     That is a shortest way: from one more node, a cell is as far as its place in the order, and from
     there on no step within a part costs anything.
     """
-    edges = matrix[order][:, order].tocoo()
-    inside = part[order][edges.row] == part[order][edges.col]
+    # After those of phase 0 the states at other phases.
+    others = np.flatnonzero(part >= 0)
+    states = np.concatenate([order, np.setdiff1d(others, order)])
+    edges = matrix[states][:, states].tocoo()
+    inside = part[states][edges.row] == part[states][edges.col]
     row, column = edges.row[inside], edges.col[inside]
-    count = order.size
+    count, root = order.size, states.size
     place = np.arange(count)
     graph = scipy.sparse.csr_array(
         (
             np.concatenate([np.zeros(row.size), place + 1]),
-            (np.concatenate([row, np.full(count, count)]), np.concatenate([column, place])),
+            (np.concatenate([row, np.full(count, root)]), np.concatenate([column, place])),
         ),
-        shape=(count + 1, count + 1),
+        shape=(root + 1, root + 1),
     )
-    return csgraph.dijkstra(graph, indices=count)[:-1].astype(np.int64) - 1
+    return csgraph.dijkstra(graph, indices=root)[:count].astype(np.int64) - 1
 
 
-def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
+def minimum_deployment(chain: Chain | ChainSequence) -> Int[np.ndarray, "drifters"]:
     """The fewest cells from which all cells may be visited.
 
     Cells that lead to each other are a component, and between components there are no circuits.
@@ -137,7 +143,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
 
     **Arguments:**
 
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
+        for cells that may be visited after whole periods of it.
 
     **Returns:** the smallest cell of each of those components, in order.
 
@@ -154,7 +161,7 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
 
 
-def coverage_curve(chain: Chain) -> CoverageCurve:
+def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     """How the number of cells that may be visited grows with the number of drifters.
 
     Every drifter is dropped where it adds most cells to those that may be visited from the ones
@@ -165,7 +172,8 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
 
     **Arguments:**
 
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
+        for cells that may be visited after whole periods of it.
 
     **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
 
@@ -179,7 +187,7 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
         ([1, 0], [2, 3])
     """
     label, matrix = _components(chain)
-    size, smallest = np.bincount(label), _smallest(label)
+    size, smallest = np.bincount(label, minlength=matrix.shape[0]), _smallest(label)
     covered = np.zeros(size.size, bool)
 
     def visited(component: int) -> Int[np.ndarray, "some"]:
@@ -285,13 +293,20 @@ def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"
     return sees
 
 
-def _components(chain: Chain) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
+def _components(
+    chain: Chain | ChainSequence,
+) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
     """The component of each cell, and which component leads to which."""
     matrix = chain.to_scipy()
+    if isinstance(chain, ChainSequence):
+        # What no drifter of phase 0 comes to leads to nothing that counts.
+        begins = np.arange(matrix.shape[0]) < chain.cells
+        met = np.flatnonzero(reaching(matrix.T.tocsr(), begins))
+        matrix = matrix[met][:, met]
     count, label = csgraph.connected_components(matrix, connection="strong")
     source, target = np.repeat(label, np.diff(matrix.indptr)), label[matrix.indices]
     between = source != target
-    return label, scipy.sparse.csr_array(
+    return label[: chain.cells], scipy.sparse.csr_array(
         (np.ones(between.sum()), (source[between], target[between])), shape=(count, count)
     )
 
@@ -302,5 +317,7 @@ def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
 
 
 def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
-    """The smallest cell of each component."""
-    return np.unique(label, return_index=True)[1]
+    """The smallest cell of each component that has cells."""
+    found = np.full(label.max() + 1, label.size)
+    found[label[::-1]] = np.arange(label.size)[::-1]
+    return found

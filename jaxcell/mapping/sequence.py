@@ -17,10 +17,10 @@ class ChainSequence:
 
     The *phase* is the number of the chain that moves next. What happens in a whole period is the
     product of the chains, the *period map*, which fills up; so they are never multiplied.
-    Distributions are pushed and values are pulled through one after the other, and all that one asks
-    of a chain is asked of the *unrolled* one, whose states are the cells at each phase, phase after
-    phase: as many edges as the chains have together. Its strong components at phase 0 are those of
-    the period map.
+    Distributions are pushed and values are pulled through one after the other. All else that one
+    asks of a chain is asked of the *unrolled* one, whose states are the cells at each phase, phase
+    after phase: it has as many edges as the chains together. Its strong components at phase 0 are
+    those of the period map.
 
     Two cells that change places, and then stay or leave the space:
 
@@ -89,7 +89,9 @@ class ChainSequence:
         start: Int[Array, ""] | int = 0,
     ) -> Float[Array, "cells"]:
         """The distribution so many steps after a phase; what it lacks has gone to the sink."""
-        return jax.lax.fori_loop(start, start + steps, lambda n, p: self.at(n).push(p), distribution)
+        return jax.lax.fori_loop(
+            start, start + steps, lambda n, p: self.at(n).push(p), distribution
+        )
 
     @jax.jit
     def pull(
@@ -98,8 +100,7 @@ class ChainSequence:
         steps: Int[Array, ""] | int,
         start: Int[Array, ""] | int = 0,
     ) -> Float[Array, "cells"]:
-        """The expected value so many steps after a phase, by the cell at it; the sink counts as 0.
-        """
+        """The expected value so many steps after a phase; the sink counts as 0."""
         last = start + steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 

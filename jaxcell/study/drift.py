@@ -27,8 +27,10 @@ class Drift(Study):
     file: tyro.conf.Positional[Path]
     """NetCDF file of currents: ROMS, fixed depths, the surface, or HF radar."""
     time: int | str | None = None
-    """One record, by its number from 0 or its moment (2016-02-02T12:00); by default the mean of all
-    records."""
+    """One record, by its number from 0 or its moment (2016-02-02T12:00); by default all records."""
+    current: Literal["changing", "mean"] | None = None
+    """What drifters go with: the records one after the other, again and again (changing), or their
+    mean. By default it changes, but for --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of the layers in metres; by default those of the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
@@ -99,6 +101,7 @@ class Drift(Study):
             start=start,
             reach=self.range,
             seconds=self.search,
+            mean=self._mean,
             say=say,
             rho=self.rho,
             **self._rules(),
@@ -114,6 +117,7 @@ class Drift(Study):
     def spec(self, result: Result) -> dict[str, Any]:
         found: SeaDrift = result  # type: ignore[assignment]
         rules = {name: self._rules()[name] for name in ("spread", "edge")}
+        rules["current"] = "mean" if self._mean else "changing"
         return {**super().spec(result), **rules, "depths_m": found.depths, "duration_s": found.step}
 
     def heading(self, spec: dict[str, Any]) -> str:
@@ -136,6 +140,11 @@ class Drift(Study):
 
         chosen = {"spread": self.spread, "edge": self.edge}
         return {**METHODS[self.method], **{k: v for k, v in chosen.items() if v is not None}}
+
+    @property
+    def _mean(self) -> bool:
+        """Whether maps are by the mean of the records."""
+        return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _start(self, water: "Water") -> int | None:
         place = _numbers("start", self.start, 2, '"lon,lat" in degrees')

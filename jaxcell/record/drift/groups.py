@@ -51,7 +51,7 @@ def group_classes(layer: Layer) -> tuple[UInt8[np.ndarray, "cells"], list[Pictur
 
     A cell of a persistent group has its colour, one that leads there for sure a paler shade.
     """
-    rank, transient = _basin_rank(layer), layer.behaviour.transient
+    rank, transient = _basin_rank(layer), layer.begins.transient
     classes = [PictureClass("land", CLEAR)]
     groups = np.argsort(rank)[:_MAX_CLASSES].tolist()
     # The last of each is for cells that are not of this kind.
@@ -98,7 +98,7 @@ def _log_numbers(map: SeaMap, layer: Layer) -> None:
 
 def _legend(layers: Sequence[Layer]) -> list[tuple[str, Color]]:
     most = max(layer.persistent_groups for layer in layers)
-    ends = {homes for layer in layers for homes in layer.behaviour.transient.domiciles}
+    ends = {homes for layer in layers for homes in layer.begins.transient.domiciles}
     ordinals = ("largest", "second", "third", "fourth", "fifth")
     named = [f"group of the {ordinal} basin" for ordinal in ordinals]
     colors = dict(zip(named, HOMES, strict=True)) | {"another persistent group": _OTHERS}
