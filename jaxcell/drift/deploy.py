@@ -82,8 +82,8 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
         ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
     """
     begins, parts = behaviour.begins, np.asarray(behaviour.transient.group)
-    groups, cells = begins.groups, behaviour.chain.cells
-    group, part = np.asarray(groups.group), parts[:cells]
+    groups = begins.groups
+    group, part = np.asarray(groups.group), parts[: behaviour.chain.cells]
     # To seven digits, so that rounding does not decide between equal times.
     digits, power = np.frexp(np.asarray(begins.absorption.value))
     time = np.ldexp(np.round(digits, 7), power)

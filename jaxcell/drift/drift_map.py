@@ -132,8 +132,8 @@ def drift_maps(
     - `water`, `flow`: as for [`drift_map`][]; the flow as from [`Flow.repeated`][].
     - `duration`: of one step, in seconds, such that whole steps make up a period, or whole periods
         a step: as from [`Flow.fitted`][].
-    - `options`: further ones of [`drift_map`][]. There are at least as many steps of the method as
-        records.
+    - `options`: further ones of [`drift_map`][]. Steps of the method are doubled until there are as
+        many as records.
 
     **Returns:** [`jaxcell.mapping.ChainSequence`][]; of a flow that does not repeat, or if one
     step is whole periods, the one [`jaxcell.mapping.Chain`][].
@@ -156,8 +156,10 @@ def drift_maps(
             f"duration: expected a whole part or multiple of the period, {float(flow.period):g} s, "
             f"such as {flow.fitted(duration):g} s, got {duration:g} s"
         )
-    between = float(np.diff(np.asarray(flow.time)).min())
-    steps = max(options.get("steps", 1), math.ceil(duration / between * (1 - 1e-9)))
+    records = duration / float(np.diff(np.asarray(flow.time)).min())
+    given = options.get("steps", 1)
+    # Few different numbers, so that few programs are compiled.
+    steps = given * 2 ** max(0, math.ceil(math.log2(records / given) - 1e-9))
     starts = np.asarray(flow.time)[0] + np.arange(phases(flow, duration)) * duration
     chains = [
         drift_map(water, flow, duration, start=start, **{**options, "steps": steps})

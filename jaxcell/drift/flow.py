@@ -139,12 +139,17 @@ class Flow:
         left, right, across = (_around if self.wraps else _between)(x, columns)
         below, above, up = _between(y, rows)
 
-        def value(field):  # type: ignore[no-untyped-def]
-            low = (1 - across) * field[below, left] + across * field[below, right]
-            high = (1 - across) * field[above, left] + across * field[above, right]
-            return (1 - up) * low + up * high
+        low, high = below * columns, above * columns
 
-        return value(along[0]), value(along[1])
+        def value(field):  # type: ignore[no-untyped-def]
+            # By one index into all squares, which is faster than by two.
+            near, far = (
+                (1 - across) * field[row + left] + across * field[row + right]
+                for row in (low, high)
+            )
+            return (1 - up) * near + up * far
+
+        return value(along[0].ravel()), value(along[1].ravel())
 
 
 def _between(

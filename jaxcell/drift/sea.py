@@ -144,7 +144,7 @@ class Sea:
 
     def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
         """Whether something is so of a cell at one phase of the current or another."""
-        return mask.reshape(self.phases, self.cells).any(axis=0)
+        return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 
 def _side_by_side(chains: Sequence[Chain]) -> Chain:

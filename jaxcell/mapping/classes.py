@@ -60,8 +60,7 @@ class PersistentGroups:
         - `cells`: number of cells, of a chain that is [`ChainSequence.unrolled`][].
         """
         group = self.group[:cells]
-        size = np.bincount(np.asarray(group[group >= 0]), minlength=self.count)
-        size = jnp.asarray(size, jnp.int32)
+        size = jnp.bincount(group[group >= 0], length=self.count).astype(jnp.int32)
         return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
     def reaching(self, group: int) -> Bool[Array, "cells"]:

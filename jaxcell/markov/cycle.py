@@ -52,7 +52,7 @@ class Cycle:
             return cls(order, bounds, rows, np.unique(turned.indices[back]))
         return None
 
-    def attempt(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
+    def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
         """Solve `x = right + matrix x` by a round of BiCGSTAB; gives the products beside."""
         wanted, none = right[self.order], np.zeros(right.size)
 

@@ -185,7 +185,7 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
     """How to solve with a matrix that is not to be factored completely; `None` if it is."""
     rows = matrix.shape[0]
     if rows > _LARGEST_FACTORED_CYCLE and (cycle := Cycle.of(matrix)) is not None:
-        return cycle.attempt
+        return cycle
     return _incomplete(matrix) if rows > _LARGEST_COMPLETE else None
 
 
@@ -218,7 +218,9 @@ def _solve_large(
             if not better or np.abs(left).max() <= _ROUNDING * np.abs(found).max():
                 break
         goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(found).max())
-        while np.abs(left).max() > goal and products < _MAX_PRODUCTS:
+        # A product goes through one block of a cycle only, and is of no use then.
+        most = 0 if isinstance(attempt, Cycle) else _MAX_PRODUCTS
+        while np.abs(left).max() > goal and products < most:
             found += left
             left = matrix @ left
             products += 1

@@ -117,20 +117,21 @@ def _text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
     hours = f"**{drift.step / 3600:.3g} hours**"
+    current = "the mean current" if drift.phases is None else "the current, as it changes,"
     if drift.layers[0].options.get("spread") == "sampled":
         step = f"""In one step of {hours} points of a cell move to
-where the mean current takes them, and as large as their share that ends in a cell is the chance of
+where {current} takes them, and as large as their share that ends in a cell is the chance of
 a drifter to be there."""
     else:
         step = f"""In one step of {hours} a drifter moves from its
-cell to where the mean current takes it, or, as the current is not known exactly, to a cell beside
+cell to where {current} takes it, or, as the current is not known exactly, to a cell beside
 that."""
     warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
     return f"""# Where drifters end up
 
 {currents_of(drift)} The water is cut into cells. {step}
-So the sea is a *Markov chain*.
+So the sea is a *Markov chain*. {_phases(drift)}
 
 Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
 map. All other cells are *transient*.
@@ -151,3 +152,14 @@ that it has in a wrong cell, and the shares that left the map in a day.
 {beware}
 
 {made_with(spec)}"""
+
+
+def _phases(drift: SeaDrift) -> str:
+    """A sentence that says of which drifters groups and times are, in a current that repeats."""
+    if drift.phases is None:
+        return ""
+    return (
+        f"The current repeats itself after {drift.period_hours:.3g} hours, of "
+        f"{counted(drift.phases, 'step')}; groups and times are those of drifters that are "
+        "released at the first record."
+    )
