@@ -34,7 +34,7 @@ from .water import Water
 # The curve of so many cells takes seconds.
 _MAX_FOR_CURVE = 20_000
 # The solves for more cells at all phases take minutes.
-_MAX_STATES = 10_000_000
+_MAX_STATES = 2_500_000
 _SQUARES = "layer y x"
 
 
@@ -108,7 +108,7 @@ class SeaDrift(SeaLayers):
         A current of several records changes from one to the next, and after the last begins again
         with the first. Maps follow on one another, over a whole period, and groups and times are
         those of drifters that are released at the first record. Where that would take more than the
-        free memory, or more than ten million cells at all phases, the mean of the records is taken,
+        free memory, or more than 2.5 million cells at all phases, the mean of the records is taken,
         and `remarks` say so.
 
         **Arguments:**
@@ -142,6 +142,11 @@ class SeaDrift(SeaLayers):
             say("choosing the duration of a step")
             return nearest_maps(waters, flows, by, **options)
 
+        if (records := currents.attrs.get("mean_of", 1)) > 1:
+            notices.append(
+                f"The current is the mean of {records} records, and so is what drifters go with: "
+                "together they take more memory than there is."
+            )
         step, made = planned()
         if by is not means and (why := _too_large(waters, phases(by[0], step))):
             notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")

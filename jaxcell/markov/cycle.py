@@ -10,8 +10,8 @@ from scipy.sparse import linalg
 
 # A cycle has no more blocks than so many, and at most this part of its steps lead back.
 _MAX_BLOCKS, _MOST_BACK = 10_000, 0.4
-# Steps of BiCGSTAB in a round.
-_STEPS = 200
+# Steps of BiCGSTAB at once, and of one that goes through a whole cycle.
+_STEPS, _CYCLES = 200, 600
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Cycle:
         shape = self.again.size, self.again.size
         system = linalg.LinearOperator(shape, returns, dtype=np.float64)
         begin = self._round(np.zeros(self.again.size), wanted)[self.again]
-        value, products = bicgstab(system, begin)
+        value, products = bicgstab(system, begin, _CYCLES)
         found = np.empty_like(right)
         found[self.order] = self._round(value, wanted)
         return found, products
@@ -80,7 +80,7 @@ class Cycle:
 
 
 def bicgstab(
-    system: Any, right: Float[np.ndarray, "rows"], **options: Any
+    system: Any, right: Float[np.ndarray, "rows"], steps: int = _STEPS, **options: Any
 ) -> tuple[Float[np.ndarray, "rows"], int]:
     """What BiCGSTAB finds in one round, and the products that it took."""
     products = 0
@@ -89,7 +89,7 @@ def bicgstab(
         nonlocal products
         products += 2
 
-    found, _ = linalg.bicgstab(system, right, rtol=1e-8, maxiter=_STEPS, callback=count, **options)
+    found, _ = linalg.bicgstab(system, right, rtol=1e-8, maxiter=steps, callback=count, **options)
     return found, products
 
 

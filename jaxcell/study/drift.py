@@ -179,8 +179,17 @@ def _currents(
     variables: tuple[str, str] | None,
 ) -> "xr.Dataset":
     from ..drift import open_currents
+    from ..drift.currents.netcdf import TooLargeError
 
-    return open_currents(file, time=time, depths=depths or None, bounds=bounds, variables=variables)
+    read = functools.partial(
+        open_currents, file, time=time, depths=depths or None, bounds=bounds, variables=variables
+    )
+    try:
+        return read()
+    except (TooLargeError, MemoryError):
+        if time is not None:
+            raise
+        return read(mean=True)
 
 
 def _numbers(parameter: str, text: str | None, count: int, expected: str) -> list[float] | None:

@@ -47,15 +47,18 @@ def read_field(
     grid: OceanGrid,
     records: Int[np.ndarray, " records"],
     layers: Layers,
+    mean: bool = False,
 ) -> Field:
     """Read the velocity at the centres of the cells, along the axes that the file has it along.
+
+    The mean of the records is added up record by record, in the memory of one.
 
     **Raises:** `ValueError` if it takes too much memory, is above 10 m/s, or if there is no water
     in the block, or in a layer that was asked for; for a mask by which no water moves, but land
     does; and for depths more than a layer away from the levels of the file.
     """
     names = f"{velocity.u}, {velocity.v}"
-    shape = (len(records), len(layers.depth), *grid.lon.shape)
+    shape = (1 if mean else len(records), len(layers.depth), *grid.lon.shape)
     sizes = dict(zip(("time", "layer", "y", "x"), shape, strict=True))
     file.check_size(names, sizes, arrays=2)
     if layers.s_levels is not None:  # a record at all levels, and what the interpolation makes
@@ -68,7 +71,9 @@ def read_field(
     ]
     if axes.staggered:
         notes.append(f"{names}: averaged from the sides of the cells to their centres")
-    u, v = np.full(shape, np.nan), np.full(shape, np.nan)
+    u, v = np.zeros(shape), np.zeros(shape)
+    always, sometimes = np.ones(shape[1:], bool), np.zeros(shape[1:], bool)
+    moving = np.zeros((len(records), len(layers.depth)), bool)
     is_water, moves, would_move = (np.zeros(shape[2:], bool) for _ in range(3))
     for k, record in enumerate(map(int, records)):
         (x, beside_x, free_x), (y, beside_y, free_y) = (each.at(record) for each in components)
@@ -92,10 +97,19 @@ def read_field(
                 np.stack([at_height(values, heights, height) for height in wanted])
                 for values in (x, y)
             )
-        u[k], v[k] = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+        x, y = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+        present = np.isfinite(x) & np.isfinite(y)
+        always, sometimes = always & present, sometimes | present
+        moving[k] = present.any(axis=(1, 2))
+        u[0 if mean else k] += x
+        v[0 if mean else k] += y
     if is_water.any() and would_move.any() and not moves.any():
         raise _exchanged(file, sea, components, is_water, would_move)
-    return _with_water(file, velocity, records, layers, sea, u, v, notes)
+    if mean:
+        u, v = u / len(records), v / len(records)
+        notes.append(f"{names}: the mean of {len(records)} records")
+    seen = _Seen(always, sometimes, moving)
+    return _with_water(file, velocity, records, layers, sea, u, v, seen, notes)
 
 
 def _moves(
@@ -151,6 +165,16 @@ def _check_reach(
 
 
 @dataclasses.dataclass(frozen=True)
+class _Seen:
+    """Where there is a velocity `always`, at every record, and `sometimes`, and whether there is
+    any in a layer at a record."""
+
+    always: Bool[np.ndarray, "layers y x"]
+    sometimes: Bool[np.ndarray, "layers y x"]
+    moving: Bool[np.ndarray, "records layers"]
+
+
+@dataclasses.dataclass(frozen=True)
 class _Sea:
     """The `mask` of the centres, or `None` if the file has none; the depth of the sea `bed` in
     metres, NaN where it is not known; the variable of the `surface` height, if it matters."""
@@ -196,19 +220,20 @@ def _with_water(
     sea: _Sea,
     u: Float[np.ndarray, "records layers y x"],
     v: Float[np.ndarray, "records layers y x"],
+    seen: _Seen,
     notes: list[str],
 ) -> Field:
     """Find the water, and take out layers without any that were not asked for."""
-    present = np.isfinite(u) & np.isfinite(v)
-    water = present.all(axis=0)
+    water = seen.always
     kept = water.any(axis=(1, 2))
     for k in np.flatnonzero(~kept):
-        if layers.asked or not kept.any() or present[:, k].any():
-            raise _no_water(file, velocity, records, float(layers.depth[k]), sea, present[:, k])
+        if layers.asked or not kept.any() or seen.moving[:, k].any():
+            somewhere = seen.moving[:, k]
+            raise _no_water(file, velocity, records, float(layers.depth[k]), sea, somewhere)
     if not kept.all():
         deep = ", ".join(f"{depth:g}" for depth in layers.depth[~kept])
         notes.append(f"left out, as no cell has water there: {deep} m")
-    gaps = int((present.any(axis=0) & ~water).sum())
+    gaps = int((seen.sometimes & ~water).sum())
     if gaps:
         notes.append(
             f"{gaps} cells have a velocity at some of the {len(records)} records only, and are not "
@@ -227,9 +252,8 @@ def _no_water(
     records: Int[np.ndarray, " records"],
     depth: float,
     sea: _Sea,
-    present: Bool[np.ndarray, "records y x"],
+    somewhere: Bool[np.ndarray, " records"],
 ) -> ValueError:
-    somewhere = present.any(axis=(1, 2))
     if somewhere.all():
         return file.error(
             "time",

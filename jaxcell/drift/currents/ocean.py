@@ -30,6 +30,7 @@ def open_currents(
     depths: float | int | Sequence[float | int] | None = None,
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
+    mean: bool = False,
 ) -> xr.Dataset:
     """Read ocean currents from a NetCDF file (Alam 2018, section 5.4.1).
 
@@ -67,6 +68,8 @@ def open_currents(
     - `variables`: the names of the velocities towards the East and North (or along the grid, if
         they stand on the sides of its cells or their standard names say so), where the file
         leaves it open.
+    - `mean`: whether to read the mean of the records only, as one record at the time of the first;
+        any number of them takes the memory of one.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
@@ -77,7 +80,8 @@ def open_currents(
     - `angle`: radians, counter-clockwise from East to the x axis;
     - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
     - attributes `source`, `east_from`, `north_from`, which say from which variables the velocities
-        are and why, and `notes`, what else was done, a line each.
+        are and why, `notes`, what else was done, a line each, and `mean_of`, of how many records
+        each is the mean.
 
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
     a file that is damaged, truncated or not NetCDF; no velocity, or one that may be along the grid
@@ -103,7 +107,7 @@ def open_currents(
         times, undated = record_times(file, axes.time)
         records = choose_records(file, times, time, undated is None)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
-        field = read_field(file, velocity, grid, records, layers)
+        field = read_field(file, velocity, grid, records, layers, mean)
         _check_positions(file, axes.lon, grid, field)
     u, v, notes = field.u, field.v, [undated, layers.note, *field.notes, *grid.notes]
     if velocity.along == "grid" and grid.angle_from:
@@ -114,9 +118,10 @@ def open_currents(
         "east_from": _origin(velocity, "East", grid),
         "north_from": _origin(velocity, "North", grid),
         "notes": "\n".join(note for note in notes if note),
+        "mean_of": len(records) if mean else 1,
     }
     field = dataclasses.replace(field, u=u, v=v)
-    return _dataset(field, grid, times[records], attributes)
+    return _dataset(field, grid, times[records[:1] if mean else records], attributes)
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
@@ -155,7 +160,7 @@ def _dataset(
     field: Field,
     grid: OceanGrid,
     times: Shaped[np.ndarray, " records"],
-    attributes: dict[str, str],
+    attributes: dict[str, str | int],
 ) -> xr.Dataset:
     cells, moving = ("y", "x"), ("time", "layer", "y", "x")
     speed, metres = {"units": "m s-1"}, {"units": "m"}

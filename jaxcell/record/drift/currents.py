@@ -56,7 +56,8 @@ def _text(map: SeaMap) -> str:
     notes = "\n".join(f"- {note}" for note in drift.notes)
     return f"""# The current
 
-{currents_of(drift)} Arrows show the records one after the other. Faster water has longer arrows. Dots are drifters with their ways in the last
+{currents_of(drift)} Arrows show the records one after the other. Faster
+water has longer arrows. Dots are drifters with their ways in the last
 {clock.frame * _TRAIL} {clock.unit}s.
 
 - towards the East: {drift.east_from}
