@@ -366,7 +366,7 @@ class Layer(Ends):
         sums = mean = np.zeros(0)
         if self.ends is not None:
             chance = np.asarray(self.ends.value).T
-            sums = np.abs(chance.sum(axis=1) + self.leaving - 1)
+            sums = np.abs(chance.sum(axis=1) + np.asarray(self.ends.leaving) - 1)
             mean = np.abs(P @ chance - chance)[transient]
         return {
             "rows_sum_to_more_than_1": (max(0.0, float(total.max() - 1)), PROBABILITY),

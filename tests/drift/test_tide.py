@@ -19,7 +19,7 @@ STEP = 3 * HOUR
 
 def strait(rows=5, columns=8):
     """Water that goes two cells there and back in a tide of twelve hours, and half a cell on."""
-    along = (np.array([0, 2000, 0, -2000]) / 2 + 125) / STEP
+    along = (np.array([0, 2000, 0, -2000]) + 125) / STEP
     east = np.broadcast_to(along[:, None, None], (4, rows, columns))
     return sea(east, 0 * east, hours=3.0)
 
@@ -47,6 +47,7 @@ def test_a_current_goes_on_from_its_last_record_to_its_first():
     assert fitted == pytest.approx([1, 4 / 3, 4, 8])
 
 
+@pytest.mark.slow
 def test_with_the_tide_it_is_nearer_to_drifters(both):
     tide, mean = both
     assert (tide.phases, tide.period_hours) == (4, 12.0)
@@ -55,8 +56,10 @@ def test_with_the_tide_it_is_nearer_to_drifters(both):
     assert mean.distance_6h > 0.2
     # The same drifters.
     assert tide.drifters_left == pytest.approx(mean.drifters_left, abs=0.02)
+    assert tide.deployment.gained.sum() == tide.cells
 
 
+@pytest.mark.slow
 def test_what_is_said_of_cells_is_of_those_at_the_first_record(both):
     (layer,) = both[0].layers
     chain = layer.behaviour.chain
@@ -73,13 +76,14 @@ def test_what_is_said_of_cells_is_of_those_at_the_first_record(both):
     assert all(value <= limit for value, limit in layer.checks().values())
 
 
-def test_deployments_are_those_of_whole_periods(both):
+def test_deployments_are_those_of_whole_periods():
     random = np.random.default_rng(4)
     matrices = []
     for _ in range(3):
-        matrix = np.zeros((14, 14))
-        matrix[np.arange(14), random.integers(0, 14, 14)] = 1
-        matrix[random.integers(0, 14, 3)] = random.dirichlet(np.ones(14) / 9, 3)
+        matrix = np.eye(14)
+        for cell in random.integers(0, 14, 4):
+            matrix[cell] *= 0.5
+            matrix[cell, random.integers(0, 14)] += 0.5
         matrices.append(matrix)
     chain = ChainSequence.of([Chain.from_scipy(one) for one in matrices])
     period = Chain.from_scipy(matrices[0] @ matrices[1] @ matrices[2])
@@ -89,7 +93,6 @@ def test_deployments_are_those_of_whole_periods(both):
     found, wanted = drift.coverage_curve(chain), drift.coverage_curve(period)
     np.testing.assert_array_equal(found.cells, wanted.cells)
     np.testing.assert_array_equal(found.covered, wanted.covered)
-    assert both[0].deployment.gained.sum() == both[0].cells
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +120,7 @@ def moves(matrices):
         ]
 
 
+@pytest.mark.slow
 def test_a_voyage_decides_by_the_phase_of_the_tide(tidal_sea):
     matrices, sea = tidal_sea
     goal, discount = 4, 0.9
@@ -137,7 +141,7 @@ def test_a_voyage_decides_by_the_phase_of_the_tide(tidal_sea):
     found = drift.discounted_voyage(sea, goal, discount)
     np.testing.assert_allclose(found.value, value[0], atol=1e-6)
     assert found.actions.shape == (3, 18)
-    assert (np.asarray(found.actions) != found.action).any()
+    assert (np.asarray(found.actions) != np.asarray(found.action)).any()
     surest = drift.surest_voyage(sea, goal)
     np.testing.assert_allclose(surest.probability, arrives[0], atol=1e-9)
     tracks = drift.simulate_voyages(jax.random.key(0), surest, 0, drifters=4000, steps=200)
@@ -177,7 +181,7 @@ def test_too_many_phases_are_left_for_the_mean(monkeypatch):
         "The current has 160 cells at its 4 phases, and 100 are as many as take minutes; "
     )
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 1000)
-    monkeypatch.setattr("jaxcell.drift.drift_map.memory.check", lambda *_: None)
+    monkeypatch.setattr("jaxcell.base.memory.check", lambda *_: None)
     monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 1000)
     found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
     assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in found.remarks[0]
@@ -189,6 +193,7 @@ def test_a_step_is_made_to_fit_the_period():
     assert found.remarks[0].startswith("A step takes 14400 s in place of 12960 s, to fit the 12 h")
 
 
+@pytest.mark.slow
 def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
     currents = strait(rows=6, columns=12).isel(time=slice(1))
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
@@ -197,7 +202,7 @@ def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
         monkeypatch.setattr(f"jaxcell.drift.distance.{name}", value)
     (found,) = drift.distances(water, flow, [(chain, STEP)])
     assert found.cells == 36
-    assert found.total_variation.max() < 0.2
+    assert found.total_variation.max() < 0.4
     monkeypatch.undo()
     (found,) = drift.distances(water, flow, [(chain, STEP)])
     assert found.cells == 72
