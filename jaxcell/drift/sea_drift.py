@@ -62,7 +62,7 @@ class SeaDrift(SeaLayers):
     brief: ClassVar[tuple[str, ...]] = (
         *("cells", "persistent_groups", "distance_6h", "distance_24h", "drifters_left", "map_left"),
         *("mean_leaving", "median_hours", "drifter_count", "fewest_count", "step"),
-        *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
+        *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 
     start: int | None = None
