@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..base import memory
 from ..base.quantities import derived
+from ..mapping import Chain
 from ..space import estimates
 from .deploy import (
     CoverageCurve,
@@ -231,14 +232,18 @@ class SeaDrift(SeaLayers):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """The fewest cells from which all those of the surface may be visited."""
-        return minimum_deployment(self.layers[0].behaviour.chain)
+        """The fewest cells from which all those of the surface may be visited; in a current that
+        repeats itself, as few as are found one after the other."""
+        chain = self.layers[0].behaviour.chain
+        if isinstance(chain, Chain):
+            return minimum_deployment(chain)
+        return np.sort(self.deployment.cells if self.curve is None else self.curve.cells)
 
     @functools.cached_property
     def curve(self) -> CoverageCurve | None:
         """How many cells a number of drifters may visit; `None` for more than 20,000 cells."""
         surface = self.layers[0]
-        small = surface.cells <= _MAX_FOR_CURVE
+        small = surface.behaviour.unrolled.cells <= _MAX_FOR_CURVE
         return coverage_curve(surface.behaviour.chain) if small else None
 
     @functools.cached_property
@@ -255,7 +260,7 @@ class SeaDrift(SeaLayers):
     def drifter_count(self) -> int:
         return self.deployment.cells.size
 
-    @derived("", "fewest from which each cell may be visited", kind="count")
+    @derived("", "fewest found from which each cell may be visited", kind="count")
     def fewest_count(self) -> int:
         return self.minimum.size
 

@@ -76,7 +76,9 @@ def test_what_is_said_of_cells_is_of_those_at_the_first_record(both):
     assert all(value <= limit for value, limit in layer.checks().values())
 
 
-def test_deployments_are_those_of_whole_periods():
+@pytest.fixture(scope="module")
+def shifting():
+    """Maps of 14 cells that few drifters leave at a time, and what each visits from phase 0."""
     random = np.random.default_rng(4)
     matrices = []
     for _ in range(3):
@@ -85,14 +87,45 @@ def test_deployments_are_those_of_whole_periods():
             matrix[cell] *= 0.5
             matrix[cell, random.integers(0, 14)] += 0.5
         matrices.append(matrix)
-    chain = ChainSequence.of([Chain.from_scipy(one) for one in matrices])
-    period = Chain.from_scipy(matrices[0] @ matrices[1] @ matrices[2])
-    expected = drift.minimum_deployment(period)
-    assert 1 < expected.size < 14
-    np.testing.assert_array_equal(drift.minimum_deployment(chain), expected)
-    found, wanted = drift.coverage_curve(chain), drift.coverage_curve(period)
-    np.testing.assert_array_equal(found.cells, wanted.cells)
-    np.testing.assert_array_equal(found.covered, wanted.covered)
+    here = np.eye(14, dtype=bool)
+    visits = here
+    for n in range(90):
+        here = here @ matrices[n % 3] > 0
+        visits = visits | here
+    return ChainSequence.of([Chain.from_scipy(one) for one in matrices]), visits
+
+
+def test_the_coverage_curve_counts_cells_at_any_phase(shifting):
+    chain, visits = shifting
+    curve = drift.coverage_curve(chain)
+    assert 1 < curve.cells.size < 14
+    for k, covered in enumerate(curve.covered):
+        before = visits[curve.cells[:k]].any(axis=0)
+        assert covered == (before | visits[curve.cells[k]]).sum()
+        assert covered == max((before | one).sum() for one in visits)
+    assert curve.covered[-1] == 14
+
+
+def test_a_deployment_takes_what_no_cell_taken_before_leads_to(shifting):
+    chain, visits = shifting
+    behaviour = drift.long_term_behaviour(chain, 60.0)
+    found = drift.deployment_cells(behaviour)
+    number = np.asarray(behaviour.transient.group).reshape(3, 14)
+    assert visits[found.cells].any(axis=0).all()
+    assert found.gained.sum() == 14
+    part, time = number[0], np.asarray(behaviour.begins.absorption.value)
+    # By the definition, with the states that are visited within the part.
+    edges = chain.to_scipy().toarray() > 0
+    flat = number.ravel()
+    inside = edges & (flat[:, None] == flat)
+    reach = np.linalg.matrix_power(np.eye(42) + inside, 42) > 0
+    taken = []
+    for cell in sorted(np.flatnonzero(part >= 0), key=lambda z: (part[z], -time[z].round(9), z)):
+        led = [reach[z, np.arange(3) * 14 + cell] & (number[:, cell] == part[cell]) for z in taken]
+        if not np.any(led):
+            taken.append(cell)
+    assert found.cells[found.group < 0].tolist() == taken
+    assert len(taken) > 1
 
 
 @pytest.fixture(scope="module")

@@ -113,7 +113,7 @@ def open_currents(
     if velocity.along == "grid" and grid.angle_from:
         u, v = turned(u, v, grid.angle)
         notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {grid.angle_from}")
-    attributes = {
+    attributes: dict[str, str | int] = {
         "source": Path(path).name,
         "east_from": _origin(velocity, "East", grid),
         "north_from": _origin(velocity, "North", grid),
