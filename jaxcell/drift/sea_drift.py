@@ -253,7 +253,7 @@ class SeaDrift(SeaLayers):
         if self.reach is None:
             return None
         return visible_deployment(
-            surface.water, self.reach, surface.behaviour.groups, seconds=self.seconds
+            surface.water, self.reach, surface.begins.groups, seconds=self.seconds
         )
 
     @derived("", "drifters that cover every group", kind="count")
