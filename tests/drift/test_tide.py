@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from seas import sea
 
-from jaxcell import drift, verify
+from jaxcell import bundled, drift, study, verify
 from jaxcell.mapping import Chain, ChainSequence
 
 
@@ -245,3 +246,29 @@ def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
 def test_the_other_routes_agree(both):
     found = dataclasses.replace(both[0], start=0).towards(30)
     assert all(one.agrees in (True, None) for one in verify.compare_drift(found))
+
+
+def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):
+    with xr.open_dataset(bundled("ocean/gyres.nc"), decode_times=False) as whole:
+        part = whole.isel(time=slice(5)).load()
+    name = next(name for name in part if "time" in part[name].dims)
+    # A gap, whose cell is water at no record then.
+    part[name][{"time": 3, part[name].dims[-2]: 10, part[name].dims[-1]: 14}] = np.nan
+    part.to_netcdf(tmp_path / "gap.nc")
+    every = drift.open_currents(tmp_path / "gap.nc", depths=0)
+    mean = drift.open_currents(tmp_path / "gap.nc", depths=0, mean=True)
+    assert int(every.water.sum()) == 537
+    assert mean.sizes["time"] == 1
+    assert (mean.attrs["mean_of"], every.attrs["mean_of"]) == (5, 1)
+    assert mean.time.values[0] == every.time.values[0]
+    np.testing.assert_array_equal(mean.water, every.water)
+    for component in "uv":
+        wanted = every[component].mean("time", skipna=False)
+        np.testing.assert_allclose(mean[component][0], wanted, rtol=0, atol=1e-15)
+    # What does not fit is read so, and it is said.
+    monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 50_000)
+    read = study.Drift(file=tmp_path / "gap.nc", depths=(0.0,)).currents()
+    assert read.attrs["mean_of"] == 5
+    assert "the mean of 5 records" in read.attrs["notes"]
+    with pytest.raises(ValueError, match="GiB at most"):
+        drift.open_currents(tmp_path / "gap.nc", depths=0)

@@ -29,14 +29,14 @@ class Field:
     **Attributes:**
 
     - `depth`: of the layers in metres.
-    - `u`, `v`: the components in m/s, NaN where there is no water.
+    - `u`, `v`: the components in m/s, NaN where there is no water; at each record, or the mean.
     - `water`: where there is a velocity at every record.
     - `notes`: what was done.
     """
 
     depth: Float[np.ndarray, " layers"]
-    u: Float[np.ndarray, "records layers y x"]
-    v: Float[np.ndarray, "records layers y x"]
+    u: Float[np.ndarray, "kept layers y x"]
+    v: Float[np.ndarray, "kept layers y x"]
     water: Bool[np.ndarray, "layers y x"]
     notes: tuple[str, ...]
 
@@ -218,8 +218,8 @@ def _with_water(
     records: Int[np.ndarray, " records"],
     layers: Layers,
     sea: _Sea,
-    u: Float[np.ndarray, "records layers y x"],
-    v: Float[np.ndarray, "records layers y x"],
+    u: Float[np.ndarray, "kept layers y x"],
+    v: Float[np.ndarray, "kept layers y x"],
     seen: _Seen,
     notes: list[str],
 ) -> Field:
