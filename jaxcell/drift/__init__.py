@@ -23,8 +23,8 @@ so that the sea is a finite Markov chain over cells, a generalized cell map `p(n
 has these rules, and others that agree with drifters: many points of each cell drift, by Runge-
 Kutta's method, over edges that are open, to an explicit sink. `distances` says how far a map is
 from drifters in the current as it changes with time, and `nearest_step` has the `dt` for which that
-is least. `periodic_drift_map` is the map over a day,
-or another period, of a current that repeats itself.
+is least. `drift_maps` has the maps of a current that changes, one after the other; after its last
+record it begins again with the first (`Flow.repeated`).
 
 **Long-term behaviour** (Alg. 5.1), `long_term_behaviour`, in time proportional to the number of
 edges but for the solves:
@@ -98,7 +98,7 @@ from .distance import (
 from .drift_maps import (
     METHODS as METHODS,
     drift_map as drift_map,
-    periodic_drift_map as periodic_drift_map,
+    drift_maps as drift_maps,
 )
 from .drifters import (
     Comparison as Comparison,

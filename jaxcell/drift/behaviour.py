@@ -9,6 +9,7 @@ from ..base.certificate import Solution
 from ..mapping import (
     SINK,
     Chain,
+    ChainSequence,
     PersistentGroups,
     TransientGroups,
     persistent_groups,
@@ -25,10 +26,15 @@ from ..markov import (
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LongTermBehaviour:
-    """Where drifters of one layer end up, and when (Alam 2018, Alg. 5.1)."""
+    """Where drifters of one layer end up, and when (Alam 2018, Alg. 5.1).
 
-    chain: Chain
-    "The generalized map."
+    In a current that repeats itself that depends on when they are released. Groups, times and
+    probabilities are then of the `unrolled` map, of the cells at each phase of the current, phase
+    after phase; `begins` has those of phase 0.
+    """
+
+    chain: Chain | ChainSequence
+    "The generalized map, or those that follow on one another."
     duration: float
     "Seconds that one step of it takes."
     groups: PersistentGroups
@@ -39,6 +45,19 @@ class LongTermBehaviour:
     "The expected number of steps until a drifter is in a persistent group or has left the grid."
     throw: bool = False
     "Whether `probability` and `limiting` raise when they are not good enough."
+
+    @functools.cached_property
+    def unrolled(self) -> Chain:
+        """The map, of the cells at each phase."""
+        return self.chain.unrolled() if isinstance(self.chain, ChainSequence) else self.chain
+
+    @functools.cached_property
+    def begins(self) -> "LongTermBehaviour":
+        """The same with groups and times of drifters that are released at phase 0 only."""
+        cells = self.chain.cells
+        steps = Solution(self.absorption.value[:cells], self.absorption.certificate)
+        groups, transient = self.groups.first(cells), self.transient.first(cells)
+        return dataclasses.replace(self, groups=groups, transient=transient, absorption=steps)
 
     @property
     def hours(self) -> Float[Array, "cells"]:
@@ -53,7 +72,7 @@ class LongTermBehaviour:
 
         **Raises:** `RuntimeError` if the solve stalls and `throw` is set.
         """
-        return absorption_probabilities(self.chain, self.groups, throw=self.throw)
+        return absorption_probabilities(self.unrolled, self.groups, throw=self.throw)
 
     @functools.cached_property
     def sure_to_leave(self) -> Float[np.ndarray, "cells"]:
@@ -74,7 +93,7 @@ class LongTermBehaviour:
 
         **Raises:** `RuntimeError` if a solve stalls and `throw` is set.
         """
-        return limiting_distribution(self.chain, self.groups, throw=self.throw)
+        return limiting_distribution(self.unrolled, self.groups, throw=self.throw)
 
     @property
     def basin(self) -> Int[Array, "cells"]:
@@ -90,14 +109,14 @@ class LongTermBehaviour:
 
 
 def long_term_behaviour(
-    chain: Chain, duration: float | int, *, throw: bool = False
+    chain: Chain | ChainSequence, duration: float | int, *, throw: bool = False
 ) -> LongTermBehaviour:
     """The long-term behaviour of the water of one layer (Alam 2018, Alg. 5.1).
 
     **Arguments:**
 
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][] or
-        [`jaxcell.drift.periodic_drift_map`][].
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or maps that follow on one another,
+        from [`jaxcell.drift.drift_maps`][].
     - `duration`: seconds that one step of it takes.
     - `throw`: whether to raise when the absorption times are not good enough, and the probabilities
         and the limiting distribution once they are asked for.
@@ -124,12 +143,13 @@ def long_term_behaviour(
     """
     if not (np.isfinite(duration) and duration > 0):
         raise ValueError(f"duration: expected a positive number of seconds, got {duration}")
-    groups = persistent_groups(chain)
+    unrolled = chain.unrolled() if isinstance(chain, ChainSequence) else chain
+    groups = persistent_groups(unrolled)
     return LongTermBehaviour(
         chain,
         float(duration),
         groups,
-        transient_groups(chain, groups),
-        absorption_times(chain, groups, throw=throw),
+        transient_groups(unrolled, groups),
+        absorption_times(unrolled, groups, throw=throw),
         throw,
     )

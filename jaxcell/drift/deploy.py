@@ -6,7 +6,8 @@ import scipy.sparse
 from jaxtyping import Bool, Int
 from scipy.sparse import csgraph
 
-from ..mapping import Chain, PersistentGroups
+from ..mapping import Chain, ChainSequence, PersistentGroups
+from ..mapping.classes import reaching
 from ..optimize import greedy_cover, minimum_cover
 from .behaviour import LongTermBehaviour
 from .water import Water
@@ -80,47 +81,66 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
         >>> found.cells.tolist(), found.group.tolist(), found.transient_group.tolist()
         ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
     """
-    groups = behaviour.groups
-    group, part = np.asarray(groups.group), np.asarray(behaviour.transient.group)
+    begins, parts = behaviour.begins, np.asarray(behaviour.transient.group)
+    groups = begins.groups
+    group, part = np.asarray(groups.group), parts[: behaviour.chain.cells]
     # To seven digits, so that rounding does not decide between equal times.
-    digits, power = np.frexp(np.asarray(behaviour.absorption.value))
+    digits, power = np.frexp(np.asarray(begins.absorption.value))
     time = np.ldexp(np.round(digits, 7), power)
     transient = np.flatnonzero(group < 0)
     order = transient[np.lexsort((transient, -time[transient], part[transient]))]
-    first = _first_ancestor(behaviour.chain.to_scipy(), part, order)
-    taken = np.flatnonzero(first == np.arange(order.size))
+    within = _within(behaviour.chain.to_scipy(), parts)
+    same = parts.reshape(-1, part.size) == part
+    taken, left, first = np.zeros(0, np.int64), np.arange(order.size), np.zeros(0, np.int64)
+    while left.size:
+        # What no earlier one of those that are left leads to is taken. Of a steady map, where what
+        # is led to leads to less, that is all; else some are left for another round.
+        first = _first_ancestor(within, order, left, same)
+        taken = np.union1d(taken, left[first[left] == left])
+        first = _first_ancestor(within, order, taken, same)
+        left = left[first[left] > left]
     persistent = np.flatnonzero(group >= 0)
     _, smallest = np.unique(group[persistent], return_index=True)
     cells = np.concatenate([persistent[smallest], order[taken]])
     gained = np.concatenate(
         [np.asarray(groups.size), np.bincount(first, minlength=order.size)[taken]]
     )
-    return Deployment(cells.astype(np.int32), group[cells], part[cells], gained.astype(np.int32))
+    number = np.asarray(begins.transient.group)
+    return Deployment(cells.astype(np.int32), group[cells], number[cells], gained.astype(np.int32))
+
+
+def _within(
+    matrix: scipy.sparse.csr_array, part: Int[np.ndarray, "states"]
+) -> scipy.sparse.coo_array:
+    """The steps that lead from a state of a part to one of the same, at no cost."""
+    edges = matrix.tocoo()
+    kept = (part[edges.row] == part[edges.col]) & (part[edges.row] >= 0)
+    places = (edges.row[kept], edges.col[kept])
+    return scipy.sparse.coo_array((np.zeros(places[0].size), places), shape=matrix.shape)
 
 
 def _first_ancestor(
-    matrix: scipy.sparse.csr_array,
-    part: Int[np.ndarray, "cells"],
+    within: scipy.sparse.coo_array,
     order: Int[np.ndarray, "some"],
+    sources: Int[np.ndarray, "fewer"],
+    same: Bool[np.ndarray, "phases cells"],
 ) -> Int[np.ndarray, "some"]:
-    """The place in an order of the first cell that leads to each of some cells within its part.
+    """The place in an order of the first source that leads to each of some cells within its part.
 
-    That is a shortest way: from one more node, a cell is as far as its place in the order, and from
-    there on no step within a part costs anything.
+    That is a shortest way: from one more node, a source is as far as its place in the order, and
+    from there on no step within a part costs anything. A cell is led to at any phase at which it is
+    of the `same` part as at first; a number beyond all places stands for one that is not.
     """
-    edges = matrix[order][:, order].tocoo()
-    inside = part[order][edges.row] == part[order][edges.col]
-    row, column = edges.row[inside], edges.col[inside]
-    count = order.size
-    place = np.arange(count)
+    states = within.shape[0]
+    rows = np.concatenate([within.row, np.full(sources.size, states)])
+    columns = np.concatenate([within.col, order[sources]])
     graph = scipy.sparse.csr_array(
-        (
-            np.concatenate([np.zeros(row.size), place + 1]),
-            (np.concatenate([row, np.full(count, count)]), np.concatenate([column, place])),
-        ),
-        shape=(count + 1, count + 1),
+        (np.concatenate([within.data, sources + 1.0]), (rows, columns)),
+        shape=(states + 1, states + 1),
     )
-    return csgraph.dijkstra(graph, indices=count)[:-1].astype(np.int64) - 1
+    away = csgraph.dijkstra(graph, indices=states)[:-1]
+    away = np.minimum(away, order.size + 1).astype(np.int64).reshape(same.shape) - 1
+    return np.where(same, away, order.size).min(axis=0)[order]
 
 
 def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
@@ -154,7 +174,7 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
     return np.sort(_smallest(label)[_sources(matrix)]).astype(np.int32)
 
 
-def coverage_curve(chain: Chain) -> CoverageCurve:
+def coverage_curve(chain: Chain | ChainSequence) -> CoverageCurve:
     """How the number of cells that may be visited grows with the number of drifters.
 
     Every drifter is dropped where it adds most cells to those that may be visited from the ones
@@ -165,7 +185,8 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
 
     **Arguments:**
 
-    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain.
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or any chain; or a sequence of chains,
+        for drifters that are dropped at phase 0 and cells that may be visited at any.
 
     **Returns:** [`CoverageCurve`][jaxcell.drift.CoverageCurve].
 
@@ -179,29 +200,37 @@ def coverage_curve(chain: Chain) -> CoverageCurve:
         ([1, 0], [2, 3])
     """
     label, matrix = _components(chain)
-    size, smallest = np.bincount(label), _smallest(label)
-    covered = np.zeros(size.size, bool)
+    smallest = _smallest(label)
+    covered = np.zeros(chain.cells, bool)
+    cell = np.arange(label.size) % chain.cells
+    inside = scipy.sparse.csr_array(
+        (np.ones(label.size, bool), (label, cell)), shape=(matrix.shape[0], chain.cells)
+    )
 
     def visited(component: int) -> Int[np.ndarray, "some"]:
         found = csgraph.breadth_first_order(matrix, component, return_predecessors=False)
-        return found[~covered[found]]
+        cells = np.unique(inside[found].indices)
+        return cells[~covered[cells]]
 
     # Gains only shrink, so that an old one that is no longer the largest need not be renewed.
     queue = [
-        (-int(size[visited(source)].sum()), int(smallest[source]), source)
+        (-visited(source).size, int(smallest[source]), source)
         for source in _sources(matrix).tolist()
+        if smallest[source] < chain.cells
     ]
     heapq.heapify(queue)
     cells, gained = [], []
     while queue:
-        _, cell, source = heapq.heappop(queue)
+        _, first, source = heapq.heappop(queue)
         new = visited(source)
-        entry = (-int(size[new].sum()), cell, source)
+        entry = (-new.size, first, source)
         if queue and queue[0] < entry:
             heapq.heappush(queue, entry)
             continue
+        if not new.size:
+            break
         covered[new] = True
-        cells.append(cell)
+        cells.append(first)
         gained.append(-entry[0])
     return CoverageCurve(np.array(cells, np.int32), np.cumsum(gained).astype(np.int32))
 
@@ -285,9 +314,17 @@ def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"
     return sees
 
 
-def _components(chain: Chain) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
-    """The component of each cell, and which component leads to which."""
+def _components(
+    chain: Chain | ChainSequence,
+) -> tuple[Int[np.ndarray, "cells"], scipy.sparse.csr_array]:
+    """The component of each cell, at each phase, and which component leads to which."""
     matrix = chain.to_scipy()
+    if isinstance(chain, ChainSequence):
+        # What no drifter of phase 0 comes to leads to nothing that counts: it is cut off.
+        begins = np.arange(matrix.shape[0]) < chain.cells
+        met = reaching(matrix.T.tocsr(), begins).astype(float)
+        matrix = (scipy.sparse.diags_array(met) @ matrix).tocsr()
+        matrix.eliminate_zeros()
     count, label = csgraph.connected_components(matrix, connection="strong")
     source, target = np.repeat(label, np.diff(matrix.indptr)), label[matrix.indices]
     between = source != target
@@ -302,5 +339,7 @@ def _sources(matrix: scipy.sparse.csr_array) -> Int[np.ndarray, "sources"]:
 
 
 def _smallest(label: Int[np.ndarray, "cells"]) -> Int[np.ndarray, "components"]:
-    """The smallest cell of each component."""
-    return np.unique(label, return_index=True)[1]
+    """The smallest cell of each component that has cells."""
+    found = np.full(label.max() + 1, label.size)
+    found[label[::-1]] = np.arange(label.size)[::-1]
+    return found

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..mapping import PersistentGroups, persistent_groups
-from .drift_maps import drift_map
+from .drift_maps import drift_maps, phases
 from .flow import Flow, advect, checked_duration, flow_map
 from .water import Water
 
@@ -112,8 +112,15 @@ def diagnose(
             f"{groups.group.shape[0]}"
         )
     duration = checked_duration(flow, water, duration, method, steps)
-    right, up = np.asarray(flow_map(water, flow, duration, start=start, method=method, steps=steps))
-    image = water.landing((water.column + right)[None], (water.row + up)[None])[0]
+    # At each phase of a current that repeats itself.
+    right, up = np.stack(
+        [
+            flow_map(water, flow, duration, start=start + n * duration, method=method, steps=steps)
+            for n in range(phases(flow, duration))
+        ],
+        axis=1,
+    )
+    image = water.landing(water.column + right, water.row + up)
     pieces = np.bincount(water.piece)
     group = np.asarray(groups.group)
     size = np.asarray(groups.size)
@@ -151,7 +158,7 @@ def group_counts(
     **Arguments:**
 
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
-    - `durations`: of a step, in seconds.
+    - `durations`: of a step, in seconds; for a flow that repeats, those that fit are taken.
     - `rhos`: probabilities of the image.
     - `options`: further ones of [`jaxcell.drift.drift_map`][].
 
@@ -170,9 +177,9 @@ def group_counts(
     return np.array(
         [
             [
-                persistent_groups(drift_map(water, flow, duration, rho=rho, **options)).count
+                persistent_groups(drift_maps(water, flow, duration, rho=rho, **options)).count
                 for rho in rhos
             ]
-            for duration in durations
+            for duration in map(flow.fitted, durations)
         ]
     ).reshape(len(durations), len(rhos))

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..mapping import Chain
+from ..mapping import Chain, ChainSequence
 from ..mapping.section import bucket
-from .drift_maps import drift_map
+from .drift_maps import drift_maps, phases
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
 from .water import Water, on_grid
@@ -25,6 +25,9 @@ FAR = 0.2
 _DRIFTERS = 400_000
 _POINTS = 6
 _MAX_FOR_TRIALS = 100_000
+# Of more cells than drifters so many are sampled, in square parts of the grid of that side.
+_SAMPLED, _PART = 100_000, 64
+_DAY = 3600 * HOURS[-1]
 # Runge-Kutta steps in one call.
 _STEPS = 4
 
@@ -41,6 +44,8 @@ class Distance:
     "The share of them that left the grid."
     map_left: Float[np.ndarray, "times"]
     "That of the map."
+    cells: int
+    "Number of cells in which they began: all, or of more than 400,000 a sample."
 
     @property
     def worst(self) -> float:
@@ -54,17 +59,18 @@ class Distance:
 
 
 def distances(
-    water: Water, flow: Flow, maps: Sequence[tuple[Chain, float]]
+    water: Water, flow: Flow, maps: Sequence[tuple[Chain | ChainSequence, float]]
 ) -> tuple[Distance, ...]:
     """Compare maps with drifters in the flow itself, as it changes with time.
 
     Drifters begin at an even grid of points in every cell, up to 36 of them, and are followed by
-    the Runge-Kutta method.
+    the Runge-Kutta method. Of more than 400,000 cells, they begin in some 100,000, which are square
+    parts of the grid apart from each other; and so do the maps.
 
     **Arguments:**
 
     - `water`, `flow`: as for [`jaxcell.drift.drift_map`][], with all records.
-    - `maps`: chains over the cells, each with the seconds that a step of it takes.
+    - `maps`: chains over the cells, or sequences of them, each with the seconds that a step takes.
 
     **Returns:** [`Distance`][] of each map.
 
@@ -86,13 +92,16 @@ def distances(
     times = sorted(
         {count * step for counts, (_, step) in zip(wanted, maps, strict=True) for count in counts}
     )
-    share = _shares(water, flow, times)
+    begin = _begin(water)
+    share = _shares(water, flow, begin, times)
     found = []
     for counts, (chain, step) in zip(wanted, maps, strict=True):
-        pushed = [jnp.full(water.cells, 1 / water.cells)]
-        for _ in range(max(counts)):
-            pushed.append(chain.push(pushed[-1]))
-        of_map = [np.asarray(pushed[count]) for count in counts]
+        tide = chain if isinstance(chain, ChainSequence) else ChainSequence.of([chain])
+        pushed, done, of_map = jnp.asarray(begin / begin.sum()), 0, []
+        for count in counts:
+            pushed = tide.push(pushed, count - done, done)
+            done = count
+            of_map.append(np.asarray(pushed))
         of_drifters = [share[count * step] for count in counts]
         found.append(
             Distance(
@@ -102,6 +111,7 @@ def distances(
                 ),
                 np.array([1 - one.sum() for one in of_drifters]),
                 np.array([1 - one.sum() for one in of_map]).clip(0, 1),
+                int(begin.sum()),
             )
         )
     return tuple(found)
@@ -111,10 +121,11 @@ def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], **options: Any)
     """The duration of a step, in seconds, by which maps of layers are nearest to drifters.
 
     In every step the grid spreads drifters by up to a cell, so that few steps are better; and the
-    current changes meanwhile, so that they cannot be long. Of 1, 2, 4 and 8 times the
-    [`jaxcell.drift.crossing_time`][] of the slowest layer, up to a day, it is the one whose maps of
-    the mean flows have the least total variation. For more than 100,000 cells nothing is tried, and
-    it is twice the crossing time.
+    current changes meanwhile. Of 1, 2, 4 and 8 times the [`jaxcell.drift.crossing_time`][] of the
+    slowest layer, up to a day, it is the one whose maps have the least total variation. Maps are of
+    a flow that repeats itself as it changes, by the nearest step that fits its period, and else of
+    its mean. For more than 100,000 cells at all phases nothing is tried, and it is twice the
+    crossing time.
 
     **Arguments:**
 
@@ -134,27 +145,56 @@ def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], **options: Any)
         >>> round(step / drift.crossing_time(water, flow))
         4
     """
-    means = [flow.mean() for flow in flows]
-    crossing = max(map(crossing_time, waters, means))
-    if sum(water.cells for water in waters) > _MAX_FOR_TRIALS:
-        return 2 * crossing
-    steps = [f * crossing for f in (1, 2, 4, 8) if f == 1 or f * crossing <= 3600 * HOURS[-1]]
-    worst = np.zeros(len(steps))
-    for water, flow, mean in zip(waters, flows, means, strict=True):
-        maps = [(drift_map(water, mean, step, **options), step) for step in steps]
-        found = distances(water, flow, maps)
-        worst = np.maximum(worst, [one.worst for one in found])
-    return steps[int(worst.argmin())]
+    return nearest_maps(waters, flows, [mapped(flow) for flow in flows], **options)[0]
+
+
+def mapped(flow: Flow) -> Flow:
+    """The flow that maps are made of: as it changes if it repeats, else its mean."""
+    return flow if flow.period is not None else flow.mean()
+
+
+def nearest_maps(
+    waters: Sequence[Water], flows: Sequence[Flow], by: Sequence[Flow], **options: Any
+) -> tuple[float, list[tuple[Chain | ChainSequence, Distance]] | None]:
+    """[`nearest_step`][], with the map of each layer and its distance if they were made for it.
+
+    **Arguments:**
+
+    - `by`: the flow of each layer that its map is made of; drifters go with that in `flows`.
+    """
+    crossing = max(map(crossing_time, waters, by))
+    steps = {by[0].fitted(f * crossing) for f in (1, 2, 4, 8) if f == 1 or f * crossing <= _DAY}
+    cells = sum(water.cells for water in waters)
+    tried = [step for step in sorted(steps) if cells * phases(by[0], step) <= _MAX_FOR_TRIALS]
+    if not tried:
+        return by[0].fitted(2 * crossing), None
+    found = []
+    for water, flow, one in zip(waters, flows, by, strict=True):
+        maps = [(drift_maps(water, one, step, **options), step) for step in tried]
+        chains = [chain for chain, _ in maps]
+        found.append([*zip(chains, distances(water, flow, maps), strict=True)])
+    worst = [max(one.worst for _, one in layers) for layers in zip(*found, strict=True)]
+    best = int(np.argmin(worst))
+    return tried[best], [layer[best] for layer in found]
+
+
+def _begin(water: Water) -> Float[np.ndarray, "cells"]:
+    """1 for the cells in which drifters begin."""
+    every = -(-water.cells // _SAMPLED) if water.cells > _DRIFTERS else 1
+    # Along every diagonal of square parts one in so many.
+    part = water.row // _PART + water.column // _PART
+    return (part % every == 0).astype(float)
 
 
 def _shares(
-    water: Water, flow: Flow, times: Sequence[float]
+    water: Water, flow: Flow, begin: Float[np.ndarray, "cells"], times: Sequence[float]
 ) -> dict[float, Float[np.ndarray, "cells"]]:
     """The share of drifters in each cell at some times."""
-    points = min(_POINTS, max(1, math.isqrt(_DRIFTERS // water.cells)))
+    cells = np.flatnonzero(begin)
+    points = min(_POINTS, max(1, math.isqrt(_DRIFTERS // cells.size)))
     places = (np.arange(points) + 0.5) / points - 0.5
-    right, up = (np.tile(one.ravel(), water.cells) for one in np.meshgrid(places, places))
-    origin = np.repeat(np.arange(water.cells), points**2)
+    right, up = (np.tile(one.ravel(), cells.size) for one in np.meshgrid(places, places))
+    origin = np.repeat(cells, points**2)
     # Layers of one grid differ in their cells; of one size, they are compiled once.
     drifters, size = origin.size, bucket(origin.size)
     origin = np.resize(origin, size)

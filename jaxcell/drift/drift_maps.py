@@ -1,14 +1,14 @@
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse
 from jaxtyping import Float, Int
 
 from ..base import memory
 from ..base.precision import require_x64
-from ..mapping import Chain
+from ..mapping import Chain, ChainSequence
 from .flow import Flow, advect, checked_duration
 from .water import NEIGHBORS, Water, square
 
@@ -122,75 +122,55 @@ def drift_map(
     return Chain(image.astype(np.int32), np.where(gone, 0.0, probability))
 
 
-def periodic_drift_map(
-    water: Water,
-    flow: Flow,
-    period: float | int | None = None,
-    *,
-    rho: float | int = 0.8,
-    spread: str = "turned",
-    samples: int = 5,
-    edge: str = "uniform",
-    method: str = "euler",
-    steps: int = 1,
-) -> Chain:
-    """The map over a whole period of a flow that repeats itself, such as a day.
-
-    It is the product of the maps from record to record, the last of which leads back to the first.
-    The matrix fills up with every factor, so this is for some 10^4 cells and some tens of records.
+def drift_maps(
+    water: Water, flow: Flow, duration: float | int, **options: Any
+) -> Chain | ChainSequence:
+    """The maps of a flow that repeats itself, one after the other over its period.
 
     **Arguments:**
 
-    - `water`, `flow`: as for [`drift_map`][], with two records or more.
-    - `period`: in seconds; by default, as if one more record followed the last at the same
-        distance as the last two.
-    - `rho`, `spread`, `samples`, `edge`, `method`, `steps`: as for [`drift_map`][], from each
-        record to the next.
+    - `water`, `flow`: as for [`drift_map`][]; the flow as from [`Flow.repeated`][].
+    - `duration`: of one step, in seconds, such that whole steps make up a period, or whole periods
+        a step: as from [`Flow.fitted`][].
+    - `options`: further ones of [`drift_map`][]. Steps of the method are doubled until there are as
+        many as records.
 
-    **Returns:** [`jaxcell.mapping.Chain`][]; one step is one period.
+    **Returns:** [`jaxcell.mapping.ChainSequence`][]; of a flow that does not repeat, or if one
+    step is whole periods, the one [`jaxcell.mapping.Chain`][].
 
-    **Raises:** `ValueError` for a flow with one record, a period that ends before the last, or as
-    [`drift_map`][].
+    **Raises:** `ValueError` for a duration that does not fit, or as [`drift_map`][].
 
-    The first two hours of the bundled sea, again and again:
+    Five hours of the bundled sea, again and again:
 
         >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=(0, 1), depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
-        >>> chain = drift.periodic_drift_map(water, flow)
-        >>> chain.cells == water.cells, round(float(chain.to_scipy().sum(axis=1).min()), 6)
-        (True, 1.0)
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=(0, 4), depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents).repeated()
+        >>> tide = drift.drift_maps(water, flow, 9000.0, **drift.METHODS["drifters"])
+        >>> tide.shape
+        (2, 538)
     """
-    time = np.asarray(flow.time)
-    if time.size < 2:
-        raise ValueError("flow: expected two records or more, got 1; use drift_map for steady flow")
-    length = float(2 * time[-1] - time[-2] - time[0] if period is None else period)
-    if not (np.isfinite(length) and length > time[-1] - time[0]):
+    if flow.period is None:
+        return drift_map(water, flow, duration, **options)
+    if not np.isclose(flow.fitted(duration), duration, rtol=1e-9):
         raise ValueError(
-            f"period: expected more than the {time[-1] - time[0]:g} s from the first record to the "
-            f"last, got {length:g} s"
+            f"duration: expected a whole part or multiple of the period, {float(flow.period):g} s, "
+            f"such as {flow.fitted(duration):g} s, got {duration:g} s"
         )
-    around = Flow(
-        jnp.concatenate([flow.rate, flow.rate[:1]]),
-        jnp.append(flow.time, flow.time[0] + length),
-        flow.wraps,
-    )
-    product = scipy.sparse.eye_array(water.cells, format="csr")
-    for now, then in zip(around.time[:-1].tolist(), around.time[1:].tolist(), strict=True):
-        chain = drift_map(
-            water,
-            around,
-            then - now,
-            rho=rho,
-            spread=spread,
-            samples=samples,
-            edge=edge,
-            start=now,
-            method=method,
-            steps=steps,
-        )
-        product = product @ chain.to_scipy()
-    return Chain.from_scipy(product)
+    records = duration / float(np.diff(np.asarray(flow.time)).min())
+    given = options.get("steps", 1)
+    # Few different numbers, so that few programs are compiled.
+    steps = given * 2 ** max(0, math.ceil(math.log2(records / given) - 1e-9))
+    starts = np.asarray(flow.time)[0] + np.arange(phases(flow, duration)) * duration
+    chains = [
+        drift_map(water, flow, duration, start=start, **{**options, "steps": steps})
+        for start in starts.tolist()
+    ]
+    return chains[0] if len(chains) == 1 else ChainSequence.of(chains)
+
+
+def phases(flow: Flow, duration: float | int) -> int:
+    """Number of steps in a period of a flow; 1 if it is steady."""
+    return 1 if flow.period is None else max(1, round(float(flow.period) / duration))
 
 
 def _check(rho: float | int, spread: str, samples: int, edge: str) -> None:

@@ -8,11 +8,12 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.certificate import Outcome
 from ..base.quantities import PROBABILITY, Checks, Result, derived
+from ..mapping import Chain, ChainSequence
 from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .diagnosis import Diagnosis, diagnose
-from .distance import FAR, Distance, distances
-from .drift_maps import METHODS, drift_map
+from .distance import FAR, Distance, distances, mapped
+from .drift_maps import METHODS, drift_maps
 from .flow import Flow
 from .water import Water
 
@@ -33,9 +34,7 @@ class Ends(Result):
     @functools.cached_property
     def _hours(self) -> Float[np.ndarray, "transient"]:
         """The absorption times of the transient cells."""
-        return np.concatenate(
-            [np.asarray(one.behaviour.hours)[one.transient] for one in self._layers]
-        )
+        return np.concatenate([np.asarray(one.begins.hours)[one.transient] for one in self._layers])
 
     @derived("", "cells of water", kind="count")
     def cells(self) -> int:
@@ -73,11 +72,11 @@ class Ends(Result):
 
     @derived("", "transient groups", kind="count")
     def transient_groups(self) -> int:
-        return sum(one.behaviour.transient.count for one in self._layers)
+        return sum(one.begins.transient.count for one in self._layers)
 
     @derived("", "transient cells with one end", kind="count")
     def single_domicile_cells(self) -> int:
-        parts = [one.behaviour.transient for one in self._layers]
+        parts = [one.begins.transient for one in self._layers]
         return sum(int(np.asarray(one.size)[one.single].sum()) for one in parts)
 
     @derived("", "transient cells with several ends", kind="count")
@@ -136,33 +135,48 @@ class Layer(Ends):
 
     water: Water
     flow: Flow
-    "At all records."
+    "At all records; drifters go with it."
+    by: Flow
+    "What the map is made of: the same if it repeats, or the mean of the records."
     behaviour: LongTermBehaviour
-    "By the mean flow."
     diagnosis: Diagnosis
     "How far the behaviour can be trusted."
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     "Further ones of the map, such as `spread` and `edge`."
+    measured: Distance | None = None
+    "The distance of the map from drifters, where it is known."
 
     @classmethod
-    def of(cls, water: Water, flow: Flow, duration: float | int, **options: Any) -> "Layer":
-        """The long-term behaviour by the mean of a flow.
+    def of(
+        cls,
+        water: Water,
+        flow: Flow,
+        duration: float | int,
+        *,
+        by: Flow | None = None,
+        made: tuple[Chain | ChainSequence, Distance] | None = None,
+        **options: Any,
+    ) -> "Layer":
+        """The long-term behaviour in a flow.
 
         **Arguments:**
 
         - `water`, `flow`: of the layer.
         - `duration`: of a step of the map, in seconds.
+        - `by`: the flow that the map is made of; by default the flow as it changes if it repeats,
+            and else the mean of its records.
+        - `made`: the map and its distance from drifters, where they are known.
         - `options`: further ones of [`jaxcell.drift.drift_map`][].
 
-        **Raises:** as [`jaxcell.drift.drift_map`][].
+        **Raises:** as [`jaxcell.drift.drift_maps`][].
         """
-        mean = flow.mean()
-        chain = drift_map(water, mean, duration, **options)
+        by = mapped(flow) if by is None else by
+        chain, distance = made or (drift_maps(water, by, duration, **options), None)
         # Where drifters stay almost for ever, times are only roughly right; all else is of use.
         behaviour = long_term_behaviour(chain, duration, throw=False)
         rule = {name: options[name] for name in ("method", "steps") if name in options}
-        diagnosis = diagnose(water, mean, behaviour.groups, duration, **rule)
-        return cls(water, flow, behaviour, diagnosis, options)
+        diagnosis = diagnose(water, by, behaviour.begins.groups, duration, **rule)
+        return cls(water, flow, by, behaviour, diagnosis, options, distance)
 
     @property
     def _layers(self) -> "tuple[Layer, ...]":
@@ -171,8 +185,8 @@ class Layer(Ends):
     @functools.cached_property
     def distance(self) -> Distance:
         """How far the map is from drifters in the current, as it changes with time."""
-        chain, step = self.behaviour.chain, self.behaviour.duration
-        return distances(self.water, self.flow, [(chain, step)])[0]
+        maps = [(self.behaviour.chain, self.behaviour.duration)]
+        return self.measured or distances(self.water, self.flow, maps)[0]
 
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
@@ -181,13 +195,11 @@ class Layer(Ends):
         if self.distance.worst <= FAR:
             return None
         options, step = self.options, self.behaviour.duration
-        tried = {
-            f"a duration of {factor * step:.0f} s": (factor * step, options) for factor in (2, 4)
-        }
+        longer = [self.by.fitted(factor * step) for factor in (2, 4)]
+        tried = {f"a duration of {one:.0f} s": (one, options) for one in longer}
         if options.get("spread", "turned") != "sampled":
             tried['the method "drifters"'] = (step, METHODS["drifters"])
-        mean = self.flow.mean()
-        maps = [(drift_map(self.water, mean, d, **with_), d) for d, with_ in tried.values()]
+        maps = [(drift_maps(self.water, self.by, d, **with_), d) for d, with_ in tried.values()]
         found = zip(tried, distances(self.water, self.flow, maps), strict=True)
         best = min(found, key=lambda one: one[1].worst)
         return best if best[1].worst < self.distance.worst else None
@@ -195,7 +207,12 @@ class Layer(Ends):
     @functools.cached_property
     def group(self) -> Int[np.ndarray, "cells"]:
         """The persistent group of each cell, -1 if it is transient."""
-        return np.asarray(self.behaviour.groups.group)
+        return np.asarray(self.begins.groups.group)
+
+    @property
+    def begins(self) -> LongTermBehaviour:
+        """The behaviour of drifters that are released at the first record."""
+        return self.behaviour.begins
 
     @property
     def transient(self) -> Bool[np.ndarray, "cells"]:
@@ -204,16 +221,16 @@ class Layer(Ends):
 
     @functools.cached_property
     def ends(self) -> Absorption | None:
-        """The probabilities of ending in each group.
+        """The probabilities of ending in each group; of a current that repeats, at each phase.
 
         `None` if they would take more than 256 MiB, or are not good enough to be shown: where the
         current holds drifters nearly for ever in transient cells, 64-bit numbers may not say where
         they end after all.
         """
         behaviour = self.behaviour
-        if 8 * behaviour.groups.count * behaviour.chain.cells > _MAX_TABLE:
+        if 8 * behaviour.groups.count * behaviour.unrolled.cells > _MAX_TABLE:
             return None
-        found = absorption_probabilities(behaviour.chain, behaviour.groups, throw=False)
+        found = absorption_probabilities(behaviour.unrolled, behaviour.groups, throw=False)
         return found if found.certificate.outcome is Outcome.CONVERGED else None
 
     @functools.cached_property
@@ -222,15 +239,15 @@ class Layer(Ends):
 
         Where no drifter can leave it is 0, and where none can stay 1, whatever is known of `ends`.
         """
-        sure = self.behaviour.sure_to_leave
+        sure = self.begins.sure_to_leave
         if not np.isnan(sure).any() or self.ends is None:
             return sure
-        return np.asarray(self.ends.leaving)
+        return np.asarray(self.ends.leaving)[: self.water.cells]
 
     @property
     def almost_for_ever(self) -> Bool[np.ndarray, "cells"]:
         """The transient cells from which drifters are practically never in a persistent group."""
-        return ~(np.asarray(self.behaviour.absorption.value) <= ALMOST_FOR_EVER)
+        return ~(np.asarray(self.begins.absorption.value) <= ALMOST_FOR_EVER)
 
     @derived("", "depth", "m")
     def depth(self) -> float:
@@ -266,11 +283,11 @@ class Layer(Ends):
 
     @derived("group_index", "cells", kind="count")
     def groups_cells(self) -> Int[np.ndarray, "groups"]:
-        return np.asarray(self.behaviour.groups.size)
+        return np.asarray(self.begins.groups.size)
 
     @derived("group_index", "others that lead there for sure", kind="count")
     def groups_single_domicile_cells(self) -> Int[np.ndarray, "groups"]:
-        basin = np.asarray(self.behaviour.basin)
+        basin = np.asarray(self.begins.basin)
         return np.bincount(basin[(basin >= 0) & self.transient], minlength=self.persistent_groups)
 
     @derived("group_index", "longitude", "degrees_east")
@@ -290,12 +307,12 @@ class Layer(Ends):
 
     @derived("transient", "groups that it may end in, -1 for off the map")
     def transients_domiciles(self) -> np.ndarray:
-        homes = self.behaviour.transient.domiciles
+        homes = self.begins.transient.domiciles
         return np.fromiter(homes, object, len(homes))
 
     @derived("transient", "cells", kind="count")
     def transients_cells(self) -> Int[np.ndarray, "transients"]:
-        return np.asarray(self.behaviour.transient.size)
+        return np.asarray(self.begins.transient.size)
 
     @derived("transient", "time to the end, mean", "h", kind="time")
     def transients_mean_hours(self) -> Float[np.ndarray, "transients"]:
@@ -308,7 +325,7 @@ class Layer(Ends):
     @functools.cached_property
     def _hours_of_parts(self) -> list[Float[np.ndarray, "some"]]:
         """The absorption times of the cells of each transient group."""
-        part = np.asarray(self.behaviour.transient.group)[self.transient]
+        part = np.asarray(self.begins.transient.group)[self.transient]
         order, counts = np.argsort(part, kind="stable"), self.transients_cells
         return np.split(self._hours[order], np.cumsum(counts)[:-1]) if counts.size else []
 
@@ -338,7 +355,9 @@ class Layer(Ends):
         """
         P = self.behaviour.chain.to_scipy()
         entries, total = P.tocoo(), np.asarray(P.sum(axis=1)).ravel()
-        group, transient = self.group, self.transient
+        # Of a current that repeats itself, of the cells at each phase.
+        group = np.asarray(self.behaviour.groups.group)
+        transient = group < 0
         out = (group[entries.row] >= 0) & (group[entries.row] != group[entries.col])
         gone = ~transient & (total < 1 - PROBABILITY)
         hours, step = np.asarray(self.behaviour.hours), self.behaviour.duration / 3600
@@ -347,7 +366,7 @@ class Layer(Ends):
         sums = mean = np.zeros(0)
         if self.ends is not None:
             chance = np.asarray(self.ends.value).T
-            sums = np.abs(chance.sum(axis=1) + self.leaving - 1)
+            sums = np.abs(chance.sum(axis=1) + np.asarray(self.ends.leaving) - 1)
             mean = np.abs(P @ chance - chance)[transient]
         return {
             "rows_sum_to_more_than_1": (max(0.0, float(total.max() - 1)), PROBABILITY),

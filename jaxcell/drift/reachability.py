@@ -65,7 +65,7 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     begin = [_at_surface(sea, start)]
     while (below := int(sea.below[begin[-1]])) >= 0:
         begin.append(below)
-    return reachable(sea.drift, begin)
+    return sea.at_any_phase(reachable(sea.drift, begin))
 
 
 def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
@@ -98,7 +98,8 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
         True
     """
     moves = sea.drift.to_scipy() + sea.ascent + sea.descent
-    return reaching(moves.T.tocsr(), cell_mask(sea.cells, _at_surface(sea, start), "start"))
+    begin = cell_mask(sea.drift.cells, _at_surface(sea, start), "start")
+    return sea.at_any_phase(reaching(moves.T.tocsr(), begin))
 
 
 def _at_surface(sea: Sea, start: int) -> int:

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
-from ..mapping import Chain
+from ..mapping import Chain, ChainSequence
 from .water import Water
 
 
@@ -33,7 +33,8 @@ class Sea:
     """
 
     drift: Chain
-    "How drifters are carried, within each layer."
+    """How drifters are carried, within each layer; in a current that repeats itself over the cells
+    at each phase, phase after phase."""
     layer: Int[np.ndarray, "cells"]
     "The layer of each cell, 0 at the surface."
     above: Int[np.ndarray, "cells"]
@@ -42,15 +43,18 @@ class Sea:
     "The cell right below, -1 where there is none: at the sea bed and in the last layer."
     number: Int[np.ndarray, "layers rows columns"]
     "The cell in each square of each layer; -1 where there is no water."
+    phases: int = 1
+    "Phases of the current."
 
     @classmethod
-    def of(cls, waters: Sequence[Water], chains: Sequence[Chain]) -> "Sea":
+    def of(cls, waters: Sequence[Water], chains: Sequence[Chain | ChainSequence]) -> "Sea":
         """Put layers together.
 
         **Arguments:**
 
         - `waters`: the water cells of each layer, the surface first, on one grid.
-        - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][].
+        - `chains`: the chain of each layer over its cells, as from [`jaxcell.drift.drift_map`][],
+            or sequences of as many phases, as from [`jaxcell.drift.drift_maps`][].
 
         **Raises:** `ValueError` if there are no layers, if the numbers of chains and layers differ,
         if a chain does not match the cells of its layer, or if the layers are on different grids.
@@ -73,6 +77,13 @@ class Sea:
                     f"chains: that of layer {k} has {chain.cells} cells, and its water has "
                     f"{water.cells}"
                 )
+        tides = [
+            one if isinstance(one, ChainSequence) else ChainSequence.of([one]) for one in chains
+        ]
+        phases = {tide.phases for tide in tides}
+        if len(phases) > 1:
+            raise ValueError(f"chains: expected as many phases in each layer, got {sorted(phases)}")
+        together = [_side_by_side([tide.at(k) for tide in tides]) for k in range(*phases)]
         sizes = [water.cells for water in waters]
         first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         dry = np.full((1, *shape), -1)
@@ -85,11 +96,12 @@ class Sea:
         row = np.concatenate([water.row for water in waters])
         column = np.concatenate([water.column for water in waters])
         return cls(
-            _side_by_side(chains),
+            ChainSequence.of(together).unrolled(),
             layer.astype(np.int32),
             number[layer, row, column].astype(np.int32),
             number[layer + 2, row, column].astype(np.int32),
             number[1:-1].astype(np.int32),
+            len(together),
         )
 
     @property
@@ -115,17 +127,24 @@ class Sea:
     @property
     def ascent(self) -> scipy.sparse.csr_array:
         """The transition matrix of going up; rows of 0 where there is nothing above."""
-        return _steps(self.above)
+        return self._steps(self.above)
 
     @property
     def descent(self) -> scipy.sparse.csr_array:
         """The transition matrix of going down; rows of 0 where there is nothing below."""
-        return _steps(self.below)
+        return self._steps(self.below)
 
+    def _steps(self, to: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
+        now = np.arange(self.phases)[:, None]
+        cell, later = np.flatnonzero(to >= 0), (now + 1) % self.phases
+        tail, head = (one.ravel() for one in (now * to.size + cell, later * to.size + to[cell]))
+        return scipy.sparse.csr_array(
+            (np.ones(tail.size), (tail, head)), shape=2 * (self.drift.cells,)
+        )
 
-def _steps(to: Int[np.ndarray, "cells"]) -> scipy.sparse.csr_array:
-    cell = np.flatnonzero(to >= 0)
-    return scipy.sparse.csr_array((np.ones(cell.size), (cell, to[cell])), shape=(to.size, to.size))
+    def at_any_phase(self, mask: Bool[np.ndarray, "states"]) -> Bool[np.ndarray, "cells"]:
+        """Whether something is so of a cell at one phase of the current or another."""
+        return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 
 def _side_by_side(chains: Sequence[Chain]) -> Chain:

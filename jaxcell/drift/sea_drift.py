@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,7 +8,10 @@ import numpy.typing as npt
 import xarray as xr
 from jaxtyping import Bool, Float, Int
 
+from ..base import memory
 from ..base.quantities import derived
+from ..mapping import Chain
+from ..space import estimates
 from .deploy import (
     CoverageCurve,
     Deployment,
@@ -18,7 +21,8 @@ from .deploy import (
     minimum_deployment,
     visible_deployment,
 )
-from .distance import nearest_step
+from .distance import nearest_maps
+from .drift_maps import phases
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
@@ -30,6 +34,8 @@ from .water import Water
 
 # The curve of so many cells takes seconds.
 _MAX_FOR_CURVE = 20_000
+# The solves for more cells at all phases take minutes.
+_MAX_STATES = 2_500_000
 _SQUARES = "layer y x"
 
 
@@ -57,7 +63,7 @@ class SeaDrift(SeaLayers):
     brief: ClassVar[tuple[str, ...]] = (
         *("cells", "persistent_groups", "distance_6h", "distance_24h", "drifters_left", "map_left"),
         *("mean_leaving", "median_hours", "drifter_count", "fewest_count", "step"),
-        *("reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
+        *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 
     start: int | None = None
@@ -70,6 +76,8 @@ class SeaDrift(SeaLayers):
     "The way to a goal, by the discounted policy."
     surest: SeaVoyage | None = None
     "The way that most likely arrives."
+    notices: tuple[str, ...] = ()
+    "What was done otherwise than asked for."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for parts that are not of the same cells or layers."""
@@ -92,19 +100,28 @@ class SeaDrift(SeaLayers):
         start: int | None = None,
         reach: float | None = None,
         seconds: float | int | None = None,
+        mean: bool = False,
         say: Callable[..., None] = lambda *_: None,
         **options: Any,
     ) -> "SeaDrift":
-        """The long-term behaviour in each layer, by the mean of the records.
+        """The long-term behaviour in each layer.
+
+        A current of several records changes from one to the next, and after the last begins again
+        with the first. Maps follow on one another, over a whole period, and groups and times are
+        those of drifters that are released at the first record. Where that would take more than the
+        free memory, or more than 2.5 million cells at all phases, the mean of the records is taken,
+        and `remarks` say so.
 
         **Arguments:**
 
         - `currents`: as from [`jaxcell.drift.open_currents`][].
-        - `duration`: of a step, in seconds; by default the [`jaxcell.drift.nearest_step`][] for
-            sampled maps, and for others the [`jaxcell.drift.crossing_time`][] of the slowest layer.
+        - `duration`: of a step, in seconds, to which the nearest is taken that fits the period; by
+            default the [`jaxcell.drift.nearest_step`][] for sampled maps, and for others the
+            [`jaxcell.drift.crossing_time`][] of the slowest layer.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: how far cameras see the sea bed, in metres.
         - `seconds`: for how long to look for the fewest of them; by default they are greedy.
+        - `mean`: whether to map by the mean of the records, as if the current did not change.
         - `say`: called with what is being done.
         - `options`: further ones of [`jaxcell.drift.drift_map`][], such as one of
             `jaxcell.drift.METHODS`.
@@ -113,18 +130,40 @@ class SeaDrift(SeaLayers):
         """
         count = range(currents.sizes["layer"])
         waters = [Water.of(currents, k) for k in count]
-        flows = [Flow.of(currents, k) for k in count]
-        if duration is None:
-            if options.get("spread") == "sampled":
-                say("choosing the duration of a step")
-                duration = nearest_step(waters, flows, **options)
-            else:
-                duration = max(map(crossing_time, waters, [flow.mean() for flow in flows]))
+        flows = [Flow.of(currents, k).repeated() for k in count]
+        means = [flow.mean() for flow in flows]
+        by, notices = (means if mean else flows), []
+
+        def planned() -> tuple[float, Any]:
+            """The duration of a step, and the maps of it where they were made to choose it."""
+            if duration is not None:
+                return by[0].fitted(duration), None
+            if options.get("spread") != "sampled":
+                return by[0].fitted(max(map(crossing_time, waters, by))), None
+            say("choosing the duration of a step")
+            return nearest_maps(waters, flows, by, **options)
+
+        if (records := currents.attrs.get("mean_of", 1)) > 1:
+            notices.append(
+                f"The current is the mean of {records} records, and so is what drifters go with: "
+                "together they take more memory than there is."
+            )
+        step, made = planned()
+        if by is not means and (why := _too_large(waters, phases(by[0], step))):
+            notices.append(f"{why}; this is by the mean of the records, as if nothing changed.")
+            by = means
+            step, made = planned()
+        if duration is not None and not np.isclose(step, duration):
+            notices.append(
+                f"A step takes {step:g} s in place of {duration:g} s, to fit the "
+                f"{float(by[0].period or 0) / 3600:g} h after which the current repeats."
+            )
         layers = []
-        for water, flow in zip(waters, flows, strict=True):
+        for k, water in enumerate(waters):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
-            layers.append(Layer.of(water, flow, duration, **options))
-        return cls(currents, tuple(layers), start, reach, seconds)
+            known = None if made is None else made[k]
+            layers.append(Layer.of(water, flows[k], step, by=by[k], made=known, **options))
+        return cls(currents, tuple(layers), start, reach, seconds, notices=tuple(notices))
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """The same with voyages to a goal.
@@ -153,7 +192,7 @@ class SeaDrift(SeaLayers):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        found = [remark for layer in self.layers for remark in layer.remarks]
+        found = [*self.notices, *(remark for layer in self.layers for remark in layer.remarks)]
         if self._counts is not None and self._counts[1, 1] > self._counts[1, 0] > 0:
             found.append(
                 f"At {self.depths[0]:g} m: the centres of cells have {self._counts[1, 1]} "
@@ -193,14 +232,18 @@ class SeaDrift(SeaLayers):
 
     @functools.cached_property
     def minimum(self) -> Int[np.ndarray, "fewest"]:
-        """The fewest cells from which all those of the surface may be visited."""
-        return minimum_deployment(self.layers[0].behaviour.chain)
+        """The fewest cells from which all those of the surface may be visited; in a current that
+        repeats itself, as few as are found one after the other."""
+        chain = self.layers[0].behaviour.chain
+        if isinstance(chain, Chain):
+            return minimum_deployment(chain)
+        return np.sort(self.deployment.cells if self.curve is None else self.curve.cells)
 
     @functools.cached_property
     def curve(self) -> CoverageCurve | None:
         """How many cells a number of drifters may visit; `None` for more than 20,000 cells."""
         surface = self.layers[0]
-        small = surface.cells <= _MAX_FOR_CURVE
+        small = surface.behaviour.unrolled.cells <= _MAX_FOR_CURVE
         return coverage_curve(surface.behaviour.chain) if small else None
 
     @functools.cached_property
@@ -210,14 +253,14 @@ class SeaDrift(SeaLayers):
         if self.reach is None:
             return None
         return visible_deployment(
-            surface.water, self.reach, surface.behaviour.groups, seconds=self.seconds
+            surface.water, self.reach, surface.begins.groups, seconds=self.seconds
         )
 
     @derived("", "drifters that cover every group", kind="count")
     def drifter_count(self) -> int:
         return self.deployment.cells.size
 
-    @derived("", "fewest from which each cell may be visited", kind="count")
+    @derived("", "fewest found from which each cell may be visited", kind="count")
     def fewest_count(self) -> int:
         return self.minimum.size
 
@@ -312,3 +355,19 @@ class SeaDrift(SeaLayers):
         if self.voyage is None:
             return None
         return np.flatnonzero(self.voyage.policy.goal).astype(np.int32)
+
+
+def _too_large(waters: Sequence[Water], phases: int) -> str | None:
+    """Why maps at so many phases cannot follow on one another; `None` if they can."""
+    cells = [phases * water.cells for water in waters]
+    needed, available = estimates.drift(cells), memory.free()
+    if sum(cells) > _MAX_STATES:
+        limit = f"and {_MAX_STATES:,} are as many as take minutes"
+    elif available is not None and needed > available:
+        limit = (
+            f"which need about {memory.gigabytes(needed)} of memory, and "
+            f"{memory.gigabytes(available)} are free"
+        )
+    else:
+        return None
+    return f"The current has {sum(cells):,} cells at its {phases} phases, {limit}"

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from ..base.quantities import Checks, derived
 from .diagnosis import group_counts
+from .drift_maps import phases
 from .layer import Ends, Layer
 from .sea import Sea
 from .water import Water
@@ -118,9 +119,18 @@ class SeaLayers(Ends):
     def step(self) -> float:
         return self.layers[0].behaviour.duration
 
+    @derived("", "the current repeats itself after", "h", kind="time")
+    def period_hours(self) -> float | None:
+        period = self.layers[0].by.period
+        return None if period is None else float(period) / 3600
+
+    @derived("", "maps that follow on one another meanwhile", kind="count")
+    def phases(self) -> int | None:
+        return None if self.period_hours is None else self.sea.phases
+
     @derived("other_step", "duration of another step", "s")
     def sensitivity_duration(self) -> Float[np.ndarray, "steps"] | None:
-        return self.step * np.array(_FACTORS) if self._counts is not None else None
+        return np.array(self._other_steps) if self._counts is not None else None
 
     @derived("other_step", "persistent groups at the surface", kind="count")
     def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
@@ -133,16 +143,20 @@ class SeaLayers(Ends):
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "steps rhos"] | None:
         surface = self.layers[0]
-        if surface.cells > _MAX_FOR_COUNTS:
+        if surface.cells * phases(surface.by, self._other_steps[0]) > _MAX_FOR_COUNTS:
             return None
         options = dict(surface.options)
         rho = options.pop("rho", 0.8)
-        durations = [factor * self.step for factor in _FACTORS]
-        water, mean = surface.water, surface.flow.mean()
-        counts = group_counts(water, mean, durations, [rho], **options)
+        of = surface.water, surface.by, self._other_steps
+        counts = group_counts(*of, [rho], **options)
         # A current that is known carries the centre of a cell to one place.
-        known = group_counts(water, mean, durations, [1.0], **(options | {"spread": "turned"}))
+        known = group_counts(*of, [1.0], **(options | {"spread": "turned"}))
         return np.concatenate([counts, known], axis=1)
+
+    @property
+    def _other_steps(self) -> list[float]:
+        """The durations of other steps, in seconds; the second is that of the maps."""
+        return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
     @derived("layer compared", "time of the comparison with drifters", "h", kind="time")
     def compared_hours(self) -> Float[np.ndarray, "layers times"]:
@@ -170,7 +184,7 @@ class SeaLayers(Ends):
 
     @derived(_SQUARES, "transient group, -1 if persistent", kind="index", padding=_LAND)
     def transient_group(self) -> Int[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.behaviour.transient.group, -2)
+        return self._on_squares(lambda one: one.begins.transient.group, -2)
 
     @derived(
         _SQUARES,
@@ -179,13 +193,13 @@ class SeaLayers(Ends):
         padding=_LAND,
     )
     def basin(self) -> Int[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.behaviour.basin, -2)
+        return self._on_squares(lambda one: one.begins.basin, -2)
 
     @derived(
         _SQUARES, "expected time until a drifter is in a group or off the map", "h", kind="time"
     )
     def absorption_time(self) -> Float[np.ndarray, "layers rows columns"]:
-        return self._on_squares(lambda one: one.behaviour.hours)
+        return self._on_squares(lambda one: one.begins.hours)
 
     @derived(_SQUARES, "probability of ending off the map", "1", kind="share", padding=_UNKNOWN)
     def leaving(self) -> Float[np.ndarray, "layers rows columns"]:
@@ -206,7 +220,7 @@ class SeaLayers(Ends):
         found = np.full((len(ends), max(known), *self.waters[0].number.shape), np.nan)
         for of_layer, water, value in zip(found, self.waters, ends, strict=True):
             for place, row in zip(of_layer, () if value is None else value, strict=False):
-                place[:] = water.on_grid(row)
+                place[:] = water.on_grid(row[: water.cells])
         return found
 
     @derived("transient", "layer of a transient group", kind="index")
@@ -230,15 +244,21 @@ class SeaLayers(Ends):
     @property
     def _domiciles(self) -> list[tuple[int, ...]]:
         """Of the transient groups of all layers, layer after layer."""
-        return [some for one in self.layers for some in one.behaviour.transient.domiciles]
+        return [some for one in self.layers for some in one.begins.transient.domiciles]
 
     @derived("entry", "cell", kind="index")
     def from_cell(self) -> Int[np.ndarray, "entries"]:
-        return self._entries.row.astype(np.int32)
+        return (self._entries.row % self.cells).astype(np.int32)
 
     @derived("entry", "cell one step later", kind="index")
     def to_cell(self) -> Int[np.ndarray, "entries"]:
-        return self._entries.col.astype(np.int32)
+        return (self._entries.col % self.cells).astype(np.int32)
+
+    @derived("entry", "phase of the current, from 0 at the first record", kind="index")
+    def entry_phase(self) -> Int[np.ndarray, "entries"] | None:
+        if self.phases is None:
+            return None
+        return (self._entries.row // self.cells).astype(np.int32)
 
     @derived("entry", "probability; what a cell lacks of 1 has left the map", "1", kind="share")
     def transition(self) -> Float[np.ndarray, "entries"]:

@@ -30,10 +30,12 @@ class Voyage:
     """What a drifter does in each cell to come to a goal, and what becomes of it."""
 
     goal: Bool[np.ndarray, "cells"]
-    action: Int[Array, "cells"]
-    "-1 up, 1 down, 0 drift; in the goal there is nothing to do, and it is 0."
+    actions: Int[Array, "phases cells"]
+    """-1 up, 1 down, 0 drift, at each phase of the current; in the goal there is nothing to do, and
+    it is 0. What else is said of the cells is of phase 0."""
     chain: Chain
-    "The closed loop: the drifter follows the actions, and stays in the goal."
+    """The closed loop: the drifter follows the actions, and stays in the goal. Over the cells at
+    each phase, phase after phase."""
     probability: Float[Array, "cells"]
     "The probability of ever arriving."
     time: Float[Array, "cells"]
@@ -46,6 +48,11 @@ class Voyage:
     "Of the policy, as [`jaxcell.markov.Optimum`][] or [`jaxcell.markov.ShortestPath`][] has it."
     arrival: Certificate
     "Of the times, as [`jaxcell.markov.conditional_hitting_times`][] has it."
+
+    @property
+    def action(self) -> Int[Array, "cells"]:
+        """What to do at phase 0."""
+        return self.actions[0]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,7 +110,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     """
     if not 0 < discount < 1:
         raise ValueError(f"discount: expected more than 0 and less than 1, got {discount}")
-    there = jnp.asarray(cell_mask(sea.cells, goal, "goal"))
+    there = jnp.asarray(_there(sea, goal))
     chains, allowed = _actions(sea)
     # From the goal everything goes to the sink.
     ended = [Chain(chain.image, jnp.where(there[None], 0, chain.probability)) for chain in chains]
@@ -196,7 +203,7 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -
         >>> voyage.probability.tolist()
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
-    there = cell_mask(sea.cells, goal, "goal")
+    there = _there(sea, goal)
     chains, allowed = _actions(sea)
     model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
     best = stochastic_shortest_path(model, there, throw=throw)
@@ -243,8 +250,10 @@ def simulate_voyages(
     check_steps(steps)
     if drifters < 1:
         raise ValueError(f"drifters: expected 1 or more, got {drifters}")
-    chosen = jnp.asarray(start_distribution(voyage.chain.cells, start))
-    cell = _drift(key, voyage.chain, chosen, drifters, steps)
+    cells = voyage.goal.size
+    chosen = np.pad(start_distribution(cells, start), (0, voyage.chain.cells - cells))
+    cell = _drift(key, voyage.chain, jnp.asarray(chosen), drifters, steps)
+    cell = jnp.where(cell < 0, jnp.int32(-1), cell % cells)
     there = jnp.asarray(voyage.goal)[cell] & (cell >= 0)
     first = jnp.argmax(there, axis=0).astype(jnp.float64)
     return Tracks(cell, jnp.where(jnp.any(there, axis=0), first, jnp.inf))
@@ -275,41 +284,47 @@ def _drift(
     return jnp.concatenate([begin[None], cells])
 
 
-def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions cells"]]:
+def _actions(sea: Sea) -> tuple[list[Chain], Bool[np.ndarray, "actions states"]]:
     """The chains of the actions, and where they can be taken."""
     anywhere = np.ones(sea.cells, bool)
     chains = [sea.drift, Chain.from_scipy(sea.ascent), Chain.from_scipy(sea.descent)]
-    return chains, np.stack([anywhere, sea.above >= 0, sea.below >= 0])
+    return chains, np.tile([anywhere, sea.above >= 0, sea.below >= 0], sea.phases)
+
+
+def _there(sea: Sea, goal: npt.ArrayLike | int) -> Bool[np.ndarray, "states"]:
+    """The goal at each phase."""
+    return np.tile(cell_mask(sea.cells, goal, "goal"), sea.phases)
 
 
 def _voyage(
     sea: Sea,
     goal: npt.ArrayLike | int,
-    policy: Int[Array, "cells"],
-    value: Float[Array, "cells"] | None,
+    policy: Int[Array, "states"],
+    value: Float[Array, "states"] | None,
     certificate: Certificate,
     throw: bool,
 ) -> Voyage:
-    there = cell_mask(sea.cells, goal, "goal")
+    there = _there(sea, goal)
     chains, allowed = _actions(sea)
     policy = jnp.where(jnp.asarray(there), 0, policy)
     loop = policy_chain(DecisionModel.of(chains, np.zeros(allowed.shape), allowed), policy)
     stay = jnp.arange(loop.image.shape[0])[:, None] == 0
     chain = Chain(
-        jnp.where(there[None], jnp.arange(sea.cells, dtype=jnp.int32)[None], loop.image),
+        jnp.where(there[None], jnp.arange(there.size, dtype=jnp.int32)[None], loop.image),
         jnp.where(there[None], stay.astype(jnp.float64), loop.probability),
     )
-    probability = arrival_probabilities(chain, there, throw=throw).value
+    begins = slice(0, sea.cells)
+    probability = arrival_probabilities(chain, there, throw=throw).value[begins]
     arrival = conditional_hitting_times(chain, there, throw=throw)
-    conditional = arrival.value
+    conditional = arrival.value[begins]
     return Voyage(
-        there,
-        jnp.asarray(ACTIONS, jnp.int32)[policy],
+        there[begins],
+        jnp.asarray(ACTIONS, jnp.int32)[policy].reshape(sea.phases, sea.cells),
         chain,
         probability,
         jnp.where(probability == 1, conditional, jnp.inf),
         conditional,
-        value,
+        None if value is None else value[begins],
         certificate,
         arrival.certificate,
     )

@@ -42,6 +42,8 @@ What gives which:
     each group, and `GroupTotals` six numbers of them all.
 - `section_groups`: the same from a `Section`, a `SectionGroups`.
 - `Chain`: `P`, with products from both sides, `p P` and `P v`.
+- `ChainSequence`: chains that follow on one another and repeat, as a tide does; their product, the
+    period map, is never made.
 - `ObservedChain`: `P` with what a bump sensor says on the way, a hidden Markov model.
 - `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
 - `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` among them is
@@ -72,4 +74,5 @@ from .section import (
     SectionGroups as SectionGroups,
     section_groups as section_groups,
 )
+from .sequence import ChainSequence as ChainSequence
 from .simple import SimpleMap as SimpleMap

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
 from .generalized import Chain, leaving_rows
+from .sequence import ChainSequence
 
 
 # Bytes that the domiciles of all groups may take.
@@ -25,6 +26,8 @@ class PersistentGroups:
     size: Int[Array, "groups"]
     "Number of cells of each group."
     _matrix: scipy.sparse.csr_array = dataclasses.field(repr=False)
+    # The groups of all states of the matrix, if the cells are the first of them only.
+    _states: Int[Array, "states"] | None = dataclasses.field(default=None, repr=False)
 
     @property
     def persistent(self) -> Bool[Array, "cells"]:
@@ -48,6 +51,17 @@ class PersistentGroups:
         for group in range(self.count):
             table[group] = self._reaching(group)
         return jnp.asarray(table)
+
+    def first(self, cells: int) -> "PersistentGroups":
+        """Those of the period map: the same for the first cells only, which stand for phase 0.
+
+        **Arguments:**
+
+        - `cells`: number of cells, of a chain that is [`ChainSequence.unrolled`][].
+        """
+        group = self.group[:cells]
+        size = jnp.bincount(group[group >= 0], length=self.count).astype(jnp.int32)
+        return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
     def reaching(self, group: int) -> Bool[Array, "cells"]:
         """Whether each cell can reach a group: one row of `domicile`.
@@ -74,7 +88,7 @@ class PersistentGroups:
 
     @functools.cached_property
     def _circuits(self) -> tuple[Int[Array, "groups"], Int[Array, "cells"]]:
-        group = np.asarray(self.group)
+        group = np.asarray(self.group if self._states is None else self._states)
         inside = np.flatnonzero(group >= 0)
         group = group[inside]
         edges = self._matrix[inside][:, inside].tocoo()
@@ -89,12 +103,18 @@ class PersistentGroups:
             level = distance.astype(np.int64)
         period = np.zeros(self.count, np.int64)
         np.gcd.at(period, group[edges.row], level[edges.row] + 1 - level[edges.col])
-        phase = np.full(self.group.shape[0], -1, np.int32)
+        cells = self.group.shape[0]
+        phase = np.full(self._matrix.shape[0], -1, np.int32)
         phase[inside] = level % period[group]
-        return jnp.asarray(period, jnp.int32), jnp.asarray(phase)
+        # Whole periods lead from the cells at one phase to those at the same.
+        phases = self._matrix.shape[0] // cells
+        return jnp.asarray(period // phases, jnp.int32), jnp.asarray(phase[:cells] // phases)
 
     def _reaching(self, group: int) -> Bool[np.ndarray, "cells"]:
-        return reaching(self._matrix, np.asarray(self.group) == group)
+        cells = self.group.shape[0]
+        target = np.zeros(self._matrix.shape[0], bool)
+        target[:cells] = np.asarray(self.group) == group
+        return reaching(self._matrix, target)[:cells]
 
 
 def reaching(
@@ -121,7 +141,7 @@ def reaching(
     return found[:-1]
 
 
-def persistent_groups(chain: Chain) -> PersistentGroups:
+def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     """Find the persistent groups of a chain: its closed communicating classes.
 
     They are the strongly connected components that nothing leaves, neither for another cell nor for
@@ -130,7 +150,8 @@ def persistent_groups(chain: Chain) -> PersistentGroups:
 
     **Arguments:**
 
-    - `chain`: the chain.
+    - `chain`: the chain, or a sequence of chains, for the groups of its period map. The map is not
+        made: they are the components of the unrolled chain, as they are at phase 0.
 
     **Returns:** [`PersistentGroups`][]. `domicile`, `period` and `phase` are computed when they are
     asked for.
@@ -147,6 +168,8 @@ def persistent_groups(chain: Chain) -> PersistentGroups:
         >>> groups.domicile.astype(int).tolist()
         [[1, 1, 1, 0], [1, 0, 0, 1]]
     """
+    if isinstance(chain, ChainSequence):
+        return persistent_groups(chain.unrolled()).first(chain.cells)
     matrix = chain.to_scipy()
     components, label = csgraph.connected_components(matrix, connection="strong")
     source = np.repeat(label, np.diff(matrix.indptr))

@@ -41,6 +41,16 @@ class TransientGroups:
         """Whether a transient group has one domicile."""
         return np.array([len(homes) == 1 for homes in self.domiciles], bool)
 
+    def first(self, cells: int) -> "TransientGroups":
+        """The same for the first cells only, as [`PersistentGroups.first`][]."""
+        group = np.asarray(self.group[:cells])
+        used, number = np.unique(group[group >= 0], return_inverse=True)
+        group = group.copy()
+        group[group >= 0] = number
+        homes = tuple(self.domiciles[one] for one in used)
+        size = np.bincount(number, minlength=used.size)
+        return TransientGroups(jnp.asarray(group), homes, jnp.asarray(size, jnp.int32))
+
 
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.

@@ -10,6 +10,9 @@ Above half a million rows a factorisation could take any amount of memory. There
 is made, which takes at most 60 bytes an entry of the matrix, and BiCGSTAB does the rest: `I - Q` is
 an M-matrix, whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977).
 
+A chain that is unrolled over the phases of a tide fills up however it is factored. It is a *cycle*
+of blocks of states, and by sweeps through all its blocks BiCGSTAB works on one of them.
+
 A part that is left once in 10^10 steps or less often is beyond all of these: their residuals are
 small and their answers noise. Parts of that kind are eliminated without subtractions, which takes
 some seconds for 10^5 cells of a plane.
@@ -24,6 +27,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import linalg
 
 from ..base.threads import one_blas_thread
+from .cycle import Cycle, bicgstab
 from .elimination import Levels, eliminate
 
 
@@ -31,8 +35,9 @@ from .elimination import Levels, eliminate
 _TRIAL = 60
 # Products that cost about as much as a factorisation.
 _WORTHWHILE = 400
-# A matrix with more rows is factored incompletely.
-_LARGEST_COMPLETE = 500_000
+# A matrix with more rows is factored incompletely; one that is a cycle, with more than so many, is
+# not factored.
+_LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 500_000, 20_000
 # A matrix with more rows is not factored at all; products go on instead.
 _LARGEST_FACTOR = 20_000_000
 _MAX_PRODUCTS = 50_000
@@ -44,8 +49,8 @@ _CLOSED = 1e-12
 # Entries of an incomplete factor are dropped below this part of their column, and there are no more
 # than so many for one of the matrix.
 _DROP, _FILL = 1e-2, 5.0
-# BiCGSTAB begins anew so often, each time on the residual, and takes so many steps at most.
-_ROUNDS, _STEPS = 6, 200
+# BiCGSTAB begins anew so often, each time on the residual.
+_ROUNDS = 6
 # BiCGSTAB ends when no more than this part of the solution is left, which is its rounding. Products
 # go on where it leaves a hundred times that and this part of the right-hand side.
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
@@ -87,8 +92,8 @@ def solve_transient(
     leaving[leaving <= _CLOSED] = 0
     sure = np.ones(1)
     try:
-        if step.shape[0] > _LARGEST_COMPLETE:
-            total, more = _solve_large(matrix, right)
+        if (attempt := _attempt(matrix)) is not None:
+            total, more = _solve_large(matrix, right, attempt)
             products += more
         else:
             solve = _factored(step)
@@ -148,8 +153,8 @@ def _solve(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
 ) -> tuple[Float[np.ndarray, "rows columns"], int]:
     """Solve `x = right + matrix x` with a factorisation; give the products it took beside."""
-    if matrix.shape[0] > _LARGEST_COMPLETE:
-        return _solve_large(matrix, right)
+    if (attempt := _attempt(matrix)) is not None:
+        return _solve_large(matrix, right, attempt)
     return _factored(matrix)(right), 0
 
 
@@ -172,10 +177,20 @@ def _factored(matrix: scipy.sparse.csr_array) -> Callable[..., Float[np.ndarray,
     return solve
 
 
-def _solve_large(
-    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
-) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """The same with an incomplete factorisation; what that cannot do is left to products."""
+# Solves `x = right + matrix x` roughly; gives the products that it took beside.
+_Attempt = Callable[[Float[np.ndarray, "rows"]], tuple[Float[np.ndarray, "rows"], int]]
+
+
+def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
+    """How to solve with a matrix that is not to be factored completely; `None` if it is."""
+    rows = matrix.shape[0]
+    if rows > _LARGEST_FACTORED_CYCLE and (cycle := Cycle.of(matrix)) is not None:
+        return cycle
+    return _incomplete(matrix) if rows > _LARGEST_COMPLETE else None
+
+
+def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
+    """Solve by an incomplete factorisation."""
     identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
     system = (identity - matrix).tocsc()
     # In their own order neighbours on a grid stay near each other, and no row is exchanged.
@@ -183,19 +198,19 @@ def _solve_large(
         system, drop_tol=_DROP, fill_factor=_FILL, permc_spec="NATURAL", diag_pivot_thresh=0.0
     )
     precondition = linalg.LinearOperator(system.shape, factor.solve)
-    products = 0
+    return lambda right: bicgstab(system, right, M=precondition)
 
-    def count(_: Float[np.ndarray, "rows"]) -> None:
-        nonlocal products
-        products += 2
 
-    columns = []
+def _solve_large(
+    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"], attempt: _Attempt
+) -> tuple[Float[np.ndarray, "rows columns"], int]:
+    """The same by rough solves; what those cannot do is left to products."""
+    products, columns = 0, []
     for wanted in right.T:
         found, left = np.zeros_like(wanted), wanted
         for _ in range(_ROUNDS):
-            change, _ = linalg.bicgstab(
-                system, left, rtol=1e-8, maxiter=_STEPS, M=precondition, callback=count
-            )
+            change, more = attempt(left)
+            products += more
             now = wanted - (found + change - matrix @ (found + change))
             better = np.abs(now).max() < np.abs(left).max() / 2
             if better:
@@ -203,7 +218,9 @@ def _solve_large(
             if not better or np.abs(left).max() <= _ROUNDING * np.abs(found).max():
                 break
         goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(found).max())
-        while np.abs(left).max() > goal and products < _MAX_PRODUCTS:
+        # A product goes through one block of a cycle only, and is of no use then.
+        most = 0 if isinstance(attempt, Cycle) else _MAX_PRODUCTS
+        while np.abs(left).max() > goal and products < most:
             found += left
             left = matrix @ left
             products += 1

@@ -30,8 +30,10 @@ class Drift(Study):
     grid: Path | None = None
     """File of the grid, where it is not in those of the currents, as mesh_mask.nc of NEMO."""
     time: int | str | None = None
-    """One record, by its number from 0 or its moment (2016-02-02T12:00); by default the mean of all
-    records."""
+    """One record, by its number from 0 or its moment (2016-02-02T12:00); by default all records."""
+    current: Literal["changing", "mean"] | None = None
+    """What drifters go with: the records one after the other, again and again (changing), or their
+    mean. By default it changes, but for --method source."""
     depths: tuple[Metres, ...] = ()
     """Depths of the layers in metres; by default those of the file, or the surface."""
     bounds: tuple[float, float, float, float] | None = None
@@ -102,6 +104,7 @@ class Drift(Study):
             start=start,
             reach=self.range,
             seconds=self.search,
+            mean=self._mean,
             say=say,
             rho=self.rho,
             **self._rules(),
@@ -117,6 +120,7 @@ class Drift(Study):
     def spec(self, result: Result) -> dict[str, Any]:
         found: SeaDrift = result  # type: ignore[assignment]
         rules = {name: self._rules()[name] for name in ("spread", "edge")}
+        rules["current"] = "mean" if self._mean else "changing"
         asked = super().spec(result)
         chosen = {"file": " ".join(asked["file"]), **rules}
         return {**asked, **chosen, "depths_m": found.depths, "duration_s": found.step}
@@ -141,6 +145,11 @@ class Drift(Study):
 
         chosen = {"spread": self.spread, "edge": self.edge}
         return {**METHODS[self.method], **{k: v for k, v in chosen.items() if v is not None}}
+
+    @property
+    def _mean(self) -> bool:
+        """Whether maps are by the mean of the records."""
+        return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
     def _start(self, water: "Water") -> int | None:
         place = _numbers("start", self.start, 2, '"lon,lat" in degrees')
@@ -176,10 +185,23 @@ def _currents(
     variables: tuple[str, str] | None,
 ) -> "xr.Dataset":
     from ..drift import open_currents
+    from ..drift.currents.netcdf import TooLargeError
 
-    return open_currents(
-        file, grid=grid, time=time, depths=depths or None, bounds=bounds, variables=variables
+    read = functools.partial(
+        open_currents,
+        file,
+        grid=grid,
+        time=time,
+        depths=depths or None,
+        bounds=bounds,
+        variables=variables,
     )
+    try:
+        return read()
+    except (TooLargeError, MemoryError):
+        if time is not None:
+            raise
+        return read(mean=True)
 
 
 def _numbers(parameter: str, text: str | None, count: int, expected: str) -> list[float] | None:

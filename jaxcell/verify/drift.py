@@ -27,6 +27,8 @@ def compare_drift(drift: SeaDrift) -> list[Comparison]:
     surface = drift.layers[0].behaviour.chain.to_scipy()
     cells = drift.deployment.cells
     steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
+    # At any phase of a current that repeats itself.
+    steps = steps.reshape(-1, drift.layers[0].cells).min(axis=0)
     missed = [f"cell {z} is visited from none" for z in np.flatnonzero(np.isinf(steps))]
     what = "cells visited from the deployment, by scipy"
     found.append(Comparison.exact(what, missed, steps.size))
@@ -35,8 +37,10 @@ def compare_drift(drift: SeaDrift) -> list[Comparison]:
 
 def _compare_layer(layer: Layer) -> list[Comparison]:
     behaviour, at = layer.behaviour, f" at {layer.depth:g} m"
-    P, transient = behaviour.chain.to_scipy(), np.flatnonzero(layer.transient)
-    found = [_compare_groups(P, layer.group, f"persistent groups{at}, by networkx")]
+    # Of a current that repeats itself, of the cells at each phase.
+    P, group = behaviour.chain.to_scipy(), np.asarray(behaviour.groups.group)
+    transient = np.flatnonzero(group < 0)
+    found = [_compare_groups(P, group, f"persistent groups{at}, by networkx")]
     when = f"times until drifters are in a group or gone{at}, by a direct solve"
     where = f"shares that end in the first group{at}, by a direct solve"
     if not found[0].agrees:
@@ -52,7 +56,7 @@ def _compare_layer(layer: Layer) -> list[Comparison]:
     reported = np.asarray(behaviour.absorption.value)[transient]
     found.append(Comparison.close(when, reported, times, 1e-6, relative=True))
     if layer.ends is not None and behaviour.groups.count:
-        chances = solve_transient(P, transient, P[transient] @ (layer.group == 0).astype(float))
+        chances = solve_transient(P, transient, P[transient] @ (group == 0).astype(float))
         reported = np.asarray(layer.ends.value)[0][transient]
         found.append(Comparison.close(where, reported, chances, 1e-7))
     return found
@@ -76,15 +80,16 @@ def _compare_voyage(voyage: SeaVoyage) -> Comparison:
     """The best probability of arriving is the least that no action would raise."""
     what = "probability of arriving by the surest policy, by a linear program"
     sea, goal = voyage.sea, voyage.policy.goal
-    if sea.cells > _MAX_PROGRAM:
+    if sea.drift.cells > _MAX_PROGRAM:
         return Comparison.omitted(what, f"more than {_MAX_PROGRAM:,} cells")
     actions = (sea.drift.to_scipy(), sea.ascent, sea.descent)
-    raised = scipy.sparse.vstack([P - scipy.sparse.eye_array(sea.cells) for P in actions])
-    bounds = np.column_stack([goal.astype(float), np.ones(sea.cells)])
+    raised = scipy.sparse.vstack([P - scipy.sparse.eye_array(sea.drift.cells) for P in actions])
+    goal = np.tile(goal, sea.phases)
+    bounds = np.column_stack([goal.astype(float), np.ones(goal.size)])
     rows = np.tile(~goal, len(actions))
     solved = scipy.optimize.linprog(
-        np.ones(sea.cells), raised.tocsr()[rows], np.zeros(rows.sum()), bounds=bounds
+        np.ones(goal.size), raised.tocsr()[rows], np.zeros(rows.sum()), bounds=bounds
     )
     if solved.status != 0:
         return Comparison.omitted(what, f"the program has no solution: {solved.message}")
-    return Comparison.close(what, voyage.policy.probability, solved.x, 1e-6)
+    return Comparison.close(what, voyage.policy.probability, solved.x[: sea.cells], 1e-6)

@@ -202,7 +202,7 @@ def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
     assert min(shifts) == pytest.approx(1)
     _, found, _ = run(capsys, "--depths", 0)
     currents = drift.open_currents(GYRES, depths=0)
-    layer = [drift.Water.of(currents)], [drift.Flow.of(currents)]
+    layer = [drift.Water.of(currents)], [drift.Flow.of(currents).repeated()]
     nearest = drift.nearest_step(*layer, **drift.METHODS["drifters"])
     assert found["duration_s"] == pytest.approx(nearest)
     assert (found["spread"], found["edge"]) == ("sampled", "exit")

@@ -9,7 +9,7 @@ from seas import double_gyre, sea, seas
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.diagnosis import diagnose, group_counts
-from jaxcell.drift.drift_maps import drift_map, periodic_drift_map
+from jaxcell.drift.drift_maps import drift_map, drift_maps
 from jaxcell.drift.flow import Flow, crossing_time, flow_map
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups
@@ -281,14 +281,14 @@ def test_a_period_is_the_product_of_its_records():
     currents = sea(east, north, random.random((6, 7)) < 0.9, dx=1800.0, dy=1800.0)
     water, flow = Water.of(currents), Flow.of(currents)
     for edge in ("uniform", "exit"):
-        found = periodic_drift_map(water, flow, edge=edge, method="euler")
+        found = drift_maps(water, flow.repeated(), 3600.0, edge=edge, method="euler")
         product = np.eye(water.cells)
         for record in range(3):
             steady = Flow.of(currents, record=record)
             product = product @ drift_map(water, steady, 3600.0, edge=edge).to_scipy().toarray()
-        np.testing.assert_allclose(found.to_scipy().toarray(), product, atol=1e-12)
-    longer = periodic_drift_map(water, flow, 3 * 3600 + 1800)
-    assert np.abs(longer.to_scipy().toarray() - product).max() > 0.01
+        for value in np.eye(water.cells)[::5]:
+            np.testing.assert_allclose(found.push(value, 3), value @ product, atol=1e-12)
+            np.testing.assert_allclose(found.pull(value, 3), product @ value, atol=1e-12)
 
 
 def test_a_tide_brings_a_drifter_back():
@@ -296,8 +296,8 @@ def test_a_tide_brings_a_drifter_back():
     east = np.array([2.0, -2.0])[:, None, None] * np.ones((2, 5, 9))
     currents = sea(east, 0 * east, dx=1.0, dy=1.0, hours=1 / 3600)
     water, flow = Water.of(currents), Flow.of(currents)
-    chain = periodic_drift_map(water, flow, rho=1.0)
-    matrix = chain.to_scipy().toarray()
+    tide = drift_maps(water, flow.repeated(), 1.0, rho=1.0)
+    matrix = np.stack([tide.push(value, 2) for value in np.eye(water.cells)])
     inner = np.flatnonzero((water.column > 0) & (water.column < 6) & ~water.boundary)
     np.testing.assert_array_equal(matrix[inner], np.eye(water.cells)[inner])
 
@@ -339,12 +339,13 @@ def test_bad_options_are_refused(options, message):
 def test_bad_periods_and_durations_are_refused():
     currents = double_gyre(4, 8)
     water, flow = Water.of(currents), Flow.of(currents)
-    with pytest.raises(ValueError, match="two records or more, got 1"):
-        periodic_drift_map(water, flow)
+    assert flow.repeated() is flow
     east = np.ones((3, 4, 8))
     several = Flow.of(sea(east, east))
     with pytest.raises(ValueError, match="more than the 7200 s from the first record to the last"):
-        periodic_drift_map(water, several, 7200)
+        several.repeated(7200)
+    with pytest.raises(ValueError, match="multiple of the period, 10800 s, such as 3600 s, got 40"):
+        drift_maps(water, several.repeated(), 4000)
     with pytest.raises(ValueError, match="a positive number of seconds, got -1"):
         long_term_behaviour(Chain(np.array([[0]]), np.ones((1, 1))), -1)
     other = persistent_groups(Chain(np.array([[0]]), np.ones((1, 1))))

@@ -24,14 +24,14 @@ class Field:
     **Attributes:**
 
     - `depth`: of the layers in metres.
-    - `u`, `v`: the components in m/s, NaN where there is no water.
+    - `u`, `v`: the components in m/s, NaN where there is no water; at each record, or the mean.
     - `water`: where there is a velocity at every record, read or interpolated in time.
     - `notes`: what was done.
     """
 
     depth: Float[np.ndarray, " layers"]
-    u: Float[np.ndarray, "records layers y x"]
-    v: Float[np.ndarray, "records layers y x"]
+    u: Float[np.ndarray, "kept layers y x"]
+    v: Float[np.ndarray, "kept layers y x"]
     water: Bool[np.ndarray, "layers y x"]
     notes: tuple[str, ...]
 
@@ -43,15 +43,18 @@ def read_field(
     records: Int[np.ndarray, " records"],
     times: Shaped[np.ndarray, " records"],
     layers: Layers,
+    mean: bool = False,
 ) -> Field:
     """Read the velocity at the centres of the cells, along the axes that the file has it along.
+
+    The mean of the records is added up record by record, in the memory of one.
 
     **Raises:** `ValueError` if it takes too much memory, is above 10 m/s, or if there is no water
     in the block, or in a layer that was asked for; for a mask by which no water moves, but land
     does; and for depths more than a layer away from the levels of the file.
     """
     names = f"{velocity.u}, {velocity.v}"
-    shape = (len(records), len(layers.depth), *grid.lon.shape)
+    shape = (1 if mean else len(records), len(layers.depth), *grid.lon.shape)
     sizes = dict(zip(("time", "layer", "y", "x"), shape, strict=True))
     file.check_size(names, sizes, arrays=2)
     if layers.s_levels is not None:  # a record at all levels, and what the interpolation makes
@@ -66,8 +69,9 @@ def read_field(
         notes.append(f"{names}: averaged from the sides of the cells to their centres")
     flags = (flag.note for one in components for flag in one.flags)
     notes += dict.fromkeys(flags)  # one that both components name is said once
-    u, v = np.full(shape, np.nan), np.full(shape, np.nan)
-    dry = np.zeros(shape[1:], bool)
+    u, v = np.zeros(shape), np.zeros(shape)
+    count, dry = np.zeros(shape[1:], int), np.zeros(shape[1:], bool)
+    moving = np.zeros((len(records), len(layers.depth)), bool)
     is_water, moves, would_move = (np.zeros(shape[2:], bool) for _ in range(3))
     for k, record in enumerate(map(int, records)):
         (x, beside_x, free_x), (y, beside_y, free_y) = (each.at(record) for each in components)
@@ -92,21 +96,35 @@ def read_field(
                 np.stack([at_height(values, heights, height) for height in wanted])
                 for values in (x, y)
             )
-        u[k], v[k] = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+        x, y = np.where(deep, np.nan, x), np.where(deep, np.nan, y)
+        present = np.isfinite(x) & np.isfinite(y)
+        count += present
         dry |= deep
+        moving[k] = present.any(axis=(1, 2))
+        if mean:
+            u[0, present] += x[present]
+            v[0, present] += y[present]
+        else:
+            u[k], v[k] = x, y
     if is_water.any() and would_move.any() and not moves.any():
         raise _exchanged(file, sea, components, is_water, would_move)
-    present = np.isfinite(u) & np.isfinite(v)
-    enough = present.sum(axis=0) >= LEAST_PRESENT * len(records) - 1e-9
-    gaps = enough & ~dry & ~present.all(axis=0)
-    for values in (u, v):
-        fill_gaps(values, present, times, gaps)
+    always = count == len(records)
+    gaps = (count >= LEAST_PRESENT * len(records) - 1e-9) & ~dry & ~always
+    if mean:
+        u, v = u / np.maximum(count, 1), v / np.maximum(count, 1)
+        notes.append(f"{names}: the mean of {len(records)} records")
+    else:
+        present = np.isfinite(u) & np.isfinite(v)
+        for values in (u, v):
+            fill_gaps(values, present, times, gaps)
     if gaps.any():
+        filled = "left out of the mean" if mean else "interpolated in time"
         notes.append(
             f"{int(gaps.sum())} cells lack a velocity at up to {1 - LEAST_PRESENT:.0%} of the "
-            f"{len(records)} records, and are water: what is missing is interpolated in time"
+            f"{len(records)} records, and are water: what is missing is {filled}"
         )
-    return _with_water(file, velocity, records, layers, sea, u, v, notes)
+    seen = _Seen(always | gaps, count > 0, moving)
+    return _with_water(file, velocity, records, layers, sea, u, v, seen, notes)
 
 
 def _moves(
@@ -162,6 +180,16 @@ def _check_reach(
 
 
 @dataclasses.dataclass(frozen=True)
+class _Seen:
+    """Where there is a velocity at enough records for `water`, and `sometimes`, and whether there
+    is any in a layer at a record."""
+
+    water: Bool[np.ndarray, "layers y x"]
+    sometimes: Bool[np.ndarray, "layers y x"]
+    moving: Bool[np.ndarray, "records layers"]
+
+
+@dataclasses.dataclass(frozen=True)
 class _Sea:
     """The `mask` of the centres, or `None` if the file has none; the depth of the sea `bed` in
     metres, NaN where it is not known; the variable of the `surface` height, if it matters."""
@@ -196,21 +224,22 @@ def _with_water(
     records: Int[np.ndarray, " records"],
     layers: Layers,
     sea: _Sea,
-    u: Float[np.ndarray, "records layers y x"],
-    v: Float[np.ndarray, "records layers y x"],
+    u: Float[np.ndarray, "kept layers y x"],
+    v: Float[np.ndarray, "kept layers y x"],
+    seen: _Seen,
     notes: list[str],
 ) -> Field:
     """Find the water, and take out layers without any that were not asked for."""
-    present = np.isfinite(u) & np.isfinite(v)
-    water = present.all(axis=0)
+    water = seen.water
     kept = water.any(axis=(1, 2))
     for k in np.flatnonzero(~kept):
-        if layers.asked or not kept.any() or present[:, k].any():
-            raise _no_water(file, velocity, records, float(layers.depth[k]), sea, present[:, k])
+        if layers.asked or not kept.any() or seen.moving[:, k].any():
+            somewhere = seen.moving[:, k]
+            raise _no_water(file, velocity, records, float(layers.depth[k]), sea, somewhere)
     if not kept.all():
         deep = ", ".join(f"{depth:g}" for depth in layers.depth[~kept])
         notes.append(f"left out, as no cell has water there: {deep} m")
-    gaps = int((present.any(axis=0) & ~water).sum())
+    gaps = int((seen.sometimes & ~water).sum())
     if gaps:
         notes.append(
             f"{gaps} cells have a velocity at some of the {len(records)} records only, and are not "
@@ -229,9 +258,8 @@ def _no_water(
     records: Int[np.ndarray, " records"],
     depth: float,
     sea: _Sea,
-    present: Bool[np.ndarray, "records y x"],
+    somewhere: Bool[np.ndarray, " records"],
 ) -> ValueError:
-    somewhere = present.any(axis=(1, 2))
     if somewhere.all():
         return file.error(
             "time",

@@ -20,12 +20,17 @@ from ...base import memory
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
 LARGEST_BYTES = 4 * 2**30
 
+
 _MAX_COORDINATE = 10_000_000
 
 # Numbers that stand for "no value" in files that do not say so: the oldest convention, and the
 # default fill of NetCDF, ROMS and HYCOM, all of them above the last.
 _UNDECLARED_FILLS = (-9999.0, -99999.0)
 _MAX_VALUE = 1e20
+
+
+class TooLargeError(ValueError):
+    """What is refused because it takes more memory than it may."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,11 +66,12 @@ class OceanFile:
         size = 8 * arrays * math.prod(sizes.values())
         if size > LARGEST_BYTES:
             text = " x ".join(f"{count} ({name})" for name, count in sizes.items())
-            raise self.error(
+            error = self.error(
                 field,
                 f"{text} values would take {size / 2**30:.1f} GiB of memory; expected "
                 f"{LARGEST_BYTES / 2**30:g} GiB at most; choose less with time, depths or bounds",
             )
+            raise TooLargeError(*error.args)
         memory.check(size, f"{self.name}: {field}", "choose less with time, depths or bounds")
 
     def read(self, array: xr.DataArray, dims: Sequence[str] = ()) -> Float[np.ndarray, "..."]:

@@ -30,6 +30,7 @@ def open_currents(
     depths: float | int | Sequence[float | int] | None = None,
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
+    mean: bool = False,
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
@@ -74,6 +75,8 @@ def open_currents(
     - `variables`: the names of the velocities towards the East and North (or along the grid, if
         they stand on the sides of its cells or their standard names say so), where the file
         leaves it open.
+    - `mean`: whether to read the mean of the records only, as one record at the time of the first;
+        any number of them takes the memory of one.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
@@ -84,7 +87,8 @@ def open_currents(
     - `angle`: radians, counter-clockwise from East to the x axis;
     - coordinates `time` (UTC), `depth` of each layer in metres, `lon` and `lat` of the centres;
     - attributes `source`, `east_from`, `north_from`, which say from which variables the velocities
-        are and why, and `notes`, what else was done, a line each.
+        are and why, `notes`, what else was done, a line each, and `mean_of`, of how many records
+        each is the mean.
 
     **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
     a file that is damaged, truncated or not NetCDF, or an address that cannot be reached; files
@@ -112,7 +116,7 @@ def open_currents(
         records = choose_records(file, times, time)
         layers = choose_layers(file, velocity.u, axes.depth, depths)
         chosen = times.values[records]
-        field = read_field(file, velocity, cells, records, chosen, layers)
+        field = read_field(file, velocity, cells, records, chosen, layers, mean)
         _check_positions(file, axes.lon, cells, field)
     gridded = f"{axes.lon}, {axes.lat}: from {source_name(grid)}" if grid is not None else ""
     u, v, notes = field.u, field.v, [times.note, layers.note, *field.notes, *cells.notes]
@@ -120,14 +124,15 @@ def open_currents(
     if velocity.along == "grid" and cells.angle_from:
         u, v = turned(u, v, cells.angle)
         notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {cells.angle_from}")
-    attributes = {
+    attributes: dict[str, str | int] = {
         "source": source_name(path),
         "east_from": _origin(velocity, "East", cells),
         "north_from": _origin(velocity, "North", cells),
         "notes": "\n".join(note for note in notes if note),
+        "mean_of": len(records) if mean else 1,
     }
     field = dataclasses.replace(field, u=u, v=v)
-    return _dataset(field, cells, chosen, attributes)
+    return _dataset(field, cells, chosen[:1] if mean else chosen, attributes)
 
 
 def _check_positions(file: OceanFile, name: str, grid: OceanGrid, field: Field) -> None:
@@ -166,7 +171,7 @@ def _dataset(
     field: Field,
     grid: OceanGrid,
     times: Shaped[np.ndarray, " records"],
-    attributes: dict[str, str],
+    attributes: dict[str, str | int],
 ) -> xr.Dataset:
     cells, moving = ("y", "x"), ("time", "layer", "y", "x")
     speed, metres = {"units": "m s-1"}, {"units": "m"}

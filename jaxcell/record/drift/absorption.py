@@ -20,7 +20,7 @@ _LEGEND_ROWS = 7
 def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     """Log the absorption times of each layer."""
     layers = [map.drift.layers[map.number] for map in maps]
-    hours = [np.asarray(layer.behaviour.hours) for layer in layers]
+    hours = [np.asarray(layer.begins.hours) for layer in layers]
     late = [layer.almost_for_ever for layer in layers]
     shown = np.concatenate([one[(one > 0) & ~two] for one, two in zip(hours, late, strict=True)])
     # A few that take very long would leave one colour for all others.

@@ -43,7 +43,7 @@ def currents_of(drift: SeaDrift) -> str:
         return f"The current of `{source}` at {_moment(times[0])}."
     return (
         f"The current of `{source}`, {times.size} records from {_moment(times[0])} to "
-        f"{_moment(times[-1])}."
+        f"{_moment(times[-1])}, after which it begins again."
     )
 
 
@@ -56,8 +56,8 @@ def _text(map: SeaMap) -> str:
     notes = "\n".join(f"- {note}" for note in drift.notes)
     return f"""# The current
 
-{currents_of(drift)} Arrows show the records one after the other; after the last, the current stays
-as it is. Faster water has longer arrows. Dots are drifters with their ways in the last
+{currents_of(drift)} Arrows show the records one after the other. Faster
+water has longer arrows. Dots are drifters with their ways in the last
 {clock.frame * _TRAIL} {clock.unit}s.
 
 - towards the East: {drift.east_from}
@@ -72,17 +72,21 @@ def _log_arrows(map: SeaMap, layers: int) -> None:
     """Log the current at some of the cells, record by record."""
     water, flow, clock = map.water, map.flow, map.clock
     cells = map.thinned(_MAX_ARROWS)
-    since = np.asarray(flow.time - flow.time[0]) / clock.seconds
-    records = np.flatnonzero(since <= clock.last)
+    since, count = np.asarray(flow.time - flow.time[0]), len(flow.recorded)
+    if flow.period is not None:
+        again = np.arange(0.0, clock.last * clock.seconds, float(flow.period))
+        since = (again[:, None] + since[:count]).ravel()
+    since = since / clock.seconds
+    shown = np.flatnonzero(since <= clock.last)
     most = max(1, _MAX_DRAWN // (cells.size * layers))
-    records = records[:: -(-records.size // most)]
-    rate = np.asarray(flow.rate)[records][:, :, water.row[cells], water.column[cells]]
+    shown = shown[:: -(-shown.size // most)]
+    rate = np.asarray(flow.rate)[shown % count][:, :, water.row[cells], water.column[cells]]
     spacing = max(1.0, np.sqrt(water.cells / cells.size))
     vector = np.moveaxis(rate, 1, 2) * (map.arrow * spacing)
     length = np.linalg.norm(vector, axis=2, keepdims=True)
     vector = vector * np.minimum(1, _MAX_LENGTH * spacing / np.maximum(length, 1e-12)) * map.side
     foot = map.xy(cells) - vector / 2
-    times, sizes = np.rint(since[records]).astype(np.int64), np.full(records.size, cells.size)
+    times, sizes = np.rint(since[shown]).astype(np.int64), np.full(shown.size, cells.size)
     radius = 0.08 * spacing * float(map.side.min())
     send_changing(
         map.stream,

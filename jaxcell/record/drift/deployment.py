@@ -81,6 +81,7 @@ def _text(drift: SeaDrift) -> str:
     found = drift.deployment
     persistent = int((found.group >= 0).sum())
     views = curve = ""
+    no_fewer = ", and no fewer" if drift.phases is None else ""
     if drift.views is not None:
         views = (
             f"\n**To see the sea bed** with a camera that sees {drift.reach:g} m far, one looks "
@@ -103,7 +104,7 @@ cell, each within its own group: {persistent:,} are in persistent groups, one in
 others cover the transient cells, those first from where it takes longest.
 
 If it is enough that each cell may be visited from some drifter, whatever its group,
-**{drift.minimum.size:,}** will do, and no fewer.
+**{drift.minimum.size:,}** will do{no_fewer}.
 {views}{curve}
 {described(drift, *columns, first=numbered, most=_MAX_ROWS)}
 """

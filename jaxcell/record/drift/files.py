@@ -61,11 +61,11 @@ def _geojson(rows: pd.DataFrame) -> str:
 
 
 def _rows(drift: SeaDrift) -> pd.DataFrame:
-    found, behaviour = drift.deployment, drift.layers[0].behaviour
+    found, begins = drift.deployment, drift.layers[0].begins
     views = np.zeros(0, np.int32) if drift.views is None else drift.views.cells
     cells = np.concatenate([found.cells, views])
     lon, lat, _ = np.array(drift.places(cells)).reshape(-1, 3).T
-    group, transient = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
+    group, transient = np.asarray(begins.groups.group), np.asarray(begins.transient.group)
     columns = {
         "number": np.arange(cells.size) + 1,
         # A decimetre is more than enough.

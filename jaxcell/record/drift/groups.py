@@ -50,7 +50,7 @@ def home_color(rank: int) -> Color:
 
 def group_ranks(layers: Sequence[Layer]) -> list[Int[np.ndarray, "_groups"]]:
     """The rank of each group of each layer, by which it has its colour."""
-    basins = ((layer.water, np.asarray(layer.behaviour.basin)) for layer in layers)
+    basins = ((layer.water, np.asarray(layer.begins.basin)) for layer in layers)
     return basin_ranks([water.on_grid(basin, -1) for water, basin in basins])
 
 
@@ -96,7 +96,7 @@ def group_classes(
 
     A cell of a persistent group has its colour, one that leads there for sure a paler shade.
     """
-    transient = layer.behaviour.transient
+    transient = layer.begins.transient
     classes = [PictureClass("land", CLEAR)]
     groups = np.argsort(rank)[:_MAX_CLASSES].tolist()
     # The last of each is for cells that are not of this kind.
@@ -137,7 +137,7 @@ def _log_numbers(map: SeaMap, layer: Layer, rank: Int[np.ndarray, "groups"]) -> 
 
 
 def _legend(layers: Sequence[Layer], most: int) -> list[tuple[str, Color]]:
-    ends = {homes for layer in layers for homes in layer.behaviour.transient.domiciles}
+    ends = {homes for layer in layers for homes in layer.begins.transient.domiciles}
     ordinals = ("largest", "second", "third", "fourth", "fifth")
     named = [f"group of the {ordinal} basin" for ordinal in ordinals]
     colors = dict(zip(named, HOMES, strict=True)) | {"another persistent group": _OTHERS}
@@ -156,20 +156,21 @@ def _text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
     hours = f"**{drift.step / 3600:.3g} hours**"
+    current = "the mean current" if drift.phases is None else "the current, as it changes,"
     if drift.layers[0].options.get("spread") == "sampled":
         step = f"""In one step of {hours} points of a cell move to
-where the mean current takes them, and as large as their share that ends in a cell is the chance of
+where {current} takes them, and as large as their share that ends in a cell is the chance of
 a drifter to be there."""
     else:
         step = f"""In one step of {hours} a drifter moves from its
-cell to where the mean current takes it, or, as the current is not known exactly, to a cell beside
+cell to where {current} takes it, or, as the current is not known exactly, to a cell beside
 that."""
     warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
     return f"""# Where drifters end up
 
 {currents_of(drift)} The water is cut into cells. {step}
-So the sea is a *Markov chain*.
+So the sea is a *Markov chain*. {_phases(drift)}
 
 Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
 map. All other cells are *transient*.
@@ -192,3 +193,14 @@ that it has in a wrong cell, and the shares that left the map in a day.
 {beware}
 
 {made_with(spec)}"""
+
+
+def _phases(drift: SeaDrift) -> str:
+    """A sentence that says of which drifters groups and times are, in a current that repeats."""
+    if drift.phases is None:
+        return ""
+    return (
+        f"The current repeats itself after {drift.period_hours:.3g} hours, of "
+        f"{counted(drift.phases, 'step')}; groups and times are those of drifters that are "
+        "released at the first record."
+    )

@@ -1,0 +1,117 @@
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+from jaxtyping import Array, Float, Int
+
+from .generalized import Chain
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
+class ChainSequence:
+    """Chains over the same cells that follow on one another, again and again: a tide, or a season.
+
+    The *phase* is the number of the chain that moves next. What happens in a whole period is the
+    product of the chains, the *period map*, which fills up; so they are never multiplied.
+    Distributions are pushed and values are pulled through one after the other. All else that one
+    asks of a chain is asked of the *unrolled* one, whose states are the cells at each phase, phase
+    after phase: it has as many edges as the chains together. Its strong components at phase 0 are
+    those of the period map.
+
+    Two cells that change places, and then stay or leave the space:
+
+        >>> import numpy as np
+        >>> from jaxcell import mapping
+        >>> swap = mapping.Chain.from_scipy(np.array([[0.0, 1.0], [1.0, 0.0]]))
+        >>> stay = mapping.Chain.from_scipy(np.array([[1.0, 0.0], [0.0, 0.5]]))
+        >>> tide = mapping.ChainSequence.of([swap, stay])
+        >>> tide.push(np.array([1.0, 0.0]), 2).tolist(), tide.pull(np.ones(2), 2).tolist()
+        ([0.0, 0.5], [0.5, 1.0])
+        >>> mapping.persistent_groups(tide).group.tolist()
+        [-1, 0]
+    """
+
+    image: Int[Array, "phases branches cells"]
+    probability: Float[Array, "phases branches cells"]
+
+    @classmethod
+    def of(cls, chains: Sequence[Chain]) -> "ChainSequence":
+        """Put chains one after the other.
+
+        **Arguments:**
+
+        - `chains`: one for each phase.
+
+        **Raises:** `ValueError` for no chains, or chains of different spaces.
+        """
+        sizes = {chain.cells for chain in chains}
+        if len(sizes) != 1:
+            raise ValueError(
+                f"chains: expected one or more over the same cells, got some of {sorted(sizes)}"
+            )
+        branches = max(chain.image.shape[0] for chain in chains)
+        image = np.tile(np.arange(sizes.pop(), dtype=np.int32), (len(chains), branches, 1))
+        probability = np.zeros(image.shape)
+        for phase, chain in enumerate(chains):
+            used = chain.image.shape[0]
+            image[phase, :used], probability[phase, :used] = chain.image, chain.probability
+        return cls(jnp.asarray(image), jnp.asarray(probability))
+
+    @property
+    def phases(self) -> int:
+        """Number of chains."""
+        return self.image.shape[0]
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return self.image.shape[2]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of values at each phase of each cell."""
+        return self.phases, self.cells
+
+    def at(self, phase: Int[Array, ""] | int) -> Chain:
+        """The chain that moves at a phase, modulo their number."""
+        fields = (self.image[phase % self.phases], self.probability[phase % self.phases])
+        return Chain.tree_unflatten(None, fields)
+
+    @jax.jit
+    def push(
+        self,
+        distribution: Float[Array, "cells"],
+        steps: Int[Array, ""] | int,
+        start: Int[Array, ""] | int = 0,
+    ) -> Float[Array, "cells"]:
+        """The distribution so many steps after a phase; what it lacks has gone to the sink."""
+        return jax.lax.fori_loop(
+            start, start + steps, lambda n, p: self.at(n).push(p), distribution
+        )
+
+    @jax.jit
+    def pull(
+        self,
+        value: Float[Array, "cells"],
+        steps: Int[Array, ""] | int,
+        start: Int[Array, ""] | int = 0,
+    ) -> Float[Array, "cells"]:
+        """The expected value so many steps after a phase; the sink counts as 0."""
+        last = start + steps - 1
+        return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
+
+    def unrolled(self) -> Chain:
+        """The chain over the cells at each phase: from phase `k`, cell `i` to phase `k + 1`."""
+        later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
+        image = np.asarray(self.image) + later[:, None, None]
+        both = (np.moveaxis(a, 1, 0) for a in (image, np.asarray(self.probability)))
+        fields = tuple(jnp.asarray(a.reshape(a.shape[0], -1)) for a in both)
+        return Chain.tree_unflatten(None, fields)
+
+    def to_scipy(self) -> scipy.sparse.csr_array:
+        """The transition matrix of the unrolled chain."""
+        return self.unrolled().to_scipy()

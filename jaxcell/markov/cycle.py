@@ -1,0 +1,110 @@
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float, Int
+from scipy.sparse import linalg
+
+
+# A cycle has no more blocks than so many, and at most this part of its steps lead back.
+_MAX_BLOCKS, _MOST_BACK = 10_000, 0.4
+# Steps of BiCGSTAB at once, and of one that goes through a whole cycle.
+_STEPS, _CYCLES = 200, 600
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Cycle:
+    """A chain whose states fall into blocks that are visited one after the other, round and round.
+
+    Every step leads to a later block, but for those that begin a new round. To solve for what
+    happens in a round is to go through the blocks once, backwards; so all there is to solve is what
+    the steps that lead back add up to, in as many unknowns as they lead to states.
+    """
+
+    order: Int[np.ndarray, "rows"]
+    "The states, block by block."
+    bounds: Int[np.ndarray, "bounds"]
+    "Where each block begins in them."
+    rows: list[scipy.sparse.csr_array]
+    "The steps from each block, to states in their order."
+    again: Int[np.ndarray, "some"]
+    "The states, by their places, that steps lead back to."
+
+    @classmethod
+    def of(cls, matrix: scipy.sparse.csr_array) -> "Cycle | None":
+        """The cycle of a matrix whose states are in order of its blocks, or in the reverse order;
+        `None` if it is none."""
+        count = matrix.shape[0]
+        for order in (np.arange(count), np.arange(count)[::-1]):
+            turned = matrix[order][:, order].tocsr()
+            row = np.repeat(np.arange(count), np.diff(turned.indptr))
+            back = turned.indices <= row
+            if np.count_nonzero(back) > _MOST_BACK * turned.nnz:
+                continue
+            after = np.full(count, count)
+            np.minimum.at(after, row[~back], turned.indices[~back])
+            bounds = _bounds(after)
+            if bounds.size > _MAX_BLOCKS:
+                continue
+            rows = [turned[a:b] for a, b in itertools.pairwise(bounds)]
+            return cls(order, bounds, rows, np.unique(turned.indices[back]))
+        return None
+
+    def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
+        """Solve `x = right + matrix x` by a round of BiCGSTAB; gives the products beside."""
+        wanted, none = right[self.order], np.zeros(right.size)
+
+        def returns(value: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+            return value - self._round(value, none)[self.again]
+
+        shape = self.again.size, self.again.size
+        system = linalg.LinearOperator(shape, returns, dtype=np.float64)
+        begin = self._round(np.zeros(self.again.size), wanted)[self.again]
+        value, products = bicgstab(system, begin, _CYCLES)
+        found = np.empty_like(right)
+        found[self.order] = self._round(value, wanted)
+        return found, products
+
+    def _round(
+        self, again: Float[np.ndarray, "some"], right: Float[np.ndarray, "rows"]
+    ) -> Float[np.ndarray, "rows"]:
+        """Go backwards through a round after which values are known."""
+        x = np.zeros_like(right)
+        x[self.again] = again
+        for block in range(len(self.rows) - 1, -1, -1):
+            here = slice(self.bounds[block], self.bounds[block + 1])
+            x[here] = right[here] + self.rows[block] @ x
+        return x
+
+
+def bicgstab(
+    system: Any, right: Float[np.ndarray, "rows"], steps: int = _STEPS, **options: Any
+) -> tuple[Float[np.ndarray, "rows"], int]:
+    """What BiCGSTAB finds in one round, and the products that it took."""
+    products = 0
+
+    def count(_: Float[np.ndarray, "rows"]) -> None:
+        nonlocal products
+        products += 2
+
+    found, _ = linalg.bicgstab(system, right, rtol=1e-8, maxiter=steps, callback=count, **options)
+    return found, products
+
+
+def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:
+    """Where blocks begin, as long as possible, from the next state that each state leads to."""
+    bounds, count = [0], after.size
+    while bounds[-1] < count and len(bounds) <= _MAX_BLOCKS:
+        bounds.append(_end(after, bounds[-1]))
+    return np.array(bounds)
+
+
+def _end(after: Int[np.ndarray, "rows"], begin: int) -> int:
+    """The first state that a state from `begin` on leads to, or the end."""
+    least, size, at = after.size, 1024, begin
+    while at < least:
+        least = min(least, int(after[at : at + size].min()))
+        at, size = at + size, 2 * size
+    return least

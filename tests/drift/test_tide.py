@@ -1,0 +1,274 @@
+"""Currents that change from record to record, and repeat themselves after the last."""
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from seas import sea
+
+from jaxcell import bundled, drift, study, verify
+from jaxcell.mapping import Chain, ChainSequence
+
+
+HOUR = 3600.0
+STEP = 3 * HOUR
+
+
+def strait(rows=5, columns=8):
+    """Water that goes two cells there and back in a tide of twelve hours, and half a cell on."""
+    along = (np.array([0, 2000, 0, -2000]) + 125) / STEP
+    east = np.broadcast_to(along[:, None, None], (4, rows, columns))
+    return sea(east, 0 * east, hours=3.0)
+
+
+@pytest.fixture(scope="module")
+def both():
+    """Found with the tide, and by the mean of the records."""
+    options = drift.METHODS["drifters"]
+    return [drift.SeaDrift.of(strait(), STEP, mean=mean, **options) for mean in (False, True)]
+
+
+def test_a_current_goes_on_from_its_last_record_to_its_first():
+    flow = drift.Flow.of(strait()).repeated()
+    assert float(flow.period) == 4 * STEP
+    there = jax.jit(lambda time: flow.at(jnp.array([5.0]), jnp.array([2.0]), time)[0][0])
+
+    def at(records):
+        return float(there(records * STEP))
+
+    for records in (0.0, 1.25, 3.5, -0.5):
+        assert at(records + 8) == pytest.approx(at(records), abs=1e-15)
+    assert at(3.25) == pytest.approx(0.75 * at(3) + 0.25 * at(0))
+    np.testing.assert_allclose(flow.mean().rate, drift.Flow.of(strait()).mean().rate)
+    fitted = [flow.fitted(records * STEP) / STEP for records in (0.9, 1.5, 3.9, 7)]
+    assert fitted == pytest.approx([1, 4 / 3, 4, 8])
+
+
+@pytest.mark.slow
+def test_with_the_tide_it_is_nearer_to_drifters(both):
+    tide, mean = both
+    assert (tide.phases, tide.period_hours) == (4, 12.0)
+    assert (mean.phases, mean.period_hours) == (None, None)
+    assert 3 * tide.distance_6h < mean.distance_6h
+    assert mean.distance_6h > 0.2
+    # The same drifters.
+    assert tide.drifters_left == pytest.approx(mean.drifters_left, abs=0.02)
+    assert tide.deployment.gained.sum() == tide.cells
+
+
+@pytest.mark.slow
+def test_what_is_said_of_cells_is_of_those_at_the_first_record(both):
+    (layer,) = both[0].layers
+    chain = layer.behaviour.chain
+    period = np.eye(chain.cells)
+    for k in range(chain.phases):
+        period = period @ chain.at(k).to_scipy().toarray()
+    assert layer.behaviour.unrolled.cells == 4 * layer.cells
+    # In whole periods nobody leaves at other times than in between.
+    gone = 1 - period.sum(axis=1)
+    chance = np.linalg.solve(np.eye(chain.cells) - period, gone)
+    np.testing.assert_allclose(layer.leaving, chance, atol=1e-9)
+    assert layer.group.shape == (layer.cells,)
+    assert sum(layer.transients_cells) + sum(layer.groups_cells) == layer.cells
+    assert all(value <= limit for value, limit in layer.checks().values())
+
+
+@pytest.fixture(scope="module")
+def shifting():
+    """Maps of 14 cells that few drifters leave at a time, and what each visits from phase 0."""
+    random = np.random.default_rng(4)
+    matrices = []
+    for _ in range(3):
+        matrix = np.eye(14)
+        for cell in random.integers(0, 14, 4):
+            matrix[cell] *= 0.5
+            matrix[cell, random.integers(0, 14)] += 0.5
+        matrices.append(matrix)
+    here = np.eye(14, dtype=bool)
+    visits = here
+    for n in range(90):
+        here = here @ matrices[n % 3] > 0
+        visits = visits | here
+    return ChainSequence.of([Chain.from_scipy(one) for one in matrices]), visits
+
+
+def test_the_coverage_curve_counts_cells_at_any_phase(shifting):
+    chain, visits = shifting
+    curve = drift.coverage_curve(chain)
+    assert 1 < curve.cells.size < 14
+    for k, covered in enumerate(curve.covered):
+        before = visits[curve.cells[:k]].any(axis=0)
+        assert covered == (before | visits[curve.cells[k]]).sum()
+        assert covered == max((before | one).sum() for one in visits)
+    assert curve.covered[-1] == 14
+
+
+def test_a_deployment_takes_what_no_cell_taken_before_leads_to(shifting):
+    chain, visits = shifting
+    behaviour = drift.long_term_behaviour(chain, 60.0)
+    found = drift.deployment_cells(behaviour)
+    number = np.asarray(behaviour.transient.group).reshape(3, 14)
+    assert visits[found.cells].any(axis=0).all()
+    assert found.gained.sum() == 14
+    part, time = number[0], np.asarray(behaviour.begins.absorption.value)
+    # By the definition, with the states that are visited within the part.
+    edges = chain.to_scipy().toarray() > 0
+    flat = number.ravel()
+    inside = edges & (flat[:, None] == flat)
+    reach = np.linalg.matrix_power(np.eye(42) + inside, 42) > 0
+    taken = []
+    for cell in sorted(np.flatnonzero(part >= 0), key=lambda z: (part[z], -time[z].round(9), z)):
+        led = [reach[z, np.arange(3) * 14 + cell] & (number[:, cell] == part[cell]) for z in taken]
+        if not np.any(led):
+            taken.append(cell)
+    assert found.cells[found.group < 0].tolist() == taken
+    assert len(taken) > 1
+
+
+@pytest.fixture(scope="module")
+def tidal_sea():
+    """Two layers of nine cells, and their matrices at three phases; the sea of them."""
+    random = np.random.default_rng(6)
+    number, side = np.arange(9, dtype=np.int32).reshape(1, 9), np.full((1, 9), 1000.0)
+    waters = [drift.Water(number, side, side, *[0 * side] * 3, depth) for depth in (0.0, 5.0)]
+    matrices = np.zeros((2, 3, 9, 9))
+    for layer, phase, cell in np.ndindex(2, 3, 9):
+        to = np.clip(cell + random.integers(-2, 3, 2), 0, 8)
+        np.add.at(matrices[layer, phase, cell], to, [0.7, 0.3 if cell else 0.1])
+    tides = [ChainSequence.of([Chain.from_scipy(m) for m in layer]) for layer in matrices]
+    return matrices, drift.Sea.of(waters, tides)
+
+
+def moves(matrices):
+    """The matrices of the actions drift, up and down, at each phase, over both layers."""
+    nothing, same = np.zeros((9, 9)), np.eye(9)
+    for above, below in zip(*matrices, strict=True):
+        yield [
+            np.block([[above, nothing], [nothing, below]]),
+            np.block([[nothing, nothing], [same, nothing]]),
+            np.block([[nothing, same], [nothing, nothing]]),
+        ]
+
+
+@pytest.mark.slow
+def test_a_voyage_decides_by_the_phase_of_the_tide(tidal_sea):
+    matrices, sea = tidal_sea
+    goal, discount = 4, 0.9
+    allowed = np.array([np.ones(18, bool), np.arange(18) >= 9, np.arange(18) < 9])
+    actions = [np.stack(one) for one in moves(matrices)]
+    value, arrives = np.zeros((3, 18)), np.zeros((3, 18))
+    for _, phase in itertools.product(range(300), (2, 1, 0)):
+        P, later = actions[phase], (phase + 1) % 3
+        lost = 1 - P.sum(axis=2)
+        reward = 101 * P[:, :, goal] - 1 - lost * discount / (1 - discount)
+        gains = discount * (reward + P @ np.where(np.arange(18) == goal, 0, value[later]))
+        value[phase] = np.where(
+            np.arange(18) == goal, 0, np.where(allowed, gains, -1e9).max(axis=0)
+        )
+        ahead = np.where(np.arange(18) == goal, 1, arrives[later])
+        arrives[phase] = np.where(allowed, P @ ahead, -1).max(axis=0)
+    arrives[:, goal] = 1
+    found = drift.discounted_voyage(sea, goal, discount)
+    np.testing.assert_allclose(found.value, value[0], atol=1e-6)
+    assert found.actions.shape == (3, 18)
+    assert (np.asarray(found.actions) != np.asarray(found.action)).any()
+    surest = drift.surest_voyage(sea, goal)
+    np.testing.assert_allclose(surest.probability, arrives[0], atol=1e-9)
+    tracks = drift.simulate_voyages(jax.random.key(0), surest, 0, drifters=4000, steps=200)
+    assert float(tracks.arrived.mean()) == pytest.approx(float(arrives[0, 0]), abs=0.03)
+    assert int(tracks.cell.max()) < 18
+
+
+def test_what_is_reached_is_reached_at_some_phase(tidal_sea):
+    matrices, sea = tidal_sea
+    steps = list(moves(matrices))
+    for found, actions in (
+        (drift.reachable_by_layer(sea, 3), [0]),
+        (drift.reachable_at_depth(sea, 3), [0, 1, 2]),
+    ):
+        here = np.zeros(18, bool)
+        here[[3, 12] if actions == [0] else [3]] = True
+        met = here.copy()
+        for n in range(200):
+            here = (here @ sum(steps[n % 3][one] for one in actions)) > 0
+            met |= here
+        np.testing.assert_array_equal(found, met)
+
+
+def test_layers_of_different_phases_are_refused():
+    number, side = np.zeros((1, 1), np.int32), np.full((1, 1), 1000.0)
+    waters = [drift.Water(number, side, side, *[0 * side] * 3, depth) for depth in (0.0, 5.0)]
+    still = Chain(np.zeros((1, 1), np.int32), np.ones((1, 1)))
+    with pytest.raises(ValueError, match=r"as many phases in each layer, got \[1, 2\]"):
+        drift.Sea.of(waters, [still, ChainSequence.of([still, still])])
+
+
+def test_too_many_phases_are_left_for_the_mean(monkeypatch):
+    monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 100)
+    found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
+    assert found.phases is None
+    assert found.remarks[0].startswith(
+        "The current has 160 cells at its 4 phases, and 100 are as many as take minutes; "
+    )
+    monkeypatch.setattr("jaxcell.base.memory.free", lambda: 1000)
+    monkeypatch.setattr("jaxcell.base.memory.check", lambda *_: None)
+    monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 1000)
+    found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
+    assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in found.remarks[0]
+
+
+def test_a_step_is_made_to_fit_the_period():
+    found = drift.SeaDrift.of(strait(), 1.2 * STEP, **drift.METHODS["drifters"])
+    assert found.step == pytest.approx(4 * STEP / 3)
+    assert found.remarks[0].startswith("A step takes 14400 s in place of 12960 s, to fit the 12 h")
+
+
+@pytest.mark.slow
+def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
+    currents = strait(rows=6, columns=12).isel(time=slice(1))
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    chain = drift.drift_map(water, flow, STEP, **drift.METHODS["drifters"])
+    for name, value in (("_DRIFTERS", 60), ("_SAMPLED", 40), ("_PART", 3)):
+        monkeypatch.setattr(f"jaxcell.drift.distance.{name}", value)
+    (found,) = drift.distances(water, flow, [(chain, STEP)])
+    assert found.cells == 36
+    assert found.total_variation.max() < 0.4
+    monkeypatch.undo()
+    (found,) = drift.distances(water, flow, [(chain, STEP)])
+    assert found.cells == 72
+
+
+@pytest.mark.slow
+def test_the_other_routes_agree(both):
+    found = dataclasses.replace(both[0], start=0).towards(30)
+    assert all(one.agrees in (True, None) for one in verify.compare_drift(found))
+
+
+def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):
+    with xr.open_dataset(bundled("ocean/gyres.nc"), decode_times=False) as whole:
+        part = whole.isel(time=slice(5)).load()
+    name = next(name for name in part if "time" in part[name].dims)
+    # A gap, whose cell is water at no record then.
+    part[name][{"time": 3, part[name].dims[-2]: 10, part[name].dims[-1]: 14}] = np.nan
+    part.to_netcdf(tmp_path / "gap.nc")
+    every = drift.open_currents(tmp_path / "gap.nc", depths=0)
+    mean = drift.open_currents(tmp_path / "gap.nc", depths=0, mean=True)
+    assert int(every.water.sum()) == 537
+    assert mean.sizes["time"] == 1
+    assert (mean.attrs["mean_of"], every.attrs["mean_of"]) == (5, 1)
+    assert mean.time.values[0] == every.time.values[0]
+    np.testing.assert_array_equal(mean.water, every.water)
+    for component in "uv":
+        wanted = every[component].mean("time", skipna=False)
+        np.testing.assert_allclose(mean[component][0], wanted, rtol=0, atol=1e-15)
+    # What does not fit is read so, and it is said.
+    monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 50_000)
+    read = study.Drift(file=tmp_path / "gap.nc", depths=(0.0,)).currents()
+    assert read.attrs["mean_of"] == 5
+    assert "the mean of 5 records" in read.attrs["notes"]
+    with pytest.raises(ValueError, match="GiB at most"):
+        drift.open_currents(tmp_path / "gap.nc", depths=0)

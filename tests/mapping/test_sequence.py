@@ -1,0 +1,125 @@
+import networkx as nx
+import numpy as np
+import pytest
+
+from jaxcell.mapping import Chain, ChainSequence, persistent_groups, transient_groups
+from jaxcell.markov import (
+    absorption_times,
+    arrival_probabilities,
+    hitting_times,
+    limiting_distribution,
+)
+
+
+CELLS, PHASES = 12, 3
+
+
+def sparse(random, leak=0.0):
+    """A random matrix of one to three entries a row, some of which lack `leak` of 1."""
+    matrix = np.zeros((CELLS, CELLS))
+    for row in matrix:
+        some = random.choice(CELLS, random.integers(1, 4), replace=False)
+        row[some] = random.dirichlet(np.ones(some.size)) * (1 - leak * (random.random() < 0.2))
+    return matrix
+
+
+@pytest.fixture(scope="module", params=[(0, 0.0), (5, 0.0), (7, 0.5)], ids=str)
+def tide(request):
+    """Matrices that follow on one another, and the sequence of them."""
+    seed, leak = request.param
+    random = np.random.default_rng(seed)
+    matrices = [sparse(random, leak) for _ in range(PHASES)]
+    return matrices, ChainSequence.of([Chain.from_scipy(one) for one in matrices])
+
+
+def product(matrices, start=0, steps=PHASES):
+    found = np.eye(CELLS)
+    for n in range(start, start + steps):
+        found = found @ matrices[n % PHASES]
+    return found
+
+
+def test_it_pushes_and_pulls_like_the_product(tide):
+    matrices, sequence = tide
+    values = np.random.default_rng(1).random(CELLS)
+    for start, steps in ((0, 3), (2, 5), (1, 0)):
+        whole = product(matrices, start, steps)
+        np.testing.assert_allclose(sequence.push(values, steps, start), values @ whole)
+        np.testing.assert_allclose(sequence.pull(values, steps, start), whole @ values)
+
+
+def test_groups_are_those_of_the_product(tide):
+    matrices, sequence = tide
+    whole = product(matrices)
+    graph = nx.from_numpy_array(whole, create_using=nx.DiGraph)
+    leaves = set(np.flatnonzero(whole.sum(axis=1) < 1 - 1e-12).tolist())
+    closed = [one for one in nx.attracting_components(graph) if not leaves & one]
+    found = persistent_groups(sequence)
+    group = np.asarray(found.group)
+    assert sorted(map(sorted, closed)) == [
+        np.flatnonzero(group == k).tolist() for k in range(found.count)
+    ]
+    assert found.size.tolist() == np.bincount(group[group >= 0], minlength=found.count).tolist()
+    direct = persistent_groups(Chain.from_scipy(whole))
+    np.testing.assert_array_equal(found.domicile, direct.domicile)
+    np.testing.assert_array_equal(found.period, direct.period)
+    np.testing.assert_array_equal(found.phase, direct.phase)
+    unrolled = sequence.unrolled()
+    parts = transient_groups(unrolled, persistent_groups(unrolled)).first(CELLS)
+    expected = transient_groups(Chain.from_scipy(whole), direct)
+    assert parts.domiciles == expected.domiciles
+    np.testing.assert_array_equal(parts.group, expected.group)
+    np.testing.assert_array_equal(parts.size, expected.size)
+
+
+def test_a_group_may_take_several_periods():
+    turn = np.roll(np.eye(4), 1, axis=1)
+    sequence = ChainSequence.of([Chain.from_scipy(turn), Chain.from_scipy(np.eye(4))])
+    found = persistent_groups(sequence)
+    assert (found.count, found.period.tolist(), found.phase.tolist()) == (1, [4], [0, 1, 2, 3])
+
+
+def test_arrivals_are_those_of_iterating_the_matrices(tide):
+    matrices, sequence = tide
+    there = np.zeros(CELLS, bool)
+    there[[0, 5]] = True
+    chance = there.astype(float)
+    # Backwards from far ahead, step by step; at the end phase 0 moves next.
+    for n in range(1500 * PHASES - 1, -1, -1):
+        chance = np.where(there, 1, matrices[n % PHASES] @ chance)
+    target = np.tile(there, PHASES)
+    found = arrival_probabilities(sequence.unrolled(), target).value[:CELLS]
+    np.testing.assert_allclose(found, chance, atol=1e-9)
+    time = np.asarray(hitting_times(sequence.unrolled(), target).value[:CELLS])
+    sure = np.asarray(found) == 1
+    assert np.isinf(time[~sure]).all()
+    # The mean is the sum over time of the chance not to be there yet.
+    for start in np.flatnonzero(sure & ~there):
+        p, total = np.eye(CELLS)[start], 0.0
+        for n in range(600):
+            total += p.sum()
+            p = np.where(there, 0, p @ matrices[n % PHASES])
+        assert time[start] == pytest.approx(total, rel=1e-8)
+
+
+def test_in_the_long_run_it_is_where_the_product_is(tide):
+    matrices, sequence = tide
+    unrolled = sequence.unrolled()
+    groups = persistent_groups(unrolled)
+    times = np.asarray(absorption_times(unrolled, groups).value).reshape(sequence.shape)
+    transient = np.asarray(groups.group).reshape(sequence.shape) < 0
+    for phase, matrix in enumerate(matrices):
+        after = 1 + matrix @ times[(phase + 1) % PHASES]
+        np.testing.assert_allclose(times[phase][transient[phase]], after[transient[phase]])
+    found = limiting_distribution(unrolled, groups)
+    value = np.asarray(found.value).reshape(sequence.shape)
+    for phase, matrix in enumerate(matrices):
+        np.testing.assert_allclose(value[phase] @ matrix, value[(phase + 1) % PHASES], atol=1e-9)
+    assert value.sum() + found.leaving == pytest.approx(1)
+
+
+def test_chains_of_different_cells_are_refused():
+    with pytest.raises(ValueError, match=r"chains: expected one or more over the same cells, got"):
+        ChainSequence.of([Chain.from_scipy(np.eye(n)) for n in (2, 3)])
+    with pytest.raises(ValueError, match=r"got some of \[\]"):
+        ChainSequence.of([])

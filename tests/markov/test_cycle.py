@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+import scipy.sparse
+
+from jaxcell.markov import solve
+from jaxcell.markov.cycle import Cycle
+
+
+def tide(seed, phases=4, cells=30):
+    """A chain over the cells at each phase, of which some leave, and some skip a phase."""
+    random = np.random.default_rng(seed)
+    matrix = np.zeros((phases * cells, phases * cells))
+    for k in range(phases):
+        later = (k + 1) % phases * cells
+        for i in range(cells):
+            near = (i + random.integers(-1, 2, 2)) % cells
+            np.add.at(matrix[k * cells + i], later + near, random.dirichlet([1, 1]))
+    matrix[0, : 3 * cells] = np.roll(matrix[0], cells)[: 3 * cells]
+    matrix[::7] *= 0.9
+    return scipy.sparse.csr_array(matrix)
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_a_cycle_is_solved_by_whole_rounds(adjoint, monkeypatch):
+    monkeypatch.setattr(solve, "_LARGEST_FACTORED_CYCLE", 10)
+    # As if products would never do.
+    monkeypatch.setattr(solve, "_TRIAL", 1)
+    monkeypatch.setattr(solve, "_WORTHWHILE", 0)
+    monkeypatch.setattr(solve, "_factored", None)
+    matrix = tide(2)
+    right = np.random.default_rng(3).random((matrix.shape[0], 2))
+    found, products = solve.solve_transient(matrix, right, adjoint=adjoint)
+    dense = matrix.toarray().T if adjoint else matrix.toarray()
+    np.testing.assert_allclose(found, np.linalg.solve(np.eye(len(dense)) - dense, right))
+    assert products > 1
+
+
+def test_what_is_and_what_is_no_cycle():
+    matrix = tide(2)
+    for one in (matrix, matrix.T.tocsr()):
+        found = Cycle.of(one)
+        # Four phases, and those of a state that skips one.
+        assert len(found.rows) in (4, 5)
+        assert found.again.size <= 30 + 2
+    walk = scipy.sparse.diags_array([np.full(99, 0.5)] * 2, offsets=[-1, 1], format="csr")
+    assert Cycle.of(walk) is None
