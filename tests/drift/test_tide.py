@@ -266,7 +266,7 @@ def test_the_mean_of_the_records_is_read_one_by_one(tmp_path, monkeypatch):
         wanted = every[component].mean("time", skipna=False)
         np.testing.assert_allclose(mean[component][0], wanted, rtol=0, atol=1e-15)
     # What does not fit is read so, and it is said.
-    monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 50_000)
+    monkeypatch.setattr("jaxcell.drift.currents.netcdf.LARGEST_BYTES", 30_000)
     read = study.Drift(file=tmp_path / "gap.nc", depths=(0.0,)).currents()
     assert read.attrs["mean_of"] == 5
     assert "the mean of 5 records" in read.attrs["notes"]
