@@ -31,6 +31,7 @@ from .studies import (
     PatrolMap,
     Team,
 )
+from .sweep.indices import SweepIndices
 from .sweep.run import Sweep, SweepState
 from .sweep.verify import SweepVerify
 from .sweep.view import SweepView
@@ -57,6 +58,7 @@ COMMANDS = {
     "robot sketch": RobotSketch,
     "run": Run,
     "sweep": Sweep,
+    "sweep indices": SweepIndices,
     "sweep status": SweepState,
     "sweep verify": SweepVerify,
     "sweep view": SweepView,

@@ -39,6 +39,7 @@ _EXAMPLES = {
     "robot sketch": "runs/lab/filter.jxf --out localize.ino",
     "run": "my_study.py:MyStudy --help",
     "sweep": "@rooms --engine processes --out runs/rooms",
+    "sweep indices": "runs/samples",
     "sweep status": "runs/rooms",
     "sweep verify": "runs/rooms",
     "sweep view": "runs/rooms",

@@ -16,7 +16,7 @@ map = ["@lab_a", "@lab_b"]
 bounce = {start = 0, stop = 360, step = 5}
 
 [random]                   # one dimension, `sample`; or [list], with one dimension `member`
-samples = 100
+samples = 100              # with design = "sobol", "latin_hypercube" or "saltelli": evenly spread
 cell = {uniform = [0.5, 1.0]}
 ```
 
@@ -46,7 +46,8 @@ they guarantee:
     fails is computed again in halves, and these in halves. A worker that dies is replaced, and with
     a timeout one that takes too long is. Workers that join a cluster while a sweep runs are used.
 - Random samples come from the seed, each parameter from a stream of its own, so that one more
-    parameter does not change the others.
+    parameter does not change the others; those of a design come from one stream. `sobol_indices`
+    says which parameters the variance of the results of the design `saltelli` comes from.
 - Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
     halves of one that failed have others. Only a few chunks are in memory at a time.
 - Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
@@ -65,6 +66,7 @@ from .run import (
     run_sweep as run_sweep,
     sweep_status as sweep_status,
 )
+from .sensitivity import SobolIndex as SobolIndex, sobol_indices as sobol_indices
 from .spec import Spec as Spec
 from .workers.engines import engine_named as engine_named
 from .workers.progress import Progress as Progress

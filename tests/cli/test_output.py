@@ -100,6 +100,7 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
         "robot replay": [path],
         "run": [path],
         "robot run": [path, "--simulate", LAB],
+        "sweep indices": [path],
         "sweep status": [path],
         "sweep verify": [path],
         "sweep view": [path],
