@@ -32,6 +32,7 @@ from .studies import (
     Team,
 )
 from .sweep.indices import SweepIndices
+from .sweep.merge import SweepMerge
 from .sweep.run import Sweep, SweepState
 from .sweep.verify import SweepVerify
 from .sweep.view import SweepView
@@ -59,6 +60,7 @@ COMMANDS = {
     "run": Run,
     "sweep": Sweep,
     "sweep indices": SweepIndices,
+    "sweep merge": SweepMerge,
     "sweep status": SweepState,
     "sweep verify": SweepVerify,
     "sweep view": SweepView,

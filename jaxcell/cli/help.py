@@ -40,6 +40,7 @@ _EXAMPLES = {
     "run": "my_study.py:MyStudy --help",
     "sweep": "@rooms --engine processes --out runs/rooms",
     "sweep indices": "runs/samples",
+    "sweep merge": "runs/rooms",
     "sweep status": "runs/rooms",
     "sweep verify": "runs/rooms",
     "sweep view": "runs/rooms",

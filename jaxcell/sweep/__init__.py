@@ -41,7 +41,8 @@ they guarantee:
     them, keeps what is done, and the result is that of a run of the larger one from the start.
 - Every file of the result has a checksum, and every chunk that is done has all its files.
     `verify_sweep` reads them all, and computes again what is damaged.
-- One run at a time writes to a store.
+- One run at a time writes to a store. Jobs of an array write to one each (`Shard`), and
+    `merge_sweep` makes of these the store of the whole sweep.
 - A member that fails is reported with its parameters and does not stop the others: a chunk that
     fails is computed again in halves, and these in halves. A worker that dies is replaced, and with
     a timeout one that takes too long is. Workers that join a cluster while a sweep runs are used.
@@ -67,6 +68,7 @@ from .run import (
     sweep_status as sweep_status,
 )
 from .sensitivity import SobolIndex as SobolIndex, sobol_indices as sobol_indices
+from .shards import Shard as Shard, merge_sweep as merge_sweep
 from .spec import Spec as Spec
-from .workers.engines import engine_named as engine_named
+from .workers.engines import engine_named as engine_named, scheduler_address as scheduler_address
 from .workers.progress import Progress as Progress

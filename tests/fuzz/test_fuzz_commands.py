@@ -29,6 +29,7 @@ COMMANDS = {
     "robot sketch": [LAB],
     "sweep": [LAB],
     "sweep indices": [LAB],
+    "sweep merge": [LAB],
     "sweep status": [LAB],
     "sweep verify": [LAB],
     "team": [LAB, "--bounce", 45],
