@@ -25,10 +25,10 @@ fixed values, and of the seed. It gives an `xarray.Dataset` whose variables have
 first dimension. What it gives a member may depend on the parameters and the seed, but not on the
 place in the batch, nor on the others there.
 
-`run_sweep` computes the chunks by an engine (`engine_named`: this process, several, or Dask), and
-`open_sweep` gives the result: one Dataset with a dimension for each parameter, and a `status` that
-is 1 where a member is done. `sweep_status` gives the progress of a sweep, also while it runs. What
-they guarantee:
+`run_sweep` computes the chunks by an engine (`engine_named`: this process, several, or Dask, by the
+`scheduler_address` of a cluster), and `open_sweep` gives the result: one Dataset with a dimension
+for each parameter, and a `status` that is 1 where a member is done. `sweep_status` gives the
+progress of a sweep, also while it runs. What they guarantee:
 
 - A chunk is in the store whole or not at all. A run may end at any moment, by a kill or a loss of
     power, and with `resume` another one computes what is missing and no more.

@@ -111,6 +111,8 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
 
     - `file`: what `dask scheduler --scheduler-file FILE` wrote.
 
+    **Returns:** the address, as `tcp://host:port`, which [`engine_named`][] takes.
+
     **Raises:** `ValueError` if it is no such file; `FileNotFoundError`.
 
     The file of a scheduler:
