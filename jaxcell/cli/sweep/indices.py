@@ -57,4 +57,4 @@ def show_indices(folder: Path, found: "Iterable[SobolIndex]") -> None:
 
 
 def _with_interval(value: float, interval: tuple[float, float]) -> str:
-    return f"{value:.3f} ({interval[0]:.3f} to {interval[1]:.3f})"
+    return f"{value:.3f} ({interval[0]:.2f}, {interval[1]:.2f})"
