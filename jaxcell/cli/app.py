@@ -31,6 +31,8 @@ from .studies import (
     PatrolMap,
     Team,
 )
+from .sweep.indices import SweepIndices
+from .sweep.merge import SweepMerge
 from .sweep.run import Sweep, SweepState
 from .sweep.verify import SweepVerify
 from .sweep.view import SweepView
@@ -57,6 +59,8 @@ COMMANDS = {
     "robot sketch": RobotSketch,
     "run": Run,
     "sweep": Sweep,
+    "sweep indices": SweepIndices,
+    "sweep merge": SweepMerge,
     "sweep status": SweepState,
     "sweep verify": SweepVerify,
     "sweep view": SweepView,

@@ -40,6 +40,8 @@ _EXAMPLES = {
     "robot sketch": "runs/lab/filter.jxf --out localize.ino",
     "run": "my_study.py:MyStudy --help",
     "sweep": "@rooms --engine processes --out runs/rooms",
+    "sweep indices": "runs/samples",
+    "sweep merge": "runs/rooms",
     "sweep status": "runs/rooms",
     "sweep verify": "runs/rooms",
     "sweep view": "runs/rooms",

@@ -16,7 +16,7 @@ map = ["@lab_a", "@lab_b"]
 bounce = {start = 0, stop = 360, step = 5}
 
 [random]                   # one dimension, `sample`; or [list], with one dimension `member`
-samples = 100
+samples = 100              # with design = "sobol", "latin_hypercube" or "saltelli": evenly spread
 cell = {uniform = [0.5, 1.0]}
 ```
 
@@ -25,10 +25,10 @@ fixed values, and of the seed. It gives an `xarray.Dataset` whose variables have
 first dimension. What it gives a member may depend on the parameters and the seed, but not on the
 place in the batch, nor on the others there.
 
-`run_sweep` computes the chunks by an engine (`engine_named`: this process, several, or Dask), and
-`open_sweep` gives the result: one Dataset with a dimension for each parameter, and a `status` that
-is 1 where a member is done. `sweep_status` gives the progress of a sweep, also while it runs. What
-they guarantee:
+`run_sweep` computes the chunks by an engine (`engine_named`: this process, several, or Dask, by the
+`scheduler_address` of a cluster), and `open_sweep` gives the result: one Dataset with a dimension
+for each parameter, and a `status` that is 1 where a member is done. `sweep_status` gives the
+progress of a sweep, also while it runs. What they guarantee:
 
 - A chunk is in the store whole or not at all. A run may end at any moment, by a kill or a loss of
     power, and with `resume` another one computes what is missing and no more.
@@ -41,12 +41,14 @@ they guarantee:
     them, keeps what is done, and the result is that of a run of the larger one from the start.
 - Every file of the result has a checksum, and every chunk that is done has all its files.
     `verify_sweep` reads them all, and computes again what is damaged.
-- One run at a time writes to a store.
+- One run at a time writes to a store. Jobs of an array write to one each (`Shard`), and
+    `merge_sweep` makes of these the store of the whole sweep.
 - A member that fails is reported with its parameters and does not stop the others: a chunk that
     fails is computed again in halves, and these in halves. A worker that dies is replaced, and with
     a timeout one that takes too long is. Workers that join a cluster while a sweep runs are used.
 - Random samples come from the seed, each parameter from a stream of its own, so that one more
-    parameter does not change the others.
+    parameter does not change the others; those of a design come from one stream. `sobol_indices`
+    says which parameters the variance of the results of the design `saltelli` comes from.
 - Chunks have one shape, padded at the edges, so that a task is compiled once for each process;
     halves of one that failed have others. Only a few chunks are in memory at a time.
 - Names of files, as the `map` of a built-in task, are relative to the folder of the specification,
@@ -65,6 +67,8 @@ from .run import (
     run_sweep as run_sweep,
     sweep_status as sweep_status,
 )
+from .sensitivity import SobolIndex as SobolIndex, sobol_indices as sobol_indices
+from .shards import Shard as Shard, merge_sweep as merge_sweep
 from .spec import Spec as Spec
-from .workers.engines import engine_named as engine_named
+from .workers.engines import engine_named as engine_named, scheduler_address as scheduler_address
 from .workers.progress import Progress as Progress

@@ -23,6 +23,11 @@ _STEP_TOLERANCE = 1e-9
 _MAX_LISTED = 6
 _MAX_LETTERS = 60
 _KIND_NAMES = {"i": "integers", "f": "floats", "b": "booleans", "U": "strings"}
+SALTELLI = "saltelli"
+_DESIGNS = ("sobol", "latin_hypercube", SALTELLI)
+_RANDOM_FIELDS = ("samples", "design")
+# A normal distribution has no quantiles of 0 and 1.
+_EDGE = 2.0**-53
 _TABLE_OF = {LIST_DIMENSION: "[list]", RANDOM_DIMENSION: "[random]"}
 
 
@@ -35,6 +40,16 @@ class Parameter:
     "The parameter's own name for a grid; `member` for a list, `sample` for random ones."
     values: np.ndarray
     "One-dimensional: 64-bit integers or floats, booleans, or strings."
+
+
+@dataclasses.dataclass(frozen=True)
+class _Distribution:
+    """What the samples of a parameter come from."""
+
+    draw: Callable[[np.random.Generator, int], np.ndarray]
+    "So many samples, each for itself."
+    quantile: Callable[[np.ndarray], np.ndarray]
+    "The values at numbers between 0 and 1."
 
 
 def read_parameters(
@@ -50,9 +65,12 @@ def read_parameters(
     - `listed`: for each parameter a list of values; all of one length.
     - `random`: `samples`, and for each parameter a distribution: `{uniform = [low, high]}`,
         `{loguniform = [low, high]}`, `{normal = [mean, deviation]}`, `{integers = [low, high]}`
-        (the high end included) or `{choice = [...]}`.
-    - `seed`: what the samples are drawn from, each parameter with its own stream, so that another
-        one more or less does not change them.
+        (the high end included) or `{choice = [...]}`. Samples are independent of each other, or
+        points of a `design`, all parameters together: `"sobol"`, `"latin_hypercube"`, or
+        `"saltelli"`, which has for each of the samples of two Sobol points A and B the members A,
+        B, and for each parameter A with the value of B: what Sobol indices are estimated from.
+    - `seed`: what the samples are drawn from. Without a design each parameter has its own stream,
+        so that another one more or less does not change them.
 
     **Raises:** `ValueError` that names the field.
     """
@@ -135,15 +153,58 @@ def _listed(values: Sequence[Any]) -> str:
 
 def _read_random(random: Mapping[str, Any], seed: int) -> list[Parameter]:
     samples = _count("random.samples", random.get("samples"))
-    found = []
-    for name, given in random.items():
-        if name != "samples":
-            rng = np.random.default_rng([seed, *name.encode()])
-            draw = _named(f"random.{name}", _distribution, given)
-            found.append(Parameter(name, RANDOM_DIMENSION, draw(rng, samples)))
-    if not found:
+    distributions = {
+        name: _named(f"random.{name}", _distribution, given)
+        for name, given in random.items()
+        if name not in _RANDOM_FIELDS
+    }
+    if not distributions:
         raise ValueError("[random]: expected a distribution for at least one parameter")
-    return found
+    if "design" in random:
+        points = _design_points(random["design"], len(distributions), samples, seed)
+        columns = [
+            one.quantile(column)
+            for one, column in zip(distributions.values(), points.T, strict=True)
+        ]
+    else:
+        columns = [
+            one.draw(np.random.default_rng([seed, *name.encode()]), samples)
+            for name, one in distributions.items()
+        ]
+    named = zip(distributions, columns, strict=True)
+    return [Parameter(name, RANDOM_DIMENSION, values) for name, values in named]
+
+
+def _design_points(design: Any, parameters: int, samples: int, seed: int) -> np.ndarray:
+    """The points of a design between 0 and 1, of shape `(members, parameters)`.
+
+    More samples of `sobol` and `saltelli` begin with the same members.
+    """
+    if design not in _DESIGNS:
+        raise ValueError(
+            f"random.design: expected one of {', '.join(_DESIGNS)}, got {reprlib.repr(design)}"
+        )
+    from scipy.stats import qmc
+
+    rng = np.random.default_rng(seed)
+    if design == "latin_hypercube":
+        points = qmc.LatinHypercube(parameters, rng=rng).random(samples)
+    else:
+        if samples.bit_count() != 1:
+            raise ValueError(
+                f"random.samples: expected a power of 2 for the design {design}, got {samples}"
+            )
+        columns = parameters * (1 + (design == SALTELLI))
+        points = qmc.Sobol(columns, bits=64, rng=rng).random(samples)
+    if design == SALTELLI:
+        if (members := samples * (parameters + 2)) > _MAX_VALUES:
+            raise ValueError(
+                f"random.samples: expected at most {_MAX_VALUES} members, got {members}"
+            )
+        a, b = np.split(points, 2, axis=1)
+        mixed = np.where(np.eye(parameters, dtype=bool), b[:, None], a[:, None])
+        points = np.concatenate([a[:, None], b[:, None], mixed], axis=1).reshape(-1, parameters)
+    return np.clip(points, _EDGE, 1 - _EDGE)
 
 
 def _named(field: str, read: Callable[[Any], Any], given: Any) -> Any:
@@ -215,13 +276,16 @@ def _count(field: str, given: Any) -> int:
     return given
 
 
-def _distribution(given: Any) -> Callable[[np.random.Generator, int], np.ndarray]:
+def _distribution(given: Any) -> _Distribution:
     if not isinstance(given, Mapping) or len(given) != 1:
         raise ValueError(f"expected one of {_KINDS}, got {reprlib.repr(given)}")
     (kind, values), *_ = given.items()
     if kind == "choice":
         choices = _list_values(values)
-        return lambda rng, samples: choices[rng.integers(choices.size, size=samples)]
+        return _Distribution(
+            lambda rng, samples: choices[rng.integers(choices.size, size=samples)],
+            lambda points: choices[(points * choices.size).astype(np.int64)],
+        )
     if kind not in ("uniform", "loguniform", "normal", "integers"):
         raise ValueError(f"expected one of {_KINDS}, got {kind!r}")
     if not isinstance(values, Sequence) or len(values) != 2 or not all(map(_number, values)):
@@ -230,18 +294,37 @@ def _distribution(given: Any) -> Callable[[np.random.Generator, int], np.ndarray
     if kind == "normal":
         if b < 0:
             raise ValueError(f"normal: expected a deviation of at least 0, got {b}")
-        return lambda rng, samples: rng.normal(a, b, samples)
+        return _Distribution(
+            lambda rng, samples: rng.normal(a, b, samples), lambda points: a + b * _ndtri(points)
+        )
     if not a <= b:
         raise ValueError(f"{kind}: expected a low and then a high end, got {a} and {b}")
     if kind == "integers":
         if not (_whole(a) and _whole(b) and max(-a - 1, b) < 2**63):
             raise ValueError(f"integers: expected integers of 64 bits, got {a} and {b}")
-        return lambda rng, samples: rng.integers(a, b, samples, endpoint=True)
+        return _Distribution(
+            lambda rng, samples: rng.integers(a, b, samples, endpoint=True),
+            # Of any width: the integers of Python are exact.
+            lambda points: np.array([a + int(one * (b - a + 1)) for one in points], np.int64),
+        )
     if kind == "loguniform":
         if not a > 0:
             raise ValueError(f"loguniform: expected positive ends, got {a} and {b}")
-        return lambda rng, samples: np.exp(rng.uniform(math.log(a), math.log(b), samples))
-    return lambda rng, samples: rng.uniform(a, b, samples)
+        low, high = math.log(a), math.log(b)
+        return _Distribution(
+            lambda rng, samples: np.exp(rng.uniform(low, high, samples)),
+            lambda points: np.exp(low + (high - low) * points),
+        )
+    return _Distribution(
+        lambda rng, samples: rng.uniform(a, b, samples), lambda points: a + (b - a) * points
+    )
+
+
+def _ndtri(points: np.ndarray) -> np.ndarray:
+    """The quantiles of the standard normal distribution."""
+    from scipy.special import ndtri
+
+    return ndtri(points)
 
 
 _KINDS = "{uniform}, {loguniform}, {normal}, {integers} and {choice}"

@@ -46,7 +46,8 @@ def kept_spec(out: Path) -> Spec:
     """
     path = out / "spec.toml"
     if not path.is_file():
-        raise ValueError(f"{out}: expected the folder of a sweep; it has no spec.toml")
+        shards = f", but shards: jaxcell sweep merge {out}" * (out / "shards").is_dir()
+        raise ValueError(f"{out}: expected the folder of a sweep; it has no spec.toml{shards}")
     try:
         origin = json.loads((out / _ORIGIN).read_bytes())
         start = out.resolve() if origin["from"] == "store" else Path.cwd()

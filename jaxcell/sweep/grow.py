@@ -45,7 +45,7 @@ def grow(
         for number in old.damaged():
             old.forget(old.spec.chunk(number))
         result = temporary / "sweep.zarr"
-        make_frame(result, spec, _frame(old), attributes)
+        make_frame(result, spec, frame_of(old), attributes)
         arrays = open_arrays(result)
         for number in range(spec.chunk_count):
             _copy(old, arrays, spec.chunk(number), [*places.values()])
@@ -72,7 +72,7 @@ def finish_growth(folder: Path) -> None:
     shutil.rmtree(grown)
 
 
-def _frame(old: "SweepStore") -> Computed:
+def frame_of(old: "SweepStore") -> Computed:
     """What a task would have given for no member."""
     inner = len(old.spec.dimensions)
     variables = {

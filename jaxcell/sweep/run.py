@@ -15,7 +15,7 @@ from .files import kept_spec
 from .frame import DONE
 from .spec import Spec
 from .store import DAMAGED, SweepStore, made_with, reading, running
-from .workers.engines import engine_named
+from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Count, Progress, read_down, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
@@ -51,7 +51,7 @@ def run_sweep(
     spec: Spec,
     out: str | os.PathLike[str],
     *,
-    engine: str = "local",
+    engine: str | Engine = "local",
     workers: int | None = None,
     resume: bool = False,
     anyway: bool = False,
@@ -70,7 +70,8 @@ def run_sweep(
 
     - `spec`: what to run.
     - `out`: the folder of the store. One run at a time can be at work on it.
-    - `engine`: `local`, `processes`, `dask` or `dask://host:port`; see [`engine_named`][].
+    - `engine`: `local`, `processes`, `dask` or `dask://host:port`, or an engine itself; see
+        [`engine_named`][].
     - `workers`: how many processes, for `processes` and `dask`.
     - `resume`: go on with the sweep that is there, if there is one: members that are done stay,
         those that failed are tried again. If `spec` has all members of that sweep and others, it
@@ -105,7 +106,7 @@ def run_sweep(
         (True, 2, 1)
     """
     folder = Path(out)
-    start = engine_named(engine, workers, timeout)
+    start = engine_named(engine, workers, timeout) if isinstance(engine, str) else engine
     if max_failures is not None and max_failures < 0:
         raise ValueError(f"max_failures: expected 0 or more, got {max_failures}")
     found = prepared(spec)
@@ -117,7 +118,8 @@ def run_sweep(
         numbers = np.flatnonzero(states != DONE)
         if chunks is not None:
             numbers = np.intersect1d(numbers, [*chunks])
-        count = Count(spec.chunk_count, spec.chunk_count - numbers.size)
+        asked = spec.chunk_count if chunks is None else len(chunks)
+        count = Count(asked, asked - numbers.size)
         work = Halving(spec, (_job(store, found, int(number), wide) for number in numbers))
         with (
             written_down(folder) as write_down,

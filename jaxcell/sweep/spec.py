@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .design import Parameter, check_name, parameter_difference, read_parameters
+from .design import SALTELLI, Parameter, check_name, parameter_difference, read_parameters
 
 
 _PARAMETERS = ("grid", "list", "random")
@@ -148,6 +148,11 @@ class Spec:
     def dimensions(self) -> dict[str, int]:
         """The dimensions of the sweep and their sizes, in the order of the file."""
         return {parameter.dimension: parameter.values.size for parameter in self.parameters}
+
+    @property
+    def has_indices(self) -> bool:
+        """Whether Sobol indices can be estimated from the members."""
+        return self.document.get("random", {}).get("design") == SALTELLI
 
     @property
     def members(self) -> int:

@@ -101,6 +101,8 @@ def test_no_command_shows_numbers_of_system_errors(tmp_path, capsys, command, re
         "robot check": ["--port", path],
         "run": [path],
         "robot run": [path, "--simulate", LAB],
+        "sweep indices": [path],
+        "sweep merge": [path],
         "sweep status": [path],
         "sweep verify": [path],
         "sweep view": [path],

@@ -28,6 +28,8 @@ COMMANDS = {
     "robot run": [LAB, "--simulate", LAB],
     "robot sketch": [LAB],
     "sweep": [LAB],
+    "sweep indices": [LAB],
+    "sweep merge": [LAB],
     "sweep status": [LAB],
     "sweep verify": [LAB],
     "team": [LAB, "--bounce", 45],

@@ -38,14 +38,15 @@ c = {normal = [0.0, 2.0]}
 d = {integers = [0, 10]}
 e = {choice = ["x", "y"]}
 """
-SPECS = {"grid.toml": GRID, "list.toml": LIST, "random.toml": RANDOM}
+DESIGN = RANDOM.replace(b"samples = 20", b'samples = 16\ndesign = "saltelli"')
+SPECS = {"grid.toml": GRID, "list.toml": LIST, "random.toml": RANDOM, "design.toml": DESIGN}
 
 
 def use(path):
     spec = Spec.load(path)
     chunk = spec.chunk(spec.chunk_count - 1)
     assert len(spec.batch(chunk)) == len(spec.parameters)
-    spec.values(chunk)
+    assert spec.places(chunk).size
 
 
 def place(folder, name, content):
@@ -80,6 +81,9 @@ draws = st.builds(
     numbers,
     numbers,
 )
+designs = st.sampled_from(
+    ["", *(f"design = '{name}'" for name in ("sobol", "latin_hypercube", "saltelli", "x"))]
+)
 
 
 @cases()
@@ -101,10 +105,10 @@ def test_grids(tmp_path, grid, chunk, seed):
 
 
 @cases()
-@given(st.lists(draws | numbers, min_size=1, max_size=3), numbers, numbers)
-def test_random_samples(tmp_path, random, samples, chunk):
+@given(st.lists(draws | numbers, min_size=1, max_size=3), numbers, numbers, designs)
+def test_random_samples(tmp_path, random, samples, chunk, design):
     rows = "\n".join(f"p{i} = {values}" for i, values in enumerate(random))
-    text = f'task = "stub:one"\nchunk = {chunk}\n[random]\nsamples = {samples}\n{rows}\n'
+    text = f'task = "stub:one"\nchunk = {chunk}\n[random]\nsamples = {samples}\n{rows}\n{design}'
     reads_or_refuses(Spec.load, place(tmp_path, "s.toml", text.encode()))
 
 

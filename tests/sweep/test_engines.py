@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -12,12 +13,14 @@ import sweep_kills
 from distributed import LocalCluster
 from sweep_kills import tree
 
-from jaxcell.sweep import engine_named, open_sweep, run_sweep, sweep_status
+from jaxcell.cli import main
+from jaxcell.sweep import engine_named, open_sweep, run_sweep, scheduler_address, sweep_status
 from jaxcell.sweep.workers.engines import worker_environment
 from jaxcell.sweep.workers.work import Computed, Failed, Job
 
 
 TESTS = Path(sweep_kills.__file__).parent
+LOCAL_QUEUE = 'LocalCluster(cores=1, memory="1GB", interface="lo")'
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +166,53 @@ def test_workers_of_a_cluster_come_and_go(tmp_path):
     assert max(ahead[45:]) <= 4
     assert set(names[:5]) == {names[0]}
     assert len(set(names)) >= 4
+
+
+@slow
+def test_a_cluster_by_the_file_of_its_scheduler(spec_file, tmp_path, capsys):
+    file, spec = tmp_path / "scheduler.json", str(spec_file(text="[grid]\nx = {count = 4}"))
+    with LocalCluster(
+        n_workers=1,
+        processes=False,
+        protocol="tcp://",
+        dashboard_address=None,
+        scheduler_kwargs={"scheduler_file": str(file)},
+    ) as cluster:
+        assert scheduler_address(file) == cluster.scheduler_address
+        out = str(tmp_path / "out")
+        options = ["--scheduler-file", str(file), "--json"]
+        assert main(["sweep", spec, "--out", out, *options]) == 0
+        assert json.loads(capsys.readouterr().out)["done"] == 1
+        assert main(["sweep", spec, "--out", out, *options, "--engine", "dask"]) == 2
+        assert "--scheduler-file: expected without --engine" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '"tcp://a:1"', "[" * 100_000])
+def test_files_of_no_scheduler(tmp_path, text):
+    (tmp_path / "scheduler.json").write_text(text)
+    with pytest.raises(ValueError, match=r"scheduler\.json: expected the file that a scheduler"):
+        scheduler_address(tmp_path / "scheduler.json")
+
+
+@slow
+def test_the_recipe_for_a_queue(spec_file, tmp_path):
+    """The script of the documentation on this machine in place of a queue, from no worker on."""
+    page = (TESTS.parent / "docs/pages/how_to/sweep.md").read_text()
+    script = re.search(r'title="slurm.py"\n(.*?)```', page, re.DOTALL)[1]
+    for there, here in (
+        ("dask_jobqueue import SLURMCluster", "dask_jobqueue.local import LocalCluster"),
+        ('SLURMCluster(cores=1, memory="4GB", walltime="01:00:00")', LOCAL_QUEUE),
+        ("maximum=100", "maximum=2"),
+    ):
+        assert script.count(there) == 1
+        script = script.replace(there, here)
+    (tmp_path / "slurm.py").write_text(script)
+    spec_file(name="angles.toml", head="chunk = 1", fixed="seconds = 0.2")
+    environment = {**os.environ, "PYTHONPATH": f"{TESTS}:{TESTS.parent}"}
+    subprocess.run(
+        [sys.executable, "slurm.py"], cwd=tmp_path, env=environment, check=True, timeout=120
+    )
+    assert sweep_status(tmp_path / "runs" / "angles").complete
 
 
 def test_a_timeout_that_is_none():

@@ -17,7 +17,7 @@ from ..terminal import duration, note, own_command, progress, status, stdout_on_
 
 
 if TYPE_CHECKING:
-    from ...sweep import Failure, Progress, Spec, SweepStatus
+    from ...sweep import Failure, Progress, SweepStatus
 
 
 _MAX_FAILURES = 10
@@ -34,6 +34,9 @@ class Sweep:
     engine: str = "local"
     """Where chunks are computed: local (in this process), processes, dask (a cluster of this
     machine), or dask://host:port."""
+    scheduler_file: Path | None = None
+    """In place of --engine: the file that the scheduler of a cluster of Dask wrote its address
+    to."""
     workers: int | None = None
     """Number of processes of the engines processes and dask; by default that of processors."""
     resume: bool = False
@@ -45,6 +48,9 @@ class Sweep:
     timeout: float | None = None
     """Seconds after which a chunk is ended and computed again in halves, until the members that
     take so long alone have failed. Not for the engine local, which cannot end a chunk."""
+    shard: str | None = None
+    """I/N, as 3/100: compute one of N parts of the sweep, in a folder of its own in that of the
+    result, as a job of an array; sweep merge puts them together."""
     max_failures: int | None = None
     """Stop when more members than this have failed; by default others go on however many do."""
     out: Path | None = None
@@ -59,37 +65,51 @@ class Sweep:
         os.environ.setdefault("JAX_ENABLE_X64", "1")
         # A task may stand in a file beside the user.
         sys.path.append(os.getcwd())
-        from ...sweep import Spec, run_sweep
+        from ...sweep import Shard, Spec, run_sweep, scheduler_address
 
         if self.anyway and not self.resume:
             raise ValueError("--anyway: expected with --resume")
+        if self.netcdf and self.shard is not None:
+            raise ValueError("--netcdf: expected without --shard, which gives a part of the result")
+        engine = self.engine
+        if self.scheduler_file is not None:
+            if engine != "local":
+                raise ValueError(f"--scheduler-file: expected without --engine, got {engine}")
+            engine = scheduler_address(self.scheduler_file)
         spec = Spec.load(self.spec)
-        out = Path("runs") / self.spec.stem if self.out is None else self.out
+        whole = Path("runs") / self.spec.stem if self.out is None else self.out
+        shard = None if self.shard is None else Shard.read(self.shard)
+        out = whole if shard is None else shard.folder(whole)
         began = time.perf_counter()
         try:
-            with _terminated_like_interrupted(), stdout_on_stderr(), _shown(spec) as show:
+            with _terminated_like_interrupted(), stdout_on_stderr(), shown(spec.task) as show:
                 found = run_sweep(
                     spec,
                     out,
-                    engine=self.engine,
+                    engine=engine,
                     workers=self.workers,
                     resume=self.resume,
                     anyway=self.anyway,
+                    chunks=None if shard is None else shard.chunks(spec.chunk_count),
                     timeout=self.timeout,
                     max_failures=self.max_failures,
                     progress=show,
                 )
         except KeyboardInterrupt:
-            again = ["jaxcell", "sweep", str(self.spec), "--out", str(out), "--resume"]
+            again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
+            again += [] if self.shard is None else ["--shard", self.shard]
             note(f"Stopped. What is done is kept in {out}; to go on: {' '.join(again)}")
             return 130
         seconds = time.perf_counter() - began
         if self.netcdf and found.complete:
             with status("writing sweep.nc"):
                 _write_netcdf(out)
-        _print(out, found, self.json, seconds=round(seconds, 3))
+        show_status(out, found, self.json, seconds=round(seconds, 3))
         if self.max_failures is not None and len(found.failures) > self.max_failures:
             note(f"Stopped: more than {self.max_failures:,} members failed")
+        if shard is not None:
+            note(f"Once all shards are done: {own_command('jaxcell')} sweep merge {whole}")
+            return 1 if found.failures else 0
         return 0 if found.complete else 1
 
 
@@ -108,11 +128,11 @@ class SweepState:
         from ...sweep import sweep_status
 
         found = sweep_status(self.folder)
-        _print(self.folder, found, self.json)
+        show_status(self.folder, found, self.json)
         return 0 if found.complete else 1
 
 
-def _print(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) -> None:
+def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) -> None:
     """Print the status of a sweep."""
     failures = [
         {"chunk": one.chunk, "parameters": dict(one.parameters), "message": one.message}
@@ -160,14 +180,14 @@ def in_a_line(failure: "Failure") -> str:
 
 
 @contextlib.contextmanager
-def _shown(spec: "Spec") -> "Iterator[Callable[[Progress], None]]":
+def shown(task: str) -> "Iterator[Callable[[Progress], None]]":
     """Progress: chunks, failures, members a second, time left."""
-    doing = f"sweep of {spec.task}"
+    doing = f"sweep of {task}"
     with progress(doing) as say:
 
         def show(now: "Progress") -> None:
             rate = f", {now.rate:,.3g} members/s" if math.isfinite(now.left) else ""
-            say(doing, now.done, spec.chunk_count, f"{now.failed:,} members failed{rate}")
+            say(doing, now.done, now.chunks, f"{now.failed:,} members failed{rate}")
 
         yield show
 

@@ -11,6 +11,7 @@ import tyro
 from ...base.display import has_display
 from ..terminal import note, own_command, status, table
 from ..view import View
+from .indices import show_indices
 from .run import in_a_line
 
 
@@ -28,6 +29,8 @@ _TYPED = 1e-5
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepView:
     """Show a sweep in the Rerun viewer: its parameters as timelines, or one member in detail.
+
+    Of samples of the design saltelli, it prints the Sobol indices too.
 
     Exit status: 0 the recording is made, 1 there is no result of the member, 2 bad input."""
 
@@ -50,7 +53,7 @@ class SweepView:
         if self.select:
             return self._member(spec, found.failures)
         from ... import record
-        from ...sweep import open_sweep
+        from ...sweep import open_sweep, sobol_indices
         from ...sweep.store import reading
 
         failures = [in_a_line(one) for one in found.failures]
@@ -59,6 +62,8 @@ class SweepView:
             with reading(self.folder):
                 dataset.load()
             record.log_sweep(out, dataset, failures=failures)
+        if spec.has_indices and found.complete:
+            show_indices(self.folder, sobol_indices(self.folder))
         return _open(out)
 
     def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:

@@ -7,6 +7,7 @@ gives back outcomes in the order in which they come. Closing its generator ends 
 import contextlib
 import functools
 import importlib.util
+import json
 import math
 import multiprocessing.connection
 import os
@@ -17,6 +18,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator
+from pathlib import Path
 from typing import Any
 
 from .process import Worker
@@ -50,7 +52,8 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
 
     - `name`: `local`, in this process; `processes`, in processes of their own; `dask`, on a cluster
         of this machine that is started for it; or `dask://host:port`, on the cluster of that
-        scheduler, whose workers can import jaxcell and the task.
+        scheduler, whose workers can import jaxcell and the task. Its address as Dask has it will
+        do too: `tcp://host:port`, or `tls://host:port` with what the configuration of Dask says.
     - `workers`: the number of processes of `processes` and `dask`; by default one for each
         processor that this process may run on.
     - `timeout`: seconds after which a job is ended and has failed. `local` cannot end any.
@@ -69,7 +72,7 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
             ...
         ValueError: engine: expected local, processes, dask or dask://host:port, got 'threads'
     """
-    address = re.fullmatch(r"dask://([^/\s]+:\d+)", name)
+    address = re.fullmatch(r"(dask|tcp|tls)://([^/\s]+:\d+)", name)
     if name not in ("local", "processes", "dask") and address is None:
         raise ValueError(
             f"engine: expected local, processes, dask or dask://host:port, got {name!r}"
@@ -96,8 +99,36 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
             "pip install 'jaxcell[cluster]'"
         )
     if address is not None:
-        return lambda take: _dask(take, f"tcp://{address[1]}", timeout)
+        protocol = "tcp" if address[1] == "dask" else address[1]
+        return lambda take: _dask(take, f"{protocol}://{address[2]}", timeout)
     return lambda take: _dask_here(take, count, timeout)
+
+
+def scheduler_address(file: str | os.PathLike[str]) -> str:
+    """Read the address of a cluster, which is the name of an engine, from a file of its scheduler.
+
+    **Arguments:**
+
+    - `file`: what `dask scheduler --scheduler-file FILE` wrote.
+
+    **Returns:** the address, as `tcp://host:port`, which [`engine_named`][] takes.
+
+    **Raises:** `ValueError` if it is no such file; `FileNotFoundError`.
+
+    The file of a scheduler:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import sweep
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "scheduler.json")
+        ...     _ = path.write_text('{"type": "Scheduler", "address": "tcp://10.0.0.7:8786"}')
+        ...     sweep.scheduler_address(path)
+        'tcp://10.0.0.7:8786'
+    """
+    try:
+        return str(json.loads(Path(file).read_bytes())["address"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise ValueError(f"{file}: expected the file that a scheduler of Dask wrote") from None
 
 
 def _local(take: Take) -> Outcomes:

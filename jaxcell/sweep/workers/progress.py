@@ -21,7 +21,7 @@ class Progress:
     """The progress of a run."""
 
     chunks: int
-    "All chunks of the sweep."
+    "All chunks that the run is to see done."
     done: int
     "Chunks that have been computed, those of former runs included."
     failed: int

@@ -1,0 +1,60 @@
+import dataclasses
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from ..terminal import status, table
+
+
+if TYPE_CHECKING:
+    from ...sweep import SobolIndex
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SweepIndices:
+    """Estimate the Sobol indices of a sweep: which parameters the variance comes from.
+
+    Exit status: 0 they are known, 2 bad input: another design, or members that are not done."""
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a sweep whose samples have the design saltelli."""
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
+
+    def run(self) -> int:
+        from ...sweep import sobol_indices
+
+        with status(f"resampling {self.folder}"):
+            found = sobol_indices(self.folder)
+        if self.json:
+            indices = [dataclasses.asdict(one) for one in found]
+            print(json.dumps({"out": str(self.folder), "indices": indices}))
+        else:
+            show_indices(self.folder, found)
+        return 0
+
+
+def show_indices(folder: Path, found: "Iterable[SobolIndex]") -> None:
+    """Print Sobol indices in a table."""
+    rows = [
+        (
+            one.variable,
+            ", ".join(f"{name} {value}" for name, value in one.at.items()),
+            one.parameter,
+            _with_interval(one.first_order, one.first_order_interval),
+            _with_interval(one.total, one.total_interval),
+        )
+        for one in found
+    ]
+    heads = ("variable", "at", "parameter", "first order (95 %)", "total (95 %)")
+    empty = not any(row[1] for row in rows)
+    kept = [i for i in range(len(heads)) if i != 1 or not empty]
+    title = f"{folder}: Sobol indices"
+    table(title, [heads[i] for i in kept], [[row[i] for i in kept] for row in rows])
+
+
+def _with_interval(value: float, interval: tuple[float, float]) -> str:
+    return f"{value:.3f} ({interval[0]:.2f}, {interval[1]:.2f})"

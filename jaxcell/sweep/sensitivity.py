@@ -1,0 +1,139 @@
+"""Sobol indices: which parameters the variance of a variable of a sweep comes from."""
+
+import dataclasses
+import itertools
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .design import RANDOM_DIMENSION
+from .files import kept_spec
+from .run import open_sweep
+from .store import reading
+
+
+_RESAMPLES = 200
+_CONFIDENCE = 0.95
+
+
+@dataclasses.dataclass(frozen=True)
+class SobolIndex:
+    """The part of the variance of a variable that comes from one parameter."""
+
+    variable: str
+    parameter: str
+    at: Mapping[str, Any]
+    "The values of the parameters of a grid, if there is one beside the samples."
+    first_order: float
+    "From the parameter alone, as a part of the variance."
+    first_order_interval: tuple[float, float]
+    "Of 95 %, by a bootstrap over the samples."
+    total: float
+    "From the parameter alone and together with others."
+    total_interval: tuple[float, float]
+
+
+def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
+    """Estimate the first-order and total Sobol indices of each variable of a sweep.
+
+    The estimators are those of Saltelli et al. (2010), by `scipy.stats.sobol_indices`. The indices
+    of a variable that is the same for all members are 0.
+
+    **Arguments:**
+
+    - `out`: the folder of a sweep with the design `saltelli`, all of whose members are done.
+
+    **Returns:** [`SobolIndex`][] for each variable with one number a member that is finite for all,
+    at each place of a grid, and each parameter of the table `[random]`.
+
+    **Raises:** `ValueError` for another design, if a member is not done, or there is no sweep.
+
+    The periodic groups of one map at three angles:
+
+        >>> import pathlib, tempfile
+        >>> from jaxcell import bundled, sweep
+        >>> lab = bundled("maps/lab_a.json")
+        >>> lines = (
+        ...     'task = "groups"', "[fixed]", f'map = "{lab}"', "[random]", "samples = 2",
+        ...     'design = "saltelli"', "bounce = {choice = [45, 90, 135]}",
+        ... )
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
+        ...     _ = path.write_text("\\n".join(lines))
+        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     found = sweep.sobol_indices(out)
+        >>> found[0].variable, found[0].parameter
+        ('count', 'bounce')
+    """
+    spec = kept_spec(Path(out))
+    if not spec.has_indices:
+        raise ValueError(
+            f'{out}: Sobol indices need the samples of design = "saltelli", in the table [random]'
+        )
+    names = [one.name for one in spec.parameters if one.dimension == RANDOM_DIMENSION]
+    with open_sweep(out) as dataset, reading(Path(out)):
+        if (missing := int((dataset["status"] != 1).sum())) > 0:
+            raise ValueError(
+                f"{out}: Sobol indices need all members; {missing:,} of {spec.members:,} are not "
+                "done"
+            )
+        found = [
+            values.load()
+            for name, values in dataset.data_vars.items()
+            if name != "status" and set(values.dims) == set(spec.dimensions)
+        ]
+    return tuple(index for values in found for index in _of_variable(values, names, spec.seed))
+
+
+def _of_variable(values: xr.DataArray, names: list[str], seed: int) -> Iterator[SobolIndex]:
+    """The indices of a variable, at each place of a grid."""
+    grid = [str(name) for name in values.dims if name != RANDOM_DIMENSION]
+    for places in itertools.product(*(range(values.sizes[name]) for name in grid)):
+        there = values.isel(dict(zip(grid, places, strict=True)))
+        rows = there.values.astype(float).reshape(-1, len(names) + 2)
+        if not np.isfinite(rows).all():
+            continue
+        found, low, high = _estimated(rows, seed)
+        at = {name: there[name].item() for name in grid}
+        for i, name in enumerate(names):
+            first, total = ((float(low[k, i]), float(high[k, i])) for k in range(2))
+            yield SobolIndex(
+                str(values.name), name, at, float(found[0, i]), first, float(found[1, i]), total
+            )
+
+
+def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First-order and total indices, and their intervals, each of shape `(2, parameters)`.
+
+    `rows` are the values of the members of each sample: of A, of B, and of A with one parameter
+    of B.
+    """
+
+    from scipy import stats
+
+    def indices(chosen: np.ndarray) -> np.ndarray:
+        a, b, *mixed = rows[chosen].T
+        # As two outputs: SciPy cannot take one output of one parameter.
+        values = {"f_A": [a] * 2, "f_B": [b] * 2, "f_AB": [[one] * 2 for one in mixed]}
+        arrays = {name: np.array(some) for name, some in values.items()}
+        found = stats.sobol_indices(func=arrays, n=len(chosen))
+        return np.stack([one.reshape(2, -1)[0] for one in (found.first_order, found.total_order)])
+
+    whole = np.arange(len(rows))
+    if len(rows) < 2:
+        found = indices(whole)
+        return found, found, found
+    interval = stats.bootstrap(
+        [whole],
+        indices,
+        n_resamples=_RESAMPLES,
+        confidence_level=_CONFIDENCE,
+        method="percentile",
+        vectorized=False,
+        rng=np.random.default_rng(seed),
+    ).confidence_interval
+    return indices(whole), interval.low, interval.high
