@@ -25,7 +25,7 @@ from scipy.sparse import linalg
 from timing import begin, line, take_turns
 
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.drift_maps import drift_map
+from jaxcell.drift.chains import drift_map
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain

@@ -95,7 +95,7 @@ from .distance import (
     distances as distances,
     nearest_step as nearest_step,
 )
-from .drift_maps import (
+from .chains import (
     METHODS as METHODS,
     drift_map as drift_map,
     drift_maps as drift_maps,

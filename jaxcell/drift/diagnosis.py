@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..mapping import PersistentGroups, persistent_groups
-from .drift_maps import drift_maps, phases
+from .chains import drift_maps, phases
 from .flow import Flow, advect, checked_duration, flow_map
 from .water import Water
 

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from ..mapping import Chain, ChainSequence
 from ..mapping.section import bucket
-from .drift_maps import drift_maps, phases
+from .chains import drift_maps, phases
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
 from .water import Water, on_grid

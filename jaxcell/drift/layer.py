@@ -13,7 +13,7 @@ from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .diagnosis import Diagnosis, diagnose
 from .distance import FAR, Distance, distances, mapped
-from .drift_maps import METHODS, drift_maps
+from .chains import METHODS, drift_maps
 from .flow import Flow
 from .water import Water
 

@@ -22,7 +22,7 @@ from .deploy import (
     visible_deployment,
 )
 from .distance import nearest_maps
-from .drift_maps import phases
+from .chains import phases
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from ..base.quantities import Checks, derived
 from .diagnosis import group_counts
-from .drift_maps import phases
+from .chains import phases
 from .layer import Ends, Layer
 from .sea import Sea
 from .water import Water

@@ -4,7 +4,7 @@ import pytest
 from scipy.stats import wasserstein_distance
 from seas import double_gyre, sea
 
-from jaxcell.drift.drift_maps import drift_map
+from jaxcell.drift.chains import drift_map
 from jaxcell.drift.drifters import compare, simulate_drifters
 from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.water import Water

@@ -23,10 +23,10 @@ GOAL = 538 + 167
 
 
 def study(currents, duration=None, *, goal=None, **options):
-    """What is made of currents, by the functions of the library."""
+    """What is made of the mean of currents, by the functions of the library."""
     names = {"source": "sea.nc", "east_from": "u", "north_from": "v", "notes": ""}
     found = drift.SeaDrift.of(
-        currents.assign_attrs({**names, **currents.attrs}), duration, **options
+        currents.assign_attrs({**names, **currents.attrs}), duration, mean=True, **options
     )
     return found if goal is None else found.towards(goal)
 
@@ -274,7 +274,8 @@ def test_a_colour_is_of_one_place_in_all_layers():
 def test_the_recording_shows_currents_and_drifters(gyres, found):
     sea_map = map_of(gyres, 0)
     arrows = found.over("minute", "/map/current_1", "Arrows2D:vectors")
-    assert list(arrows) == [60 * hour for hour in range(24)]
+    # A day, and what comes until the drifters have gone on for 40 steps.
+    assert list(arrows) == [60 * hour for hour in range(39)]
     water = gyres.waters[1]
     for time in (0, 600):
         east = gyres.currents.u.values[time // 60, 1][water.row, water.column]
@@ -455,8 +456,8 @@ def test_many_groups_have_few_colours(tmp_path, read):
     [
         (4 * 3600, 1, "hour", 1),
         (40, 0.01, "second", 10),
-        (2400, 24, "minute", 12),
-        (9, 1, "second", 30),
+        (2400, 24, "minute", 18),
+        (9, 1, "second", 45),
     ],
 )
 def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
@@ -465,8 +466,8 @@ def test_the_clock_is_as_fine_as_the_steps(duration, hours, unit, frame):
     clock = Clock.of(one)
     assert clock.unit == unit
     assert clock.frame == frame
-    # It goes on for 40 steps, and to the last record.
-    wanted = max(40 * duration, 2 * hours * 3600)
+    # It goes on for 40 steps, and until the current of three records begins again.
+    wanted = max(40 * duration, 3 * hours * 3600)
     assert wanted <= clock.last * clock.seconds <= wanted + clock.frame * clock.seconds
     assert clock.frames <= 241
 
