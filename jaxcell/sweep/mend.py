@@ -113,8 +113,7 @@ def verify_sweep(
         if found and others:
             raise _refused(folder, damage, others)
         failed = {number: _failed(folder, number) for number in found}
-        for number in found:
-            store.forget(spec.chunk(number))
+        store.forget(found)
     if found:
         run_sweep(
             spec,
