@@ -85,7 +85,7 @@ class SweepStore:
         self.variables: Mapping[str, tuple[str, ...]] = {}
         "Those of the task, with their dimensions beside those of members."
         self.boxes = Boxes(spec, spec)
-        "What its files hold."
+        self._last: dict[str, tuple[int, np.ndarray]] = {}
         self._open()
 
     @classmethod
@@ -197,10 +197,17 @@ class SweepStore:
 
     def missing(self, chunk: Chunk) -> np.ndarray:
         """Which members of a chunk are not done."""
-        if not self.arrays or not self._file("status", self.boxes.around(chunk)).exists():
+        box = self.boxes.around(chunk)
+        if not self.arrays or not self._file("status", box).exists():
             return np.ones(chunk.shape, bool)
-        with reading(self.folder):
-            return np.asarray(self.arrays["status"][chunk.region]) != DONE
+        return self._held("status", box)[inside(chunk, box)] != DONE
+
+    def _held(self, name: str, box: Chunk) -> np.ndarray:
+        """What a file holds, as it was read or written last: chunks mostly end side by side."""
+        if self._last.get(name, (-1,))[0] != box.number:
+            with reading(self.folder):
+                self._last[name] = box.number, np.asarray(self.arrays[name][box.region])
+        return self._last[name][1]
 
     def damaged(self) -> dict[int, list[str]]:
         """The arrays of each chunk whose files are gone or cannot be read."""
@@ -235,6 +242,7 @@ class SweepStore:
     def forget(self, numbers: Iterable[int]) -> None:
         """Make chunks ones that are to do; files that cannot be read are removed."""
         chunks = [self.spec.chunk(number) for number in numbers]
+        self._last.clear()
         # The states first: nothing that is done there is ever without its values.
         for name, chunk in itertools.product(("status", *self.variables), chunks):
             path = self._file(name, self.boxes.around(chunk))
@@ -307,8 +315,7 @@ class SweepStore:
         """Write the results, and when they are on the disk the states."""
         chunk, box = parts.chunk, self.boxes.around(parts.chunk)
         status, place = self.arrays["status"], inside(chunk, box)
-        with reading(self.folder):
-            states = np.asarray(status[box.region])
+        states = self._held("status", box)
         if not self._file("status", box).exists():
             # So one that is gone later was lost, and not only never written.
             status[box.region] = states
@@ -317,10 +324,10 @@ class SweepStore:
         for name in self.variables if parts.computed else ():
             array = self.arrays[name]
             inner = array.shape[kept.ndim :]
-            held = np.full(box.shape + inner, fill(array.dtype), array.dtype)
-            if done.any():
-                with reading(self.folder):
-                    held = np.asarray(array[box.region])
+            if not done.any():
+                nothing = np.full(box.shape + inner, fill(array.dtype), array.dtype)
+                self._last[name] = box.number, nothing
+            held = self._held(name, box)
             values = self._batch(fill(array.dtype), array.dtype, inner)
             for places, computed in parts.computed:
                 values[places] = computed.variables[name].values
