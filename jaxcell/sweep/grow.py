@@ -72,6 +72,20 @@ def finish_growth(folder: Path) -> None:
     shutil.rmtree(grown)
 
 
+def tidy(folder: Path) -> None:
+    """End the growth that a run was killed in, and remove what it left half written."""
+    finish_growth(folder)
+    for path in folder.glob(".sweep-????????"):
+        shutil.rmtree(path)
+    for path in [
+        *(folder / "sweep.zarr").rglob("*.partial"),
+        *(folder / "sweep.zarr").rglob(".*-????????*"),
+        *folder.glob(".*-????????.*"),
+        *(folder / "failures").glob(".*-????????.*"),
+    ]:
+        path.unlink()
+
+
 def _frame(old: "SweepStore") -> Computed:
     """What a task would have given for no member."""
     inner = len(old.spec.dimensions)

@@ -7,7 +7,6 @@ import json
 import math
 import os
 import secrets
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,7 @@ from .frame import (
     variables_of,
     write_attributes,
 )
-from .grow import finish_growth, grow
+from .grow import grow, tidy
 from .lock import locked
 from .spec import Chunk, Spec
 from .workers.halving import Parts
@@ -364,20 +363,6 @@ class SweepStore:
         temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
         make_frame(temporary, self.spec, first, self.made)
         os.replace(temporary, self.zarr)
-
-
-def tidy(folder: Path) -> None:
-    """End the growth that a run was killed in, and remove what it left half written."""
-    finish_growth(folder)
-    for path in folder.glob(".sweep-????????"):
-        shutil.rmtree(path)
-    for path in [
-        *(folder / "sweep.zarr").rglob("*.partial"),
-        *(folder / "sweep.zarr").rglob(".*-????????*"),
-        *folder.glob(".*-????????.*"),
-        *(folder / "failures").glob(".*-????????.*"),
-    ]:
-        path.unlink()
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,22 @@ from jaxcell.sweep.workers.work import Variable, compute
 def few(monkeypatch):
     """Files of three chunks each, where there are six."""
     monkeypatch.setattr("jaxcell.sweep.boxes._FILES", 2)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of an unbroken sweep of `stub_spec` with such files."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = folder / "spec.toml"
+    path.write_text(
+        'task = "sweep_stub:stub"\nseed = 3\nchunk = 4\n\n[fixed]\n\n[grid]\ny = [0.5, 1.5]\n'
+        "x = {count = 10}\n"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
+        patch.setattr("jaxcell.sweep.boxes._FILES", 2)
+        run_sweep(sweep_kills.Spec.load(path), folder / "out")
+    return folder / "out"
 
 
 class StopError(Exception):
@@ -72,30 +89,28 @@ def test_a_million_members_are_few_files(spec_file, text):
             assert not inner or length == chunk
 
 
-def test_the_result_is_the_same_in_any_order(stub_spec, tmp_path, monkeypatch, few):
+def test_the_result_is_the_same_in_any_order(stub_spec, tmp_path, monkeypatch, few, whole):
     def shuffled(take):
         jobs = list(iter(take, None))
         random.Random(1).shuffle(jobs)
         yield from ((job, compute(job)) for job in jobs)
 
     spec = stub_spec()
-    run_sweep(spec, tmp_path / "out")
     with monkeypatch.context() as patch:
         patch.setattr("jaxcell.sweep.run.engine_named", lambda *_: shuffled)
         run_sweep(spec, tmp_path / "shuffled")
-    assert tree(tmp_path / "shuffled") == tree(tmp_path / "out")
+    assert tree(tmp_path / "shuffled") == tree(whole)
     arrays = ("status", "value", "noise", "count", "even", "power")
-    chunks = [name for name in tree(tmp_path / "out") if name.split("/c/")[0] in arrays]
+    chunks = [name for name in tree(whole) if name.split("/c/")[0] in arrays]
     assert sum("/c/" in name for name in chunks) == 2 * len(arrays)
     monkeypatch.setattr("jaxcell.sweep.boxes._FILES", 256)
     run_sweep(spec, tmp_path / "many")
-    with open_sweep(tmp_path / "out") as found, open_sweep(tmp_path / "many") as expected:
+    with open_sweep(whole) as found, open_sweep(tmp_path / "many") as expected:
         xr.testing.assert_identical(found.load(), expected.load())
 
 
-def test_a_run_that_stopped_is_seen_as_far_as_it_came(stub_spec, tmp_path, few):
+def test_a_run_that_stopped_is_seen_as_far_as_it_came(stub_spec, tmp_path, few, whole):
     spec, out = stub_spec(), tmp_path / "out"
-    run_sweep(spec, tmp_path / "whole")
     stopped(spec, out, 2)
     assert (sweep_status(out).done, sweep_status(out).damaged) == (2, 0)
     # Without ours too.
@@ -109,7 +124,7 @@ def test_a_run_that_stopped_is_seen_as_far_as_it_came(stub_spec, tmp_path, few):
         path = file_of(out, name)
         path.with_name(f".{path.name}-01234567").write_bytes(b"?")
     assert run_sweep(spec, out, resume=True).complete
-    assert tree(out) == tree(tmp_path / "whole")
+    assert tree(out) == tree(whole)
 
 
 def test_no_file_is_replaced_before_it_is_on_the_disk(stub_spec, tmp_path, few, monkeypatch):
@@ -134,9 +149,8 @@ def test_no_file_is_replaced_before_it_is_on_the_disk(stub_spec, tmp_path, few, 
     assert "status" in replaced[-1][0]
 
 
-def test_members_that_failed_are_computed_again(stub_spec, tmp_path, few, monkeypatch):
+def test_members_that_failed_are_computed_again(stub_spec, tmp_path, few, whole, monkeypatch):
     spec, out = stub_spec(), tmp_path / "out"
-    run_sweep(spec, tmp_path / "whole")
     kept = sweep_stub.stub
 
     def picky(batch, fixed, seed):
@@ -151,23 +165,22 @@ def test_members_that_failed_are_computed_again(stub_spec, tmp_path, few, monkey
     with open_sweep(out) as dataset:
         assert (dataset.status == xr.where(dataset.x == 5, 2, 1)).all()
     assert run_sweep(spec, out, resume=True).complete
-    assert tree(out) == tree(tmp_path / "whole")
+    assert tree(out) == tree(whole)
 
 
-@pytest.mark.parametrize("name", ["value", "status"])
-@pytest.mark.parametrize("harm", [spoil, Path.unlink])
-def test_what_is_damaged_is_found_and_mended(stub_spec, tmp_path, few, name, harm):
-    spec, out = stub_spec(), tmp_path / "out"
-    run_sweep(spec, tmp_path / "whole")
-    run_sweep(spec, out)
+@pytest.mark.parametrize(
+    ("harm", "name"), [(spoil, "value"), (spoil, "status"), (Path.unlink, "status")]
+)
+def test_what_is_damaged_is_found_and_mended(tmp_path, few, whole, name, harm):
+    out = shutil.copytree(whole, tmp_path / "out")
     harm(file_of(out, name))
     found = verify_sweep(out)
     assert found.damaged == tuple(f"chunk {number}: {name}" for number in range(3))
     assert found.whole
-    assert tree(out) == tree(tmp_path / "whole")
+    assert tree(out) == tree(whole)
 
 
-def test_chunks_that_were_never_done_are_left_alone(stub_spec, tmp_path, few):
+def test_chunks_that_were_never_done_are_left_alone(stub_spec, tmp_path, few, whole):
     spec, out = stub_spec(), tmp_path / "out"
     stopped(spec, out, 2)
     spoil(file_of(out, "value"))
@@ -176,22 +189,20 @@ def test_chunks_that_were_never_done_are_left_alone(stub_spec, tmp_path, few):
     found = verify_sweep(out)
     assert found.damaged == ("chunk 0: value", "chunk 1: value")
     assert (found.whole, found.status.done) == (True, 2)
-    run_sweep(spec, tmp_path / "whole")
     assert run_sweep(spec, out, resume=True).complete
-    assert tree(out) == tree(tmp_path / "whole")
+    assert tree(out) == tree(whole)
 
 
-def test_files_that_no_chunk_needs_any_more_are_written_anew(stub_spec, tmp_path, few):
+def test_files_that_no_chunk_needs_any_more_are_written_anew(stub_spec, tmp_path, few, whole):
     """A repair that was killed leaves them: their chunks are to do, and they cannot be read."""
     spec, out = stub_spec(), tmp_path / "out"
-    run_sweep(spec, tmp_path / "whole")
     stopped(spec, out, 1)
     status = xr.open_zarr(out / "sweep.zarr").status
     status[...] = 0
     status.to_dataset().drop_vars(["x", "y"]).to_zarr(out / "sweep.zarr", mode="r+")
     file_of(out, "value").write_bytes(b"")
     assert run_sweep(spec, out, resume=True).complete
-    assert tree(out) == tree(tmp_path / "whole")
+    assert tree(out) == tree(whole)
 
 
 def test_a_sweep_grows(stub_spec, tmp_path, few):
