@@ -224,7 +224,7 @@ class SweepStore:
     def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
         files = self._files(box)
         if not self._file("status", box).exists():
-            # Its file is written before those of the variables.
+            # It was lost, or a run was killed, which leaves one chunk half written.
             return ["status"] * any(map(os.path.exists, files.values()))
         if (members == DAMAGED).any():
             return ["status"]
@@ -315,8 +315,8 @@ class SweepStore:
         chunk, box = parts.chunk, self.boxes.around(parts.chunk)
         status, place = self.arrays["status"], inside(chunk, box)
         states = self._held("status", box)
-        if not self._file("status", box).exists():
-            # So one that is gone later was lost, and not only never written.
+        if box.region != chunk.region and not self._file("status", box).exists():
+            # Where this is killed, chunks beside this one are not taken for half written.
             status[box.region] = states
         done = states == DONE
         kept = done[place]
