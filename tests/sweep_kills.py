@@ -17,12 +17,15 @@ from pathlib import Path
 
 import dask.array  # noqa: F401  xarray imports it when it makes its first dataset.
 
+import jaxcell.sweep.boxes
 import jaxcell.sweep.store
 from jaxcell.sweep import Spec, run_sweep
 
 
 # The source may change while tests run.
 jaxcell.sweep.store.git_revision = lambda: "a revision"
+if "SWEEP_FILES" in os.environ:
+    jaxcell.sweep.boxes._FILES = int(os.environ["SWEEP_FILES"])
 
 _EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
 

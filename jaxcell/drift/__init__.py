@@ -69,6 +69,11 @@ from .behaviour import (
     LongTermBehaviour as LongTermBehaviour,
     long_term_behaviour as long_term_behaviour,
 )
+from .chains import (
+    METHODS as METHODS,
+    drift_map as drift_map,
+    drift_maps as drift_maps,
+)
 from .coherent import (
     Agreement as Agreement,
     agreement as agreement,
@@ -94,11 +99,6 @@ from .distance import (
     Distance as Distance,
     distances as distances,
     nearest_step as nearest_step,
-)
-from .chains import (
-    METHODS as METHODS,
-    drift_map as drift_map,
-    drift_maps as drift_maps,
 )
 from .drifters import (
     Comparison as Comparison,

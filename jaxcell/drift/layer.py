@@ -11,9 +11,9 @@ from ..base.quantities import PROBABILITY, Checks, Result, derived
 from ..mapping import Chain, ChainSequence
 from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
+from .chains import METHODS, drift_maps
 from .diagnosis import Diagnosis, diagnose
 from .distance import FAR, Distance, distances, mapped
-from .chains import METHODS, drift_maps
 from .flow import Flow
 from .water import Water
 

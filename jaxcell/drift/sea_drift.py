@@ -12,6 +12,7 @@ from ..base import memory
 from ..base.quantities import derived
 from ..mapping import Chain
 from ..space import estimates
+from .chains import phases
 from .deploy import (
     CoverageCurve,
     Deployment,
@@ -22,7 +23,6 @@ from .deploy import (
     visible_deployment,
 )
 from .distance import nearest_maps
-from .chains import phases
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer

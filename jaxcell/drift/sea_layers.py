@@ -9,8 +9,8 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from ..base.quantities import Checks, derived
-from .diagnosis import group_counts
 from .chains import phases
+from .diagnosis import group_counts
 from .layer import Ends, Layer
 from .sea import Sea
 from .water import Water

@@ -17,7 +17,8 @@ _FRONT = 200
 
 
 def periodic_groups(
-    image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
+    image: Int[Array, "cells"] | Int[np.ndarray, "cells"],
+    where: Bool[Array, "cells"] | Bool[np.ndarray, "cells"] | None = None,
 ) -> PeriodicGroups:
     """Find the periodic groups of a simple map (Alg. 2.1 of Alam 2018).
 

@@ -1,12 +1,14 @@
 """The frame of a result: its arrays without their chunks, their coordinates and attributes.
 
-Every file of an array ends with a CRC-32C of what is in it (the codec of Zarr of that name, after
-compression), and chunks of nothing but the fill value have files too. So a bit that was flipped is
-seen when it is read, and a file that is gone when it is looked for.
+A file of an array holds a box of members: one chunk of the sweep, or where these are many several,
+and is replaced whole with each of them. It ends with a CRC-32C of what is in it (the codec of Zarr
+of that name, after compression), and boxes of nothing but the fill value have files too. So a bit
+that was flipped is seen when it is read, and a file that is gone when it is looked for.
 """
 
 import hashlib
 import json
+import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,8 +17,11 @@ from typing import Any
 import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
+from zarr.core.buffer import Buffer
+from zarr.storage import LocalStore
 
 from ..base.files import replacing
+from .boxes import stored_lengths
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
 from .workers.work import Computed
@@ -47,7 +52,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
     own = signed({**described(spec), **attributes})
     group = zarr.create_group(folder, zarr_format=3, attributes=own)
     dimensions = spec.dimensions
-    sizes, lengths = tuple(dimensions.values()), tuple(spec.lengths.values())
+    sizes, lengths = tuple(dimensions.values()), stored_lengths(spec, first.variables)
     for name in (LIST_DIMENSION, RANDOM_DIMENSION):
         if name in dimensions:
             number = np.arange(dimensions[name])
@@ -103,10 +108,23 @@ def described(spec: Spec) -> dict[str, Any]:
     return attributes
 
 
+class _LastingStore(LocalStore):
+    """Files that are on the disk before they have their name: what a file held is never lost."""
+
+    async def set(self, key: str, value: Buffer) -> None:
+        path = self.root / key
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary, open(temporary, "wb") as file:
+            file.write(value.to_bytes())
+            file.flush()
+            os.fsync(file.fileno())
+
+
 def open_arrays(folder: Path) -> dict[str, zarr.Array]:
     """The arrays of a result, to read and write."""
     with zarr.config.set({"array.write_empty_chunks": True}):
-        return dict(zarr.open_group(folder, mode="r+", zarr_format=3).arrays())
+        group = zarr.open_group(_LastingStore(folder), mode="r+", zarr_format=3)
+        return dict(group.arrays())
 
 
 def has_checksums(array: zarr.Array) -> bool:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
+from .boxes import Boxes
 from .frame import DONE, TO_DO, fill, make_frame, open_arrays
 from .spec import Chunk, Spec
 from .workers.work import Computed, Variable
@@ -42,13 +43,12 @@ def grow(
     temporary = old.folder / f".sweep-{secrets.token_hex(4)}"
     temporary.mkdir()
     if old.arrays:
-        for number in old.damaged():
-            old.forget(old.spec.chunk(number))
+        old.forget(old.damaged())
         result = temporary / "sweep.zarr"
         make_frame(result, spec, frame_of(old), attributes)
         arrays = open_arrays(result)
-        for number in range(spec.chunk_count):
-            _copy(old, arrays, spec.chunk(number), [*places.values()])
+        for box in Boxes.of_lengths(spec, arrays["status"].chunks):
+            _copy(old, arrays, box, [*places.values()])
     (temporary / "spec.toml").write_bytes(spec.text)
     # All of it, before the name that says that it is whole.
     os.sync()
@@ -70,6 +70,20 @@ def finish_growth(folder: Path) -> None:
         shutil.rmtree(folder / "failures", ignore_errors=True)
         os.replace(grown / "spec.toml", folder / "spec.toml")
     shutil.rmtree(grown)
+
+
+def tidy(folder: Path) -> None:
+    """End the growth that a run was killed in, and remove what it left half written."""
+    finish_growth(folder)
+    for path in folder.glob(".sweep-????????"):
+        shutil.rmtree(path)
+    for path in [
+        *(folder / "sweep.zarr").rglob("*.partial"),
+        *(folder / "sweep.zarr").rglob(".*-????????*"),
+        *folder.glob(".*-????????.*"),
+        *(folder / "failures").glob(".*-????????.*"),
+    ]:
+        path.unlink()
 
 
 def frame_of(old: "SweepStore") -> Computed:
@@ -94,22 +108,22 @@ def frame_of(old: "SweepStore") -> Computed:
 
 
 def _copy(
-    old: "SweepStore", arrays: Mapping[str, zarr.Array], chunk: Chunk, places: list[np.ndarray]
+    old: "SweepStore", arrays: Mapping[str, zarr.Array], box: Chunk, places: list[np.ndarray]
 ) -> None:
-    """Copy the members of a chunk of the larger store that are done in the smaller one."""
-    sources = [place[part] for place, part in zip(places, chunk.region, strict=True)]
+    """Copy the members in a file of the larger store that are done in the smaller one."""
+    sources = [place[part] for place, part in zip(places, box.region, strict=True)]
     inside = tuple(np.flatnonzero(source >= 0) for source in sources)
     if not all(one.size for one in inside):
         return
     there = tuple(source[one] for source, one in zip(sources, inside, strict=True))
-    done = np.zeros(chunk.shape, bool)
+    done = np.zeros(box.shape, bool)
     done[np.ix_(*inside)] = np.asarray(old.arrays["status"].oindex[there]) == DONE
     if not done.any():
         return
     for name in old.variables:
         array = arrays[name]
-        values = np.full(chunk.shape + array.shape[len(places) :], fill(array.dtype), array.dtype)
+        values = np.full(box.shape + array.shape[len(places) :], fill(array.dtype), array.dtype)
         values[np.ix_(*inside)] = old.arrays[name].oindex[there]
         values[~done] = fill(array.dtype)
-        array[chunk.region] = values
-    arrays["status"][chunk.region] = np.where(done, DONE, TO_DO).astype(np.int8)
+        array[box.region] = values
+    arrays["status"][box.region] = np.where(done, DONE, TO_DO).astype(np.int8)

@@ -24,10 +24,11 @@ from .frame import (
     read_attributes,
     variables_of,
 )
+from .grow import tidy
 from .lock import locked
 from .run import SweepStatus, run_sweep, sweep_status
 from .spec import Spec
-from .store import SweepStore, differences, made_with, reading, tidy
+from .store import SweepStore, differences, made_with, reading
 from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Progress
@@ -113,8 +114,7 @@ def verify_sweep(
         if found and others:
             raise _refused(folder, damage, others)
         failed = {number: _failed(folder, number) for number in found}
-        for number in found:
-            store.forget(spec.chunk(number))
+        store.forget(found)
     if found:
         run_sweep(
             spec,

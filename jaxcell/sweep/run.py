@@ -13,8 +13,9 @@ import xarray as xr
 from .failures import Failure
 from .files import kept_spec
 from .frame import DONE
+from .lock import holder
 from .spec import Spec
-from .store import DAMAGED, SweepStore, made_with, reading, running
+from .store import DAMAGED, SweepStore, made_with, reading
 from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Count, Progress, read_down, written_down
@@ -113,8 +114,7 @@ def run_sweep(
     wide = jax_is_wide()
     with SweepStore.opened(folder, spec, resume, made_with(spec, wide), anyway) as store:
         states = store.states()
-        for number in np.flatnonzero(states == DAMAGED):
-            store.forget(spec.chunk(int(number)))
+        store.forget(np.flatnonzero(states == DAMAGED).tolist())
         numbers = np.flatnonzero(states != DONE)
         if chunks is not None:
             numbers = np.intersect1d(numbers, [*chunks])
@@ -181,7 +181,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     spec = kept_spec(folder)
     store = SweepStore(folder, spec, {})
     states = store.states()
-    at_work = running(folder)
+    at_work = holder(folder / "lock")
     with reading(folder):
         rate, left = read_down(folder) if at_work is not None else (None, None)
     return SweepStatus(

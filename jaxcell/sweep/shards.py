@@ -13,7 +13,8 @@ from .files import kept_spec
 from .frame import DONE, FAILED
 from .grow import frame_of
 from .run import SweepStatus, run_sweep
-from .store import SweepStore, made_with, reading, running
+from .lock import holder
+from .store import SweepStore, made_with, reading
 from .workers.engines import Outcomes, Take
 from .workers.progress import Progress
 from .workers.work import Computed, Failed, Job, jax_is_wide
@@ -107,7 +108,7 @@ def merge_sweep(
     readers, unfinished = [], []
     for shard, own in zip(shards, specs, strict=True):
         there = shard.folder(folder)
-        if (process := running(there)) is not None:
+        if (process := holder(there / "lock")) is not None:
             raise BlockingIOError(f"{there}: {process} is at work on it")
         if changes := spec.differences(own):
             raise ValueError(f"{there}: not the specification of shard 1: {'; '.join(changes)}")

@@ -20,19 +20,19 @@ _PARAMETERS = ("grid", "list", "random")
 _TABLES = ("fixed", *_PARAMETERS)
 _FIELDS = ("task", "seed", "chunk", *_TABLES)
 _CHUNK = 64
-# A chunk is a file for each variable of the result, and a line in the books of the driver.
+# A chunk is a line in the books of the driver.
 _MAX_CHUNKS = 1_000_000
 _MAX_LETTERS = 500
 
 
 @dataclasses.dataclass(frozen=True)
 class Chunk:
-    """Members that are computed together and stored together: a box in the parameters."""
+    """Members that are computed together: a box in the parameters."""
 
     number: int
     "From 0, with the last dimension fastest."
     index: tuple[int, ...]
-    "The place among the chunks along each dimension; also that of its files in the store."
+    "The place among the chunks along each dimension."
     region: tuple[slice, ...]
     "The places of its members along each dimension."
 
@@ -303,12 +303,17 @@ def _chunk_lengths(given: Any, sizes: Mapping[str, int]) -> dict[str, int]:
             _check_length(f"chunk.{name}", length)
         return {name: min(given.get(name, size), size) for name, size in sizes.items()}
     _check_length("chunk", given)
+    return packed(sizes, given)
+
+
+def packed(sizes: Mapping[str, int], most: int) -> dict[str, int]:
+    """The lengths of a box of at most so many places, of which many fill one of these sizes."""
     lengths = {}
     # The last dimensions are taken whole while they fit. Equal parts leave the least at the edge.
     for name, size in reversed([*sizes.items()]):
-        parts = -(-size // min(given, size))
+        parts = -(-size // min(most, size))
         lengths[name] = -(-size // parts)
-        given = max(given // lengths[name], 1)
+        most = max(most // lengths[name], 1)
     return {name: lengths[name] for name in sizes}
 
 

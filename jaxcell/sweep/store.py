@@ -2,12 +2,12 @@
 
 import contextlib
 import importlib.metadata
+import itertools
 import json
 import math
 import os
 import secrets
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import zarr
 from .. import __version__
 from ..base.files import replacing
 from ..base.revision import git_revision
+from .boxes import Boxes, by_chunk, inside
 from .digests import changed, digests
 from .failures import Failure, read_report, remove_report, reported, write_report
 from .files import keep_folder
@@ -33,8 +34,8 @@ from .frame import (
     variables_of,
     write_attributes,
 )
-from .grow import finish_growth, grow
-from .lock import holder, locked
+from .grow import grow, tidy
+from .lock import locked
 from .spec import Chunk, Spec
 from .workers.halving import Parts
 from .workers.work import Computed, Failed
@@ -63,9 +64,10 @@ def reading(folder: Path) -> Iterator[None]:
 class SweepStore:
     """The folder of a sweep, for the one process that writes there.
 
-    - `sweep.zarr` is the result. Every variable has one file for each chunk of the sweep. That of
-        `status` is written last, when the others are on the disk; a chunk without one is computed
-        again. Nothing in it depends on the order of chunks or on the time.
+    - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
+        sweep, or several. With each chunk that ends its files are replaced, that of `status` last;
+        a chunk that is not done there is computed again. Nothing in it depends on the order of
+        chunks or on the time.
     - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
@@ -81,6 +83,8 @@ class SweepStore:
         "Of the result; none before a chunk is done."
         self.variables: Mapping[str, tuple[str, ...]] = {}
         "Those of the task, with their dimensions beside those of members."
+        self.boxes = Boxes(spec, spec)
+        self._last: dict[str, tuple[int, np.ndarray]] = {}
         self._open()
 
     @classmethod
@@ -170,18 +174,12 @@ class SweepStore:
                 states[reported(self.folder)] = FAILED
             return states
         members = self._members()
-
-        def chunks(reduce: np.ufunc, state: int) -> np.ndarray:
-            within = members == state
-            for axis, length in enumerate(self.spec.lengths.values()):
-                starts = np.arange(0, members.shape[axis], length)
-                within = reduce.reduceat(within, starts, axis)
-            return within.ravel()
-
-        done, some = chunks(np.logical_and, DONE), chunks(np.logical_or, DONE)
-        failed, damaged = chunks(np.logical_or, FAILED), chunks(np.logical_or, DAMAGED)
-        for number in np.flatnonzero(some & ~damaged):
-            damaged[number] = bool(self._gone(self.spec.chunk(int(number))))
+        done = by_chunk(self.spec, np.logical_and, members == DONE)
+        failed, damaged = (
+            by_chunk(self.spec, np.logical_or, members == state) for state in (FAILED, DAMAGED)
+        )
+        damaged |= np.array([bool(self._gone(box)) for box in self.boxes])[self.boxes.numbers()]
+        damaged &= by_chunk(self.spec, np.logical_or, (members == DONE) | (members == DAMAGED))
         return np.select([damaged, done, failed], [DAMAGED, DONE, FAILED], TO_DO).astype(np.int8)
 
     def _members(self) -> np.ndarray:
@@ -191,71 +189,85 @@ class SweepStore:
             return np.asarray(status[...])
         except Exception:  # Zarr and its codecs have errors of many types.
             members = np.full(status.shape, DAMAGED, np.int8)
-            for number in range(self.spec.chunk_count):
-                region = self.spec.chunk(number).region
+            for box in self.boxes:
                 with contextlib.suppress(Exception):
-                    members[region] = status[region]
+                    members[box.region] = status[box.region]
             return members
 
     def missing(self, chunk: Chunk) -> np.ndarray:
         """Which members of a chunk are not done."""
-        if not self.arrays or not self._file("status", chunk).exists():
+        box = self.boxes.around(chunk)
+        if not self.arrays or not self._file("status", box).exists():
             return np.ones(chunk.shape, bool)
-        with reading(self.folder):
-            return np.asarray(self.arrays["status"][chunk.region]) != DONE
+        return self._held("status", box)[inside(chunk, box)] != DONE
+
+    def _held(self, name: str, box: Chunk) -> np.ndarray:
+        """What a file holds, as it was read or written last: chunks mostly end side by side."""
+        if self._last.get(name, (-1,))[0] != box.number:
+            with reading(self.folder):
+                self._last[name] = box.number, np.asarray(self.arrays[name][box.region])
+        return self._last[name][1]
 
     def damaged(self) -> dict[int, list[str]]:
         """The arrays of each chunk whose files are gone or cannot be read."""
+        members = self._members()
+        some = by_chunk(self.spec, np.logical_or, members == DONE)
+        held = self.boxes.numbers()
         found = {}
-        for number in range(self.spec.chunk_count):
-            chunk = self.spec.chunk(number)
-            if self._file("status", chunk).exists():
-                names = self._unreadable(chunk)
-            else:
-                # Where a run was killed, one chunk is half written.
-                names = ["status"] * any(map(os.path.exists, self._files(chunk).values()))
-            if names:
-                found[number] = names
-        return found
+        for box in self.boxes:
+            if names := self._unreadable(box, members[box.region]):
+                for number in np.flatnonzero(held == box.number).tolist():
+                    if some[number] or names == ["status"]:
+                        found[number] = names
+        return dict(sorted(found.items()))
 
-    def _unreadable(self, chunk: Chunk) -> list[str]:
-        try:
-            missing = self.missing(chunk)
-        except ValueError:
+    def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
+        files = self._files(box)
+        if not self._file("status", box).exists():
+            # It was lost, or a run was killed, which leaves one chunk half written.
+            return ["status"] * any(map(os.path.exists, files.values()))
+        if (members == DAMAGED).any():
             return ["status"]
-        if missing.all():
+        if not (members == DONE).any():
             return []
-        found = self._gone(chunk)
-        for name in self._files(chunk):
-            if name not in found:
-                try:
-                    self.arrays[name][chunk.region]
-                except Exception:  # Zarr and its codecs have errors of many types.
-                    found.append(name)
-        return found
+        found = self._gone(box)
+        for name in files.keys() - {*found}:
+            try:
+                self.arrays[name][box.region]
+            except Exception:  # Zarr and its codecs have errors of many types.
+                found.append(name)
+        return sorted(found)
 
-    def forget(self, chunk: Chunk) -> None:
-        """Make a chunk one that is to do."""
-        for path in [self._file("status", chunk), *self._files(chunk).values()]:
-            path.unlink(missing_ok=True)
+    def forget(self, numbers: Iterable[int]) -> None:
+        """Make chunks ones that are to do; files that cannot be read are removed."""
+        chunks = [self.spec.chunk(number) for number in numbers]
+        self._last.clear()
+        # The states first: nothing that is done there is ever without its values.
+        for name, chunk in itertools.product(("status", *self.variables), chunks):
+            path = self._file(name, self.boxes.around(chunk))
+            try:
+                if path.exists():
+                    self.arrays[name][chunk.region] = self.arrays[name].fill_value
+            except OSError:
+                raise
+            except Exception:  # Zarr and its codecs have errors of many types.
+                path.unlink()
 
-    def _gone(self, chunk: Chunk) -> list[str]:
-        """The variables whose file of a chunk is not there."""
+    def _gone(self, box: Chunk) -> list[str]:
+        """The variables whose file of a box is not there."""
         if not has_checksums(self.arrays["status"]):
-            return []  # Then chunks of nothing but the fill value have no files.
-        return [name for name, path in self._files(chunk).items() if not os.path.exists(path)]
+            return []  # Then boxes of nothing but the fill value have no files.
+        return [name for name, path in self._files(box).items() if not os.path.exists(path)]
 
-    def _files(self, chunk: Chunk) -> dict[str, Path]:
-        """The files of a chunk for the variables of the task."""
+    def _files(self, box: Chunk) -> dict[str, Path]:
+        """The files of a box for the variables of the task."""
         inner = len(self.spec.dimensions)
-        return {
-            name: self._file(name, chunk, len(dimensions))
-            for name, dimensions in self.variables.items()
-            if all(self.arrays[name].shape[inner:])
-        }
+        names = [name for name in self.variables if all(self.arrays[name].shape[inner:])]
+        return {name: self._file(name, box) for name in names}
 
-    def _file(self, name: str, chunk: Chunk, more: int = 0) -> Path:
-        return self.zarr.joinpath(name, "c", *map(str, chunk.index + (0,) * more))
+    def _file(self, name: str, box: Chunk) -> Path:
+        index = box.index + (0,) * len(self.variables.get(name, ()))
+        return self.zarr.joinpath(name, "c", *map(str, index))
 
     def failures(self, states: np.ndarray) -> Iterator[Failure]:
         """The members that failed, by the states of their chunks."""
@@ -300,25 +312,34 @@ class SweepStore:
 
     def _write_members(self, parts: Parts) -> None:
         """Write the results, and when they are on the disk the states."""
-        chunk, kept = parts.chunk, ~self.missing(parts.chunk)
+        chunk, box = parts.chunk, self.boxes.around(parts.chunk)
+        status, place = self.arrays["status"], inside(chunk, box)
+        states = self._held("status", box)
+        if box.region != chunk.region and not self._file("status", box).exists():
+            # Where this is killed, chunks beside this one are not taken for half written.
+            status[box.region] = states
+        done = states == DONE
+        kept = done[place]
         for name in self.variables if parts.computed else ():
             array = self.arrays[name]
-            values = self._box(fill(array.dtype), array.dtype, array.shape[kept.ndim :])
+            inner = array.shape[kept.ndim :]
+            if not done.any():
+                nothing = np.full(box.shape + inner, fill(array.dtype), array.dtype)
+                self._last[name] = box.number, nothing
+            held = self._held(name, box)
+            values = self._batch(fill(array.dtype), array.dtype, inner)
             for places, computed in parts.computed:
                 values[places] = computed.variables[name].values
-            values = self._inside(chunk, values)
-            if kept.any():
-                values[kept] = np.asarray(array[chunk.region])[kept]
-            array[chunk.region] = values
-        if parts.computed:
-            self._sync(chunk)
-        states = self._box(TO_DO, np.dtype(np.int8))
-        states[list(parts.failed)] = FAILED
+            held[place][~kept] = self._inside(chunk, values)[~kept]
+            array[box.region] = held
+        now = self._batch(TO_DO, states.dtype)
+        now[list(parts.failed)] = FAILED
         for places, _ in parts.computed:
-            states[places] = DONE
-        self.arrays["status"][chunk.region] = np.where(kept, DONE, self._inside(chunk, states))
+            now[places] = DONE
+        states[place] = np.where(kept, DONE, self._inside(chunk, now))
+        status[box.region] = states
 
-    def _box(self, value: Any, dtype: np.dtype, inner: tuple[int, ...] = ()) -> np.ndarray:
+    def _batch(self, value: Any, dtype: np.dtype, inner: tuple[int, ...] = ()) -> np.ndarray:
         """A value for each place in the batch of a chunk."""
         return np.full((math.prod(self.spec.lengths.values()), *inner), value, dtype)
 
@@ -335,32 +356,13 @@ class SweepStore:
             if "status" not in self.arrays or self.arrays["status"].shape != sizes:
                 raise ValueError(f"expected a status of shape {sizes}")
             self.variables = variables_of(self.spec, self.arrays)
+            self.boxes = Boxes.of_lengths(self.spec, self.arrays["status"].chunks)
 
     def _create(self, first: Computed) -> None:
         """Make the result with nothing in it."""
         temporary = self.folder / f".sweep-{secrets.token_hex(4)}"
         make_frame(temporary, self.spec, first, self.made)
         os.replace(temporary, self.zarr)
-
-    def _sync(self, chunk: Chunk) -> None:
-        """Wait until the files of a chunk are on the disk."""
-        for path in self._files(chunk).values():
-            with open(path, "rb") as file:
-                os.fsync(file.fileno())
-
-
-def tidy(folder: Path) -> None:
-    """End the growth that a run was killed in, and remove what it left half written."""
-    finish_growth(folder)
-    for path in folder.glob(".sweep-????????"):
-        shutil.rmtree(path)
-    for path in [
-        *(folder / "sweep.zarr").rglob("*.partial"),
-        *(folder / "sweep.zarr").glob(".*-????????.*"),
-        *folder.glob(".*-????????.*"),
-        *(folder / "failures").glob(".*-????????.*"),
-    ]:
-        path.unlink()
 
 
 def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
@@ -388,8 +390,3 @@ def differences(folder: Path, attributes: Mapping[str, Any], made: Mapping[str, 
             for name, here in made.items()
             if name not in ("digests", "git_revision") and attributes.get(name) != here
         ] + changed(json.loads(attributes["digests"]), json.loads(made["digests"]))
-
-
-def running(folder: Path) -> str | None:
-    """Which process is at work on a store, if any."""
-    return holder(folder / "lock")

@@ -202,7 +202,8 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
         text=True,
     )
     limit = time.monotonic() + 60
-    while not any((out / "sweep.zarr").glob("status/c/*")) and time.monotonic() < limit:
+    begun = out / "sweep.zarr" / "status" / "c"
+    while not (begun.exists() and sweep_status(out).done) and time.monotonic() < limit:
         time.sleep(0.01)
     process.send_signal(number)
     _, told = process.communicate(timeout=60)

@@ -8,8 +8,8 @@ from seas import double_gyre, sea, seas
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.diagnosis import diagnose, group_counts
 from jaxcell.drift.chains import drift_map, drift_maps
+from jaxcell.drift.diagnosis import diagnose, group_counts
 from jaxcell.drift.flow import Flow, crossing_time, flow_map
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups

@@ -275,7 +275,7 @@ def test_the_recording_shows_currents_and_drifters(gyres, found):
     sea_map = map_of(gyres, 0)
     arrows = found.over("minute", "/map/current_1", "Arrows2D:vectors")
     # A day, and what comes until the drifters have gone on for 40 steps.
-    assert list(arrows) == [60 * hour for hour in range(39)]
+    assert list(arrows) == [60 * hour for hour in range(38)]
     water = gyres.waters[1]
     for time in (0, 600):
         east = gyres.currents.u.values[time // 60, 1][water.row, water.column]

@@ -116,13 +116,14 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
     numeric = values.dtype.kind in "iuf"
     if numeric:
         known, at = np.unique(values, return_inverse=True)
-        labels = [f"{value:.6g}" for value in known.tolist()]
+        names = known
     else:
         # In the order of the specification.
-        at, texts = pd.factorize(values.astype(str))
-        known, labels = np.arange(len(texts)), texts.tolist()
+        at, names = pd.factorize(values.astype(str))
+        known = np.arange(len(names))
     share = -(-known.size // most)
     first = known[::share]
+    labels = [f"{one:.6g}" if numeric else one for one in names[::share].tolist()]
     times, digits = _scaled(first) if numeric else (first, None)
     if digits is None:
         timeline, meaning = f"{name} number", "the number of the value, from 0"
@@ -133,7 +134,7 @@ def _axis(name: str, dimension: str, values: np.ndarray, most: int) -> Axis:
         timeline, meaning = name, "the value"
     if share > 1:
         meaning += f"; {share} neighbouring values share a step, at the first of them"
-    short = tuple(map(_short, labels[::share]))
+    short = tuple(map(_short, labels))
     return Axis(name, dimension, timeline, times.astype(int), short, at.ravel() // share, meaning)
 
 
