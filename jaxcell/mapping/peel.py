@@ -43,6 +43,7 @@ def periodic_groups(
         >>> groups.group.tolist(), groups.step.tolist(), groups.period.tolist()
         ([0, 0, 0, 1], [1, 0, 0, 0], [2, 2, 2, 1])
     """
+    image = jnp.asarray(image)
     here = not isinstance(image, jax.core.Tracer) and where is None and image.size >= _MANY
     if not here or any(device.platform != "cpu" for device in image.devices()):
         return doubled_groups(image, where)

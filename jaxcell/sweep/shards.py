@@ -12,8 +12,8 @@ import numpy as np
 from .files import kept_spec
 from .frame import DONE, FAILED
 from .grow import frame_of
-from .run import SweepStatus, run_sweep
 from .lock import holder
+from .run import SweepStatus, run_sweep
 from .store import SweepStore, made_with, reading
 from .workers.engines import Outcomes, Take
 from .workers.progress import Progress

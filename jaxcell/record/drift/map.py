@@ -46,7 +46,7 @@ class Clock:
 
     @classmethod
     def of(cls, drift: SeaDrift) -> "Clock":
-        """One that is fine enough for a step of the chain, and goes on while the current changes."""
+        """One that is fine enough for a step of the chain, and goes on as the current changes."""
         time = drift.layers[0].flow.time
         total = max(float(time[-1] - time[0]), _MIN_STEPS * drift.step)
         wanted = max(drift.step / _FRAMES_PER_STEP, total / _MAX_FRAMES)
