@@ -68,7 +68,7 @@ class _Page(io.StringIO):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        return self.shown.encoding or "utf-8"
+        return self.shown.encoding or "ascii"
 
 
 def example(name: str) -> str:
