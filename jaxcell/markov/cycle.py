@@ -9,7 +9,7 @@ from scipy.sparse import linalg
 
 
 # A cycle has no more blocks than so many, and at most this part of its steps lead back.
-_MAX_BLOCKS, _MOST_BACK = 10_000, 0.4
+_MAX_BLOCKS, _MAX_BACK = 10_000, 0.4
 # Steps of BiCGSTAB at once, and of one that goes through a whole cycle.
 _STEPS, _CYCLES = 200, 600
 
@@ -41,7 +41,7 @@ class Cycle:
             turned = matrix[order][:, order].tocsr()
             row = np.repeat(np.arange(count), np.diff(turned.indptr))
             back = turned.indices <= row
-            if np.count_nonzero(back) > _MOST_BACK * turned.nnz:
+            if np.count_nonzero(back) > _MAX_BACK * turned.nnz:
                 continue
             after = np.full(count, count)
             np.minimum.at(after, row[~back], turned.indices[~back])
