@@ -17,6 +17,7 @@ MODULES = (
     "base/quantities.py",
     "dynamics/systems.py",
     "markov/dense.py",
+    "robot/ros",
 )
 # By the theme's names of colours for light and dark pages.
 STYLES = {"light": "default", "dark": "github-dark"}

@@ -25,7 +25,7 @@ def periodic_groups(
     Works on any functional graph, under `jit` and `vmap`, by pointer doubling: the number of rounds
     is about the binary logarithm of the longest transient or period, and each round is a few
     gathers. Of a large map that is given as an array in the memory of the host, cells that nothing
-    leads to are peeled off first, as by [`peeled_groups`][jaxcell.mapping.peel.peeled_groups].
+    leads to are peeled off first.
 
     **Arguments:**
 
