@@ -10,8 +10,8 @@ from scipy.sparse import linalg
 
 # A cycle has no more blocks than so many, and at most this part of its steps lead back.
 _MAX_BLOCKS, _MAX_BACK = 10_000, 0.4
-# Steps of BiCGSTAB at once, and of one that goes through a whole cycle.
-_STEPS, _CYCLES = 200, 600
+# Steps of BiCGSTAB, each of which goes through a whole cycle.
+_CYCLES = 600
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Cycle:
 
 
 def bicgstab(
-    system: Any, right: Float[np.ndarray, "rows"], steps: int = _STEPS, **options: Any
+    system: Any, right: Float[np.ndarray, "rows"], steps: int, **options: Any
 ) -> tuple[Float[np.ndarray, "rows"], int]:
     """What BiCGSTAB finds in one round, and the products that it took."""
     products = 0

@@ -49,8 +49,8 @@ _CLOSED = 1e-12
 # Entries of an incomplete factor are dropped below this part of their column, and there are no more
 # than so many for one of the matrix.
 _DROP, _FILL = 1e-2, 5.0
-# BiCGSTAB begins anew so often, each time on the residual.
-_ROUNDS = 6
+# Steps of BiCGSTAB, which begins anew so often, each time on the residual.
+_STEPS, _ROUNDS = 200, 6
 # BiCGSTAB ends when no more than this part of the solution is left, which is its rounding. Products
 # go on where it leaves a hundred times that and this part of the right-hand side.
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
@@ -198,7 +198,7 @@ def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
         system, drop_tol=_DROP, fill_factor=_FILL, permc_spec="NATURAL", diag_pivot_thresh=0.0
     )
     precondition = linalg.LinearOperator(system.shape, factor.solve)
-    return lambda right: bicgstab(system, right, M=precondition)
+    return lambda right: bicgstab(system, right, _STEPS, M=precondition)
 
 
 def _solve_large(

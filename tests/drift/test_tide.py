@@ -207,6 +207,7 @@ def test_layers_of_different_phases_are_refused():
         drift.Sea.of(waters, [still, ChainSequence.of([still, still])])
 
 
+@pytest.mark.slow
 def test_too_many_phases_are_left_for_the_mean(monkeypatch):
     monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 100)
     found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
