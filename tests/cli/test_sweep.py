@@ -176,7 +176,7 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
     assert main(["sweep", spec(grid="x = []"), "--out", out]) == 2
     assert capsys.readouterr().err.startswith(f"jaxcell sweep: {tmp_path / 'some.toml'}: grid.x: ")
     assert main(["sweep", spec(), "--out", out, "--engine", "ray"]) == 2
-    assert "jaxcell sweep: engine: expected local, processes" in capsys.readouterr().err
+    assert "jaxcell sweep: --engine: expected local, processes" in capsys.readouterr().err
     assert main(["sweep", spec(), "--out", out]) == 0
     assert main(["sweep", spec(), "--out", out]) == 2
     assert main(["sweep", spec("a = 1"), "--out", out, "--resume"]) == 2
