@@ -46,10 +46,10 @@ class LongTermBehaviour:
     throw: bool = False
     "Whether `probability` and `limiting` raise when they are not good enough."
 
-    @functools.cached_property
+    @property
     def unrolled(self) -> Chain:
         """The map, of the cells at each phase."""
-        return self.chain.unrolled() if isinstance(self.chain, ChainSequence) else self.chain
+        return _unrolled(self.chain)
 
     @functools.cached_property
     def begins(self) -> "LongTermBehaviour":
@@ -143,7 +143,7 @@ def long_term_behaviour(
     """
     if not (np.isfinite(duration) and duration > 0):
         raise ValueError(f"duration: expected a positive number of seconds, got {duration}")
-    unrolled = chain.unrolled() if isinstance(chain, ChainSequence) else chain
+    unrolled = _unrolled(chain)
     groups = persistent_groups(unrolled)
     return LongTermBehaviour(
         chain,
@@ -153,3 +153,7 @@ def long_term_behaviour(
         absorption_times(unrolled, groups, throw=throw),
         throw,
     )
+
+
+def _unrolled(chain: Chain | ChainSequence) -> Chain:
+    return chain.unrolled if isinstance(chain, ChainSequence) else chain

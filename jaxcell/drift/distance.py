@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from ..mapping import Chain, ChainSequence
 from ..mapping.section import bucket
+from ..mapping.sequence import as_sequence
 from .chains import drift_maps, phases
 from .drifters import total_variation
 from .flow import Flow, advect, crossing_time
@@ -96,7 +97,7 @@ def distances(
     share = _shares(water, flow, begin, times)
     found = []
     for counts, (chain, step) in zip(wanted, maps, strict=True):
-        tide = chain if isinstance(chain, ChainSequence) else ChainSequence.of([chain])
+        tide = as_sequence(chain)
         pushed, done, of_map = jnp.asarray(begin / begin.sum()), 0, []
         for count in counts:
             pushed = tide.push(pushed, count - done, done)

@@ -8,6 +8,7 @@ import scipy.sparse
 from jaxtyping import Bool, Int
 
 from ..mapping import Chain, ChainSequence
+from ..mapping.sequence import as_sequence
 from .water import Water
 
 
@@ -77,9 +78,7 @@ class Sea:
                     f"chains: that of layer {k} has {chain.cells} cells, and its water has "
                     f"{water.cells}"
                 )
-        tides = [
-            one if isinstance(one, ChainSequence) else ChainSequence.of([one]) for one in chains
-        ]
+        tides = [*map(as_sequence, chains)]
         phases = {tide.phases for tide in tides}
         if len(phases) > 1:
             raise ValueError(f"chains: expected as many phases in each layer, got {sorted(phases)}")
@@ -96,7 +95,7 @@ class Sea:
         row = np.concatenate([water.row for water in waters])
         column = np.concatenate([water.column for water in waters])
         return cls(
-            ChainSequence.of(together).unrolled(),
+            ChainSequence.of(together).unrolled,
             layer.astype(np.int32),
             number[layer, row, column].astype(np.int32),
             number[layer + 2, row, column].astype(np.int32),

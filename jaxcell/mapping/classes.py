@@ -169,7 +169,7 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
         [[1, 1, 1, 0], [1, 0, 0, 1]]
     """
     if isinstance(chain, ChainSequence):
-        return persistent_groups(chain.unrolled()).first(chain.cells)
+        return persistent_groups(chain.unrolled).first(chain.cells)
     matrix = chain.to_scipy()
     components, label = csgraph.connected_components(matrix, connection="strong")
     source = np.repeat(label, np.diff(matrix.indptr))

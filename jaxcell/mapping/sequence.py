@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import jax
@@ -104,6 +105,7 @@ class ChainSequence:
         last = start + steps - 1
         return jax.lax.fori_loop(0, steps, lambda n, v: self.at(last - n).pull(v), value)
 
+    @functools.cached_property
     def unrolled(self) -> Chain:
         """The chain over the cells at each phase: from phase `k`, cell `i` to phase `k + 1`."""
         later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
@@ -114,4 +116,9 @@ class ChainSequence:
 
     def to_scipy(self) -> scipy.sparse.csr_array:
         """The transition matrix of the unrolled chain."""
-        return self.unrolled().to_scipy()
+        return self.unrolled.to_scipy()
+
+
+def as_sequence(chain: Chain | ChainSequence) -> ChainSequence:
+    """Chains that follow on one another; one alone follows on itself."""
+    return chain if isinstance(chain, ChainSequence) else ChainSequence.of([chain])

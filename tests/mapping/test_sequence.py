@@ -64,7 +64,7 @@ def test_groups_are_those_of_the_product(tide):
     np.testing.assert_array_equal(found.domicile, direct.domicile)
     np.testing.assert_array_equal(found.period, direct.period)
     np.testing.assert_array_equal(found.phase, direct.phase)
-    unrolled = sequence.unrolled()
+    unrolled = sequence.unrolled
     parts = transient_groups(unrolled, persistent_groups(unrolled)).first(CELLS)
     expected = transient_groups(Chain.from_scipy(whole), direct)
     assert parts.domiciles == expected.domiciles
@@ -88,9 +88,9 @@ def test_arrivals_are_those_of_iterating_the_matrices(tide):
     for n in range(1500 * PHASES - 1, -1, -1):
         chance = np.where(there, 1, matrices[n % PHASES] @ chance)
     target = np.tile(there, PHASES)
-    found = arrival_probabilities(sequence.unrolled(), target).value[:CELLS]
+    found = arrival_probabilities(sequence.unrolled, target).value[:CELLS]
     np.testing.assert_allclose(found, chance, atol=1e-9)
-    time = np.asarray(hitting_times(sequence.unrolled(), target).value[:CELLS])
+    time = np.asarray(hitting_times(sequence.unrolled, target).value[:CELLS])
     sure = np.asarray(found) == 1
     assert np.isinf(time[~sure]).all()
     # The mean is the sum over time of the chance not to be there yet.
@@ -104,7 +104,7 @@ def test_arrivals_are_those_of_iterating_the_matrices(tide):
 
 def test_in_the_long_run_it_is_where_the_product_is(tide):
     matrices, sequence = tide
-    unrolled = sequence.unrolled()
+    unrolled = sequence.unrolled
     groups = persistent_groups(unrolled)
     times = np.asarray(absorption_times(unrolled, groups).value).reshape(sequence.shape)
     transient = np.asarray(groups.group).reshape(sequence.shape) < 0
