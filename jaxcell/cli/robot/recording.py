@@ -8,7 +8,7 @@ from ...base.files import name_in_results
 
 
 if TYPE_CHECKING:
-    from ...automata import Filter, Policy
+    from ...automata import Belief, Filter, Policy
     from ...record import RobotRecording
     from ...robot.tasks.files import AnyTask
     from ...space import CellSpace
@@ -33,46 +33,47 @@ def recording_of(
     - `emulation`: the emulated robot, whose map is drawn.
     - `viewer`: where to show the run as it goes.
     """
+    from ...automata import Belief
     from ...record import RecordedRobot, RobotRecording
-    from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    filter: Filter | Policy | None = None
-    belief = task.belief if isinstance(task, BeliefTask) else None
-    match task:
-        case FilterTask():
-            filter = task.filter
-        case PolicyTask():
-            filter = task.policy
-    about = _about(task)
+    estimator, about = _estimator(task), _about(task)
     cells = cells_of(task) if emulation is None else emulation.cells
-    robot = RecordedRobot(start=start)
-    if emulation is not None:
-        robot = RecordedRobot(start=start, trace=emulation.robot.trace)
+    trace = None if emulation is None else emulation.robot.trace
     return RobotRecording(
         path,
-        [robot],
+        [RecordedRobot(start=start, trace=trace)],
         cells=cells,
-        filter=filter,
-        belief=belief,
+        filter=None if isinstance(estimator, Belief) else estimator,
+        belief=estimator if isinstance(estimator, Belief) else None,
         filter_of_cells=cells is not None and _is_map(cells, about),
         viewer=viewer,
         spec={"file": name_in_results(task.path), **about},
     )
 
 
-def _about(task: "AnyTask") -> Mapping[str, Any]:
-    """What the file of a filter, a policy or a belief says of its map."""
+def _estimator(task: "AnyTask") -> "Filter | Policy | Belief | None":
+    """What a task localizes by."""
     from ...robot.tasks.files import BeliefTask, FilterTask, PolicyTask
 
     match task:
         case FilterTask():
-            return task.filter.metadata
+            return task.filter
         case PolicyTask():
-            return task.policy.metadata
+            return task.policy
         case BeliefTask():
-            return task.belief.hidden.metadata
-    return {}
+            return task.belief
+    return None
+
+
+def _about(task: "AnyTask") -> Mapping[str, Any]:
+    """What the file of a filter, a policy or a belief says of its map."""
+    from ...automata import Belief
+
+    estimator = _estimator(task)
+    if isinstance(estimator, Belief):
+        return estimator.hidden.metadata
+    return {} if estimator is None else estimator.metadata
 
 
 def cells_of(task: "AnyTask") -> "CellSpace | None":
