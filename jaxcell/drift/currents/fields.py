@@ -113,7 +113,7 @@ def read_field(
     if mean:
         u, v = u / np.maximum(count, 1), v / np.maximum(count, 1)
         notes.append(f"{names}: the mean of {len(records)} records")
-    else:
+    elif gaps.any():
         present = np.isfinite(u) & np.isfinite(v)
         for values in (u, v):
             fill_gaps(values, present, times, gaps)

@@ -20,7 +20,6 @@ from ...base import memory
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
 LARGEST_BYTES = 4 * 2**30
 
-
 _MAX_COORDINATE = 10_000_000
 
 # Numbers that stand for "no value" in files that do not say so: the oldest convention, and the

@@ -89,7 +89,7 @@ def fill_gaps(
     - `cells`: those to be filled.
     """
     seconds = (times - times[0]) / np.timedelta64(1, "s")
-    for cell in zip(*np.nonzero(cells & ~present.all(axis=0)), strict=True):
+    for cell in zip(*np.nonzero(cells), strict=True):
         here = (slice(None), *cell)
         there = present[here]
         values[here] = np.interp(seconds, seconds[there], values[here][there])

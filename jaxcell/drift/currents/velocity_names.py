@@ -31,12 +31,13 @@ class Velocity:
 
 
 class _Pair(NamedTuple):
-    """The names of u and v, the axes that their convention has them along, and why these."""
+    """The names of u and v, the axes that their convention has them along, and why these, in words;
+    `None` if it is for their names alone."""
 
     u: str
     v: str
     along: Literal["earth", "grid", "dims"]
-    why: str
+    why: str | None = None
 
 
 def choose_velocity(
@@ -115,7 +116,7 @@ def _by_name(file: OceanFile) -> _Pair:
     for row in table("velocity"):
         if row.names and all(name in names for name in row.names):
             u, v = (names[name] for name in row.names)
-            return _Pair(u, v, row.along, "by their names")
+            return _Pair(u, v, row.along)
     topology = (
         str(name)
         for name, variable in file.dataset.variables.items()
@@ -128,13 +129,12 @@ def _by_name(file: OceanFile) -> _Pair:
 
 def _along(file: OceanFile, pair: _Pair, axes: Axes) -> tuple[Literal["earth", "grid"], str]:
     """Which axes a velocity is along, and what that and the choice of it were decided on."""
-    by_name = pair.why == "by their names"
     dims = f"by their dimensions ({axes.y}, {axes.x})"
-    if axes.staggered and (by_name or pair.along == "dims"):
-        return "grid", f"{dims}, the sides of the cells of a C-grid" if by_name else pair.why
+    if axes.staggered and (pair.why is None or pair.along == "dims"):
+        return "grid", pair.why or f"{dims}, the sides of the cells of a C-grid"
     if pair.along != "dims":
-        return pair.along, pair.why
-    if not by_name:
+        return pair.along, pair.why or "by their names"
+    if pair.why is not None:
         return "earth", pair.why
     if is_rectangular(file, axes):
         return "earth", f"{dims}, on a grid of latitude and longitude"
