@@ -245,7 +245,8 @@ def basins_of_each(
     """[`basins`][jaxcell.dynamics.basins] for each of some parameters, in one batch."""
     duration = getattr(map, "duration", None)
     timed = hasattr(map, "timed") or (isinstance(map, Flow) and map.crossing > 0)
-    time = np.empty((len(members), box.size), np.float32) if timed else None
+    each_timed = timed and by == "cells"
+    time = np.empty((len(members), box.size), np.float32) if each_timed else None
     image = images_of_each(map, box, members, follow=follow, dtype=dtype, time=time, say=say)
     if say is not None:
         say("finding groups and attractors", 0, 0)
@@ -260,7 +261,7 @@ def basins_of_each(
     for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
         one = _by_cells(box, params, *parts)
         one = dataclasses.replace(one, torn=ends, duration=duration, labels=labels)
-        if time is not None and by == "cells":
+        if time is not None:
             one = dataclasses.replace(one, time=_along(one, time[len(each)]))
         if by == "orbits":
             cells = one.attractor_cells
