@@ -26,8 +26,7 @@ Cells to drop drifters in are also written for other programs, as CSV or GeoJSON
 
 **Recordings.** `save_recording` and `log_sweep` write a file that opens in the viewer with a layout
 of its own: `rerun FILE.rrd`. Time is a timeline with a name, such as `step` or `direction`; a text
-says what one sees. Rerun, of the
-extra `view`, is imported when one of them is first used.
+says what one sees. Rerun, of the extra `view`, is imported when one of them is first used.
 
 **Files** appear whole or not at all: they are written under another name and renamed. The one
 exception is a `RobotRecording`, which grows while the robots drive, so that whatever ends the run

@@ -112,7 +112,6 @@ def _estimated(rows: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.
     `rows` are the values of the members of each sample: of A, of B, and of A with one parameter
     of B.
     """
-
     from scipy import stats
 
     def indices(chosen: np.ndarray) -> np.ndarray:

@@ -180,8 +180,8 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
     patrol, stream = drawing.patrol, drawing.stream
     news, charged = patrol.news, patrol.charged
     units = "steps" if patrol.timed is None else "s"
-    between = steps_between_visits(patrol.shares)
-    shown = {"Time between visits": between if patrol.timed is None else patrol.timed.idleness}
+    between = patrol.timed.idleness if patrol.timed else steps_between_visits(patrol.shares)
+    shown = {"Time between visits": between}
     if news is not None:
         shown[f"Mean age of news at the base {news.base}"] = news.mean_age
     if charged is not None:
