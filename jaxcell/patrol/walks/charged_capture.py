@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 from typing import Any
 
 import jax.numpy as jnp
@@ -7,7 +8,7 @@ from jaxtyping import Float
 
 from ...base.precision import require_x64
 from ...base.threads import one_blas_thread
-from ...optimize import Graph
+from ...optimize import Graph, shortest_tour
 from ..team.charging import Charged, charged, in_time_for_charge
 from .ascent import Ascent, late_gain
 from .steps import ChargedSteps, Steps
@@ -48,7 +49,8 @@ def charged_capture(
 
     - `graph`, `charger`, `every`, `name`: as in [`charged`][].
     - `matrices`: the transition matrices of walks that are one of the starts, led back in time;
-        others take all edges alike, and the rest are random.
+        another goes along a short tour from charge to charge, one takes all edges alike, and the
+        rest are random.
     - `attack_time`: how many steps an attack takes.
     - `starts`: how many are tried, fewer where that takes long.
     - `seed`: of the random ones.
@@ -88,14 +90,16 @@ def charged_capture(
         near, jnp.asarray(allowed), jnp.asarray(charger), jnp.asarray(_RARE[0], jnp.float32)
     )
 
-    def logits(walks: Charged) -> Float[np.ndarray, "robots branches cells"]:
-        return (
-            np.log(np.maximum(walks.chance[:, :, here, image], 1e-3)).swapaxes(1, 2).reshape(shape)
-        )
+    def logits(
+        chance: Float[np.ndarray, "robots ages vertices vertices"],
+    ) -> Float[np.ndarray, "robots branches cells"]:
+        return np.log(np.maximum(chance[:, :, here, image], 1e-3)).swapaxes(1, 2).reshape(shape)
 
     random = np.random.default_rng(seed)
     even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
-    begins = [logits(charged(graph, np.stack([even] * robots), charger, every)), logits(led)]
+    tour = np.broadcast_to(_on_tour(graph, charger, every), led.chance.shape)
+    even_led = charged(graph, np.stack([even] * robots), charger, every).chance
+    begins = [logits(chance) for chance in (tour, even_led, led.chance)]
     if robots > 1:
         # Equal robots would stay equal.
         begins = [begin + 0.5 * random.normal(size=shape) for begin in begins]
@@ -115,3 +119,17 @@ def charged_capture(
         found.append(Charged.of(chance, charger, **given))
     walk = max(found, key=lambda one: one.least_capture or 0.0)
     return dataclasses.replace(walk, led_back=led.least_capture, late_gain=late_gain(course))
+
+
+def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
+    """How often a short tour of all vertices takes each step, by those since it was at the charger;
+    steps too late for the next charge are left out."""
+    others = np.delete(np.arange(graph.vertices), charger).tolist()
+    # Of edges of one length each, as a robot takes them here.
+    tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])
+    since, taken = 0, np.zeros((every, graph.vertices, graph.vertices))
+    for tail, head in itertools.pairwise([*tour, charger]):
+        if since < every:
+            taken[since, tail, head] += 1
+        since = 0 if head == charger else since + 1
+    return taken

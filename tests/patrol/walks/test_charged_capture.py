@@ -137,3 +137,11 @@ def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
     assert study.more(found, print).keys() == {"charged"}
     assert asked["a"][2:] == (2, 3, 4)
     assert asked["name"] == "2"
+
+
+def test_a_tour_that_fits_between_charges_captures_all():
+    # From one end to the other and back, which walks that are led back never learn.
+    line = Graph([[k, k + 1] for k in range(9)])
+    found = charged_capture(line, walk_on(line), 0, 18, 18, starts=1)
+    assert found.least_capture == pytest.approx(1)
+    assert found.led_back < 0.1
