@@ -122,10 +122,12 @@ def on_graph(name: str, graph: Graph, attack: int) -> Row:
 
 
 def charging(name: str, graph: Graph, attack: int) -> Row:
-    """At a charger as often as it takes to go to the farthest vertex and back, and two steps."""
+    """At a charger as often as it takes to go to the farthest vertex and back, and two steps; under
+    attacks that take no less, since from shorter ones the charger keeps a robot away."""
     even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()[None]
     beside = graph.matrix(np.ones(len(graph.edges)))
     every = 2 + 2 * int(scipy.sparse.csgraph.shortest_path(beside, indices=0).max())
+    attack = max(attack, every)
     wall, user, found = timed(lambda: charged_capture(graph, even, 0, every, attack))
     shown = f"{found.led_back:.4f}", f"{found.least_capture:.4f}", f"{wall:.0f}", f"{user:.0f}"
     line(name, graph.vertices, attack, every, *shown)
