@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals
-from ..space import CellSpace, stencil
+from ..space import CellSpace, estimates, stencil
 from .dynamics import Collision, bounce_map, bounce_shift, moves, step_in_cells
 from .gridded import wall_groups
 from .groups import bounce_groups, group_summary
@@ -17,8 +17,6 @@ from .localization.filter_size import heading_filter_sizes
 from .wall_map import cell_walls, walls
 
 
-# Tables of walls grow with the square of the number of ways.
-_MAX_WAYS = 100
 _PADDING = "-1: no such group"
 
 
@@ -96,7 +94,7 @@ class BounceGroups(Result):
         angles = np.atleast_1d(np.asarray(bounce, float))
         shift = bounce_shift(angles, cells.directions)
         motion = {"step": step, "collision": collision}
-        if _ways(cells, step, collision) <= _MAX_WAYS:
+        if _ways(cells, step, collision) <= estimates.MAX_WALL_WAYS:
             known = cell_walls(cells, step=step, collision=collision)
             return cls(cells, motion, angles, *_of_each(wall_groups(known, shift), slice(None)))
         found = group_summary(cells, angles, step=step, collision=collision)

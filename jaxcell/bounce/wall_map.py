@@ -190,7 +190,9 @@ def _walls_of(
     - `still`: for each way, whether no step is possible from a square, or it is not free.
     - `lines`: the lines of each way.
     """
-    squares, behind, places = [], [], []
+    squares: list[np.ndarray] = []
+    behind: list[np.ndarray] = []
+    places: list[np.ndarray] = []
     for line, ends in zip(lines, still, strict=True):
         found = zip(*_walls_along(line, is_free, ends.ravel()), strict=True)
         for one, parts in zip((places, squares, behind), found, strict=True):

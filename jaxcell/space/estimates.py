@@ -13,6 +13,7 @@ from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .extent import Extent
 from .occupancy import cutting_bytes
+from .stencils import SQUARES_AT_ONCE
 
 
 Need: TypeAlias = Callable[[Extent], float | int]
@@ -20,6 +21,9 @@ Need: TypeAlias = Callable[[Extent], float | int]
 # Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a branch of a chain
 # with its matrix; a limiting distribution.
 IMAGE, ROADMAP, CHAIN, KEPT = 30, 60, 34, 30
+
+# Tables of which wall follows which grow with the square of the number of ways.
+MAX_WALL_WAYS = 100
 
 # Sides of cells that people choose.
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -43,6 +47,16 @@ def groups(extent: Extent, step: float | None, collision: str) -> float | int:
     ways, _, _ = extent.steps(step, collision)
     section = 40 * extent.bumps(step)
     return moves(extent, step, collision) + 35 * ways * extent.positions + section
+
+
+def counts(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the numbers of periodic groups, which on a grid are found from its walls alone."""
+    ways, _, _ = extent.steps(step, collision)
+    if not extent.gridded or ways > MAX_WALL_WAYS:
+        return groups(extent, step, collision)
+    listed = 15 * min(extent.squares, SQUARES_AT_ONCE)
+    tables = 18 * ways**2 * extent.bumps(step) / extent.directions
+    return 5.7 * extent.squares + listed + tables
 
 
 def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:

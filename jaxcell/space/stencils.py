@@ -10,8 +10,8 @@ from jaxtyping import Int
 from .cells import TOLERANCE
 
 
-# Squares that are listed at once.
-_AT_ONCE = 2**20
+# Squares of lines that are listed at once.
+SQUARES_AT_ONCE = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class GridLines:
 
     def parts(self) -> Iterator[Int[np.ndarray, "squares"]]:
         """The same of some lines after the others, so that all squares are never listed at once."""
-        some = np.arange(0, self.start[-1] + _AT_ONCE, _AT_ONCE)
+        some = np.arange(0, self.start[-1] + SQUARES_AT_ONCE, SQUARES_AT_ONCE)
         ends = np.unique(np.searchsorted(self.start, some)).clip(max=self.first.size)
         for begin, end in itertools.pairwise(ends.tolist()):
             yield self.order(slice(begin, end))

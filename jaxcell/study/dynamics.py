@@ -60,7 +60,7 @@ class Dynamics(Study):
         cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
 
-    def memory(self) -> float | int:
+    def memory(self, written: bool = False) -> float | int:
         given = read_params(self.params, dict(self.asked.params)).values()
         members = max((len(value) for value in given if isinstance(value, list)), default=1)
         cells = self.asked.box.size
