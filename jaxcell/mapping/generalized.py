@@ -158,7 +158,7 @@ class Chain:
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
     """[`Chain.leaving`][], from the transition matrix."""
-    missing = 1 - np.asarray(matrix.sum(axis=1)).ravel()
+    missing = 1 - matrix @ np.ones(matrix.shape[1])
     return np.where(missing > _ROUNDING, missing, 0.0)
 
 
