@@ -76,7 +76,7 @@ def test_sizes_are_read(text, size):
 
 @pytest.mark.parametrize("text", ["", "much", "8X", "-1G", "0", "1e3", "inf", "8 G B"])
 def test_what_is_no_size_is_refused(text):
-    with pytest.raises(ValueError, match="^memory: expected a size such as 8G or 500M, got "):
+    with pytest.raises(ValueError, match=r"^memory: expected a size such as 8G or 500M, got "):
         memory.read_size(text, "memory")
 
 

@@ -12,9 +12,8 @@ _PROC = Path("/proc")
 _GROUPS = Path("/sys/fs/cgroup")
 # Of a control group without a limit, version 1 says a number next to 2^63.
 _NO_LIMIT = 2**60
-# What Python, JAX and other libraries take themselves, once they are loaded.
-_LIBRARIES = 400_000_000
-
+LIBRARIES = 400_000_000
+"""The bytes that Python, JAX and other libraries take themselves, once they are loaded."""
 LIMIT = "JAXCELL_MEMORY"
 """The environment variable that says how much a process may take, such as `8G`."""
 
@@ -84,7 +83,7 @@ def _wished() -> Iterator[int]:
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(_PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
-        yield read_size(text, LIMIT) - max(taken, _LIBRARIES)
+        yield read_size(text, LIMIT) - max(taken, LIBRARIES)
 
 
 def _machine() -> Iterator[int]:
