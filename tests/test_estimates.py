@@ -9,6 +9,7 @@ from jaxcell import bundled, study
 from jaxcell.automata import subset_construction
 from jaxcell.base import memory
 from jaxcell.bounce import (
+    BounceGroups,
     Roadmap,
     all_plans,
     bounce_groups,
@@ -144,6 +145,7 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
         lambda: moves(CellSpace.of(LAB, 0.5, 8)),
         lambda: group_summary(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: bounce_groups(CellSpace.of(LAB, 0.5, 8), math.pi),
+        lambda: BounceGroups.of(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: bounce_map(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: Roadmap.of(CellSpace.of(LAB, 0.5, 8), [math.pi]),
         lambda: coverage_policy(CellSpace.of(LAB, 0.5, 8), [math.pi], 0.0, 1.0),

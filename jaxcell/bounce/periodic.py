@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals
 from ..space import CellSpace, estimates, stencil
+from ..space.extent import Extent
 from .dynamics import Collision, bounce_map, bounce_shift, moves, step_in_cells
 from .gridded import wall_groups
 from .groups import bounce_groups, group_summary
@@ -79,7 +80,8 @@ class BounceGroups(Result):
         - `bounce`: one or several bouncing angles, in radians.
         - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
 
-        **Raises:** `ValueError` for an angle that is not a whole number of directions.
+        **Raises:** `ValueError` for an angle that is not a whole number of directions;
+        `MemoryError` where finding the numbers would not fit the free memory.
 
         A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -94,6 +96,12 @@ class BounceGroups(Result):
         angles = np.atleast_1d(np.asarray(bounce, float))
         shift = bounce_shift(angles, cells.directions)
         motion = {"step": step, "collision": collision}
+        estimates.check(
+            Extent.of(cells),
+            lambda e: estimates.counts(e, step, collision),
+            "numbers of groups",
+            step,
+        )
         if _ways(cells, step, collision) <= estimates.MAX_WALL_WAYS:
             known = cell_walls(cells, step=step, collision=collision)
             return cls(cells, motion, angles, *_of_each(wall_groups(known, shift), slice(None)))
