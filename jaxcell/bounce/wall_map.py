@@ -106,8 +106,10 @@ def cell_walls(
 
     **Arguments:** as for [`jaxcell.bounce.moves`][].
 
-    **Returns:** [`Walls`][], whose squares are positions. Where directions have few steps in common
-    it is large: the square of the number of ways, times slots.
+    **Returns:** [`Walls`][]. Where directions have few steps in common they are many: the square of
+    the number of ways, times slots.
+
+    **Raises:** as [`jaxcell.bounce.moves`][].
 
     A corridor of three squares, with the directions East and West:
 
