@@ -51,10 +51,15 @@ def groups(extent: Extent, step: float | None, collision: str) -> float | int:
 
 
 def counts(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the numbers of periodic groups, which on a grid are found from its walls alone."""
+    """Bytes of the numbers of periodic groups, which are found from the walls if ways are few.
+
+    On a grid these are known without the [`moves`][].
+    """
     ways, _, _ = extent.steps(step, collision)
-    if not extent.gridded or ways > MAX_WALL_WAYS:
+    if ways > MAX_WALL_WAYS:
         return groups(extent, step, collision)
+    if not extent.gridded:
+        return moves(extent, step, collision)
     listed = 15 * min(extent.squares, SQUARES_AT_ONCE)
     tables = 18 * ways**2 * extent.bumps(step) / extent.directions
     return 5.7 * extent.squares + listed + tables
