@@ -40,11 +40,12 @@ def script(folder, name, does):
     (folder / f"bench_{name}.py").write_text("\n".join(lines))
 
 
-def make_bench(benchmarks, folder):
+def make_bench(benchmarks, folder, *more):
     return benchmarks["run"].main(
         [
             *("--scripts", str(folder), "--logs", str(folder / "logs")),
             *("--page", str(folder / "page.md"), "--json", str(folder / "bench.json")),
+            *more,
         ]
     )
 
@@ -84,6 +85,23 @@ def test_all_rows_are_written_and_the_page_shows_them(benchmarks, folder, capsys
     assert whole["versions"]["jax"] in after
     assert after.endswith("<!-- /bench -->\nafter\n")
     assert "500 ms" in capsys.readouterr().out
+
+
+def test_times_of_a_gpu_are_a_column(benchmarks, folder, capsys):
+    assert make_bench(benchmarks, folder) == 0
+    there = json.loads((folder / "bench.json").read_text())
+    for row in there["rows"]:
+        row["ours_s"] = 0.25
+    (folder / "gpu.json").write_text(json.dumps(there))
+    options = ["--gpu", str(folder / "gpu.json")]
+    assert make_bench(benchmarks, folder, *options) == 0
+    page = (folder / "page.md").read_text()
+    assert "| jaxcell | on a GPU | peer |" in page
+    assert "| good | this | 9 cells | 500 ms | 250 ms | scipy | 2.0 s | 4.0 |" in page
+    (folder / "gpu.json").write_text("{}")
+    with pytest.raises(SystemExit, match="2"):
+        make_bench(benchmarks, folder, *options)
+    assert "gpu.json: expected what --json writes" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,15 @@
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
-from jaxcell import bundled
+from jaxcell import bundled, study
 from jaxcell.automata import subset_construction
 from jaxcell.base import memory
 from jaxcell.bounce import (
+    BounceGroups,
     Roadmap,
     all_plans,
     bounce_groups,
@@ -19,6 +22,8 @@ from jaxcell.space import CellSpace, Workspace, estimates, visible_cells, visibl
 from jaxcell.space.extent import Extent
 
 
+ENDS = {"bounces": (45.0, 90.0), "start": "0", "goal": "50"}
+TURNS = {"bounces": (45.0, 90.0), "reliability": 0.8}
 LAB = Workspace.load(bundled("maps/lab_a.json"))
 CAFE = Workspace.load(bundled("maps/cafe.json"))
 
@@ -64,6 +69,59 @@ def test_groups_take_what_was_measured(name, cell, directions, step, collision, 
     assert estimates.groups(extent, step, collision) == pytest.approx(peak, rel=0.3)
 
 
+LAB_A, CAFE_MAP = "maps/lab_a.json", "maps/cafe.json"
+HALL = "maps/room_200x125.json"
+STUDIES = {
+    "groups, 5.8e8 cells": (study.Groups, HALL, {"bounce": (90.0,), "cell": 0.125}, 360, 0.37e9),
+    "groups, 1.5e8 cells": (study.Groups, LAB_A, {"bounce": (45.0,), "cell": 0.001}, 8, 0.54e9),
+    "groups, 1.3e7 cells": (study.Groups, CAFE_MAP, {"bounce": (90.0,), "cell": 0.01}, 72, 0.7e9),
+    "groups, 3e6 cells": (study.Groups, CAFE_MAP, {"bounce": (90.0,), "cell": 0.02}, 72, 0.56e9),
+    "filter, 6e4 cells": (study.Localize, LAB_A, {"bounce": 45.0, "cell": 0.05}, 8, 0.48e9),
+    "filter, 1.5e6 cells": (study.Localize, LAB_A, {"bounce": 45.0, "cell": 0.01}, 8, 3.08e9),
+    "filter, 1e6 cells": (study.Localize, CAFE_MAP, {"bounce": 90.0, "cell": 0.05}, 72, 0.85e9),
+    "choice, 4e5 cells": (
+        study.Localize,
+        LAB_A,
+        {"bounces": (45.0, 90.0), "cell": 0.02},
+        8,
+        0.55e9,
+    ),
+    "plan, 6e6 cells": (study.Navigate, LAB_A, {**ENDS, "cell": 0.005}, 8, 0.96e9),
+    "plan, 1e6 cells": (study.Navigate, CAFE_MAP, {**ENDS, "cell": 0.05}, 72, 0.52e9),
+    "cover, 1.5e6 cells": (study.Cover, LAB_A, {**TURNS, "error": 45.0, "cell": 0.01}, 8, 1.53e9),
+    "cover, 1e6 cells": (study.Cover, CAFE_MAP, {**TURNS, "error": 5.0, "cell": 0.05}, 72, 0.65e9),
+    "team, 1.5e6 cells": (study.Team, LAB_A, {"bounce": (90.0,), "cell": 0.01}, 8, 0.59e9),
+}
+
+
+def study_of(name):
+    kind, map, options, directions, peak = STUDIES[name]
+    return kind(map=bundled(map), directions=directions, **options), peak
+
+
+# The peak of all of the process, as the system told it.
+@pytest.mark.parametrize("name", STUDIES)
+def test_studies_take_what_was_measured(name):
+    asked, peak = study_of(name)
+    assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
+@pytest.mark.parametrize("name", ["groups, 5.8e8 cells", "filter, 6e4 cells"])
+def test_studies_take_what_is_estimated(name):
+    asked, _ = study_of(name)
+    code = (
+        "from jaxcell import study, record; from jaxcell.base.runtime import configure_jax;"
+        "from pathlib import Path, PosixPath; configure_jax();"
+        f"record.summary(study.{asked!r}.run());"
+        "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    peak = int(run.stdout) * 1024
+    assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
+
+
 def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
     monkeypatch.setattr(memory, "free", lambda: 10**9)
     extent = Extent.about(LAB, 1e-3, 8)
@@ -89,6 +147,7 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
         lambda: moves(CellSpace.of(LAB, 0.5, 8)),
         lambda: group_summary(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: bounce_groups(CellSpace.of(LAB, 0.5, 8), math.pi),
+        lambda: BounceGroups.of(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: bounce_map(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: Roadmap.of(CellSpace.of(LAB, 0.5, 8), [math.pi]),
         lambda: coverage_policy(CellSpace.of(LAB, 0.5, 8), [math.pi], 0.0, 1.0),

@@ -14,6 +14,7 @@ def system(tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "_PROC", tmp_path / "proc")
     monkeypatch.setattr(memory, "_GROUPS", tmp_path / "groups")
     monkeypatch.setattr(memory, "_addresses", lambda: iter(()))
+    monkeypatch.delenv(memory.LIMIT, raising=False)
 
     def write(name, text):
         path = tmp_path / name
@@ -53,6 +54,30 @@ def test_a_group_that_is_full_leaves_nothing(system):
     system("groups/memory.max", "10")
     system("groups/memory.current", "11")
     assert memory.free() == 0
+
+
+def test_the_limit_that_is_wished_counts_with_what_is_taken(system, monkeypatch):
+    system("proc/meminfo", "MemAvailable: 5000000 kB\n")
+    monkeypatch.setenv(memory.LIMIT, "2G")
+    assert memory.free() == 1_600_000_000
+    pages = 1_000_000_000 // os.sysconf("SC_PAGE_SIZE")
+    system("proc/self/statm", f"9999999 {pages} 5 1 0 7 0\n")
+    assert memory.free() == 2_000_000_000 - pages * os.sysconf("SC_PAGE_SIZE")
+    monkeypatch.setenv(memory.LIMIT, "100M")
+    assert memory.free() == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("8G", 8e9), ("500m", 5e8), ("2.5 GB", 2.5e9), ("1T", 1e12), ("70000", 7e4)]
+)
+def test_sizes_are_read(text, size):
+    assert memory.read_size(text, "memory") == size
+
+
+@pytest.mark.parametrize("text", ["", "much", "8X", "-1G", "0", "1e3", "inf", "8 G B"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(ValueError, match=r"^memory: expected a size such as 8G or 500M, got "):
+        memory.read_size(text, "memory")
 
 
 def test_nothing_is_refused_where_nothing_is_known(system, monkeypatch):

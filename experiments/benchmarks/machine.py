@@ -8,6 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import jax
 import psutil
 
 
@@ -48,6 +49,7 @@ def machine() -> dict[str, Any]:
     return {
         "cpu": cpu(),
         "cores": os.cpu_count(),
+        "device": jax.devices()[0].device_kind,
         "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),

@@ -2,6 +2,8 @@
 
     make bench                      # the table is printed, and docs/pages/benchmarks.md shows it
     make bench JSON=bench.json      # and the rows are written as JSON
+    python experiments/benchmarks/run.py --gpu gpu.json     # with a column of ours on a GPU, from
+                                                            # the JSON of a machine that has one
 
 Each `bench_*.py` of this folder runs in a process of its own. What it prints is kept in
 `runs/bench/NAME.txt`. Where one fails, the others go on, the page stays as it is, and the exit
@@ -13,7 +15,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,7 +36,10 @@ BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
 # For the time of a peer that is not installed, or cannot do it.
 MISSING = "-"
 FILE_WIDTH = 140
-HEAD = ("", "what", "size", "jaxcell", "peer", "peer takes", "ratio")
+HEAD = ("", "what", "size", "jaxcell", "on a GPU", "peer", "peer takes", "ratio")
+# The column of the GPU, which is left out where none was measured.
+GPU = HEAD.index("on a GPU")
+Elsewhere = Mapping[tuple[str, str, str], float]
 
 
 @dataclass(frozen=True)
@@ -92,12 +97,31 @@ def two_digits(value: float) -> str:
     return f"{value:,.{0 if value >= 9.95 else 1 if value >= 0.995 else 2}f}"
 
 
-def cells_of(row: Row) -> tuple[str, ...]:
+def read_elsewhere(path: Path) -> Elsewhere:
+    """Our seconds in each row that `--json` wrote on another machine.
+
+    **Raises:** `ValueError` if the file holds no rows, `OSError` if there is none.
+    """
+    try:
+        rows = [Row.from_json(entry) for entry in json.loads(path.read_text())["rows"]]
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"expected what --json writes, got no rows: {error!r}") from None
+    return {(row.benchmark, row.what, row.size): row.ours_s for row in rows}
+
+
+def columns(cells: Sequence[str], gpu: Elsewhere) -> tuple[str, ...]:
+    """The columns that are shown."""
+    return tuple(cell for number, cell in enumerate(cells) if gpu or number != GPU)
+
+
+def cells_of(row: Row, gpu: Elsewhere) -> tuple[str, ...]:
     """The row as it is shown."""
     ratio = "" if row.ratio is None else two_digits(row.ratio)
     theirs = MISSING if row.peer and row.peer_s is None else seconds_text(row.peer_s)
     ours = seconds_text(row.ours_s)
-    return (row.benchmark, row.what, row.size, ours, row.peer or "", theirs, ratio)
+    there = seconds_text(gpu.get((row.benchmark, row.what, row.size)))
+    cells = (row.benchmark, row.what, row.size, ours, there, row.peer or "", theirs, ratio)
+    return columns(cells, gpu)
 
 
 def setting(versions: dict[str, str | None], machine: dict[str, Any]) -> str:
@@ -105,25 +129,28 @@ def setting(versions: dict[str, str | None], machine: dict[str, Any]) -> str:
     told = ", ".join(f"{name} {found or '(not installed)'}" for name, found in versions.items())
     return (
         f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gb']} GB, "
-        f"{machine['system']}, Python {machine['python']}, {machine['date']}, "
+        f"{machine['system']}, JAX on {machine['device']}, Python {machine['python']}, "
+        f"{machine['date']}, "
         f"load {machine['load']} at the start. {told}. "
         f"{MISSING}: the peer is not installed, or cannot do it."
     )
 
 
-def markdown(rows: Sequence[Row], setting: str) -> str:
+def markdown(rows: Sequence[Row], setting: str, gpu: Elsewhere) -> str:
     """The table of all rows, and below it what was timed on what."""
-    lines = [HEAD, ("---", "---", "---", "--:", "---", "--:", "--:"), *map(cells_of, rows)]
+    rules = ("---", "---", "---", "--:", "--:", "---", "--:", "--:")
+    lines = [columns(line, gpu) for line in (HEAD, rules)] + [cells_of(row, gpu) for row in rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + f"\n\n{setting}\n"
 
 
-def show(rows: Sequence[Row], setting: str) -> None:
+def show(rows: Sequence[Row], setting: str, gpu: Elsewhere) -> None:
     """Prints the table of all rows."""
-    table = Table(*HEAD, caption=setting, caption_justify="left")
-    for number, column in enumerate(table.columns):
-        column.overflow, column.justify = "fold", "right" if number in (3, 5, 6) else "left"
+    table = Table(*columns(HEAD, gpu), caption=setting, caption_justify="left")
+    words = (*HEAD[:3], "peer")
+    for column in table.columns:
+        column.overflow, column.justify = "fold", "left" if column.header in words else "right"
     for row in rows:
-        table.add_row(*map(escape, cells_of(row)))
+        table.add_row(*map(escape, cells_of(row, gpu)))
     (Console() if Console().is_terminal else Console(width=FILE_WIDTH)).print(table)
 
 
@@ -141,6 +168,7 @@ def between_markers(text: str, new: str) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows here")
+    parser.add_argument("--gpu", type=Path, metavar="FILE", help="the JSON of a GPU's machine")
     parser.add_argument("--page", type=Path, default=PAGE, help="shows the table")
     parser.add_argument("--scripts", type=Path, default=HERE, help="the folder of bench_*.py")
     parser.add_argument("--logs", type=Path, default=ROOT / "runs" / "bench", help="what they say")
@@ -152,12 +180,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"{arguments.page}: {error}")
     if arguments.json is not None and not arguments.json.absolute().parent.is_dir():
         parser.error(f"--json {arguments.json}: there is no such folder")
+    try:
+        gpu = {} if arguments.gpu is None else read_elsewhere(arguments.gpu)
+    except (ValueError, OSError) as error:
+        parser.error(f"--gpu {arguments.gpu}: {error}")
     found = {"versions": versions(), "machine": machine()}
     told = setting(**found)
     outcomes = run_all(sorted(arguments.scripts.glob("bench_*.py")), arguments.logs)
     failed = [name for name, outcome in outcomes.items() if outcome.error is not None]
     rows = [row for outcome in outcomes.values() for row in outcome.rows]
-    show(rows, told)
+    show(rows, told, gpu)
     if arguments.json is not None:
         taken = {name: outcome.seconds for name, outcome in outcomes.items()}
         whole = {**found, "scripts_s": taken, "failed": failed}
@@ -169,7 +201,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{reason}; {arguments.page.name} stays as it is", file=sys.stderr)
         return 1
     with replacing(arguments.page) as file:
-        file.write_text(between_markers(arguments.page.read_text(), markdown(rows, told)))
+        file.write_text(between_markers(arguments.page.read_text(), markdown(rows, told, gpu)))
     return 0
 
 

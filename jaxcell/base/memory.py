@@ -2,6 +2,7 @@
 
 import functools
 import os
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,15 +12,22 @@ _PROC = Path("/proc")
 _GROUPS = Path("/sys/fs/cgroup")
 # Of a control group without a limit, version 1 says a number next to 2^63.
 _NO_LIMIT = 2**60
+LIBRARIES = 400_000_000
+"""The bytes that Python, JAX and other libraries take themselves, once they are loaded."""
+LIMIT = "JAXCELL_MEMORY"
+"""The environment variable that says how much a process may take, such as `8G`."""
 
 
 def free() -> int | None:
     """How many bytes this process may still take, `None` where the system does not say.
 
     That is the least of what the machine has available, what the control groups of this process
-    leave (containers and batch systems set them), and its own limit of addresses (`ulimit -v`).
+    leave (containers and batch systems set them), its own limit of addresses (`ulimit -v`), and
+    what `JAXCELL_MEMORY` leaves.
+
+    **Raises:** `ValueError` if that is no size.
     """
-    known = [*_machine(), *_control_groups(), *_addresses()]
+    known = [*_machine(), *_control_groups(), *_addresses(), *_wished()]
     return max(0, min(known)) if known else None
 
 
@@ -47,6 +55,35 @@ def check(needed: float | int, doing: str, instead: str) -> None:
 def gigabytes(count: float | int) -> str:
     """Bytes as people read them."""
     return f"{count / 1e9:.1f} GB" if count < 1e11 else f"{count / 1e9:,.0f} GB"
+
+
+def read_size(text: str, name: str) -> int:
+    """Read a size in bytes, such as `8G`, `500M` or `2.5 GB`, by powers of 1000.
+
+    **Arguments:**
+
+    - `text`: what is read.
+    - `name`: what it is the value of.
+
+    **Raises:** `ValueError` that names it, if it is no size above 0.
+
+        >>> from jaxcell.base.memory import read_size
+        >>> read_size("2.5G", "memory")
+        2500000000
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]?)B?\s*", text, re.IGNORECASE)
+    count = int(float(found[1]) * 1000 ** " KMGT".index(found[2].upper() or " ")) if found else 0
+    if not count:
+        raise ValueError(f"{name}: expected a size such as 8G or 500M, got {text!r}")
+    return count
+
+
+def _wished() -> Iterator[int]:
+    """What is left of the limit that the user set, once all libraries are loaded."""
+    if text := os.environ.get(LIMIT):
+        pages = [int(line.split()[1]) for line in _lines(_PROC / "self" / "statm")]
+        taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
+        yield read_size(text, LIMIT) - max(taken, LIBRARIES)
 
 
 def _machine() -> Iterator[int]:

@@ -16,8 +16,8 @@ on the walls alone is in `Moves`, and what a bouncing angle adds is a turn by `s
 bumps: the first-return map from bump to bump is a section with tens of times fewer cells, and the
 groups, steps and periods of all cells follow from it. `bounce_groups`, `group_summary`; for many
 grids and angles `grid_groups`, or in two parts `walls` and `wall_groups`, the first of which is
-`cell_walls` for a map of any shape. `BounceGroups` holds what is known of them for some angles,
-`RoomGroups` for those in a room.
+`cell_walls` for a map of any shape. These four run on the host; the others wherever JAX does.
+`BounceGroups` holds what is known of them for some angles, `RoomGroups` for those in a room.
 
 **Localization** (section 2.4). The bumps of a robot that may start in any cell leave fewer and
 fewer cells possible, until its filter is in a knowledge cycle. `localization_filter`, `localize`;

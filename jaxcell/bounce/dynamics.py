@@ -63,11 +63,7 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         >>> moves.target[moves.way].tolist()
         [[1, 2, 2], [0, 0, 1]]
     """
-    length = 1.0 if step is None else step / cells.cell
-    if not (math.isfinite(length) and length >= 1 - 1e-9):
-        raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
-    if collision not in ("swept", "endpoint"):
-        raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
+    length = step_in_cells(cells, step, collision)
     estimates.check(
         Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
     )
@@ -85,6 +81,19 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         line = jnp.asarray(shape.line[shape.way[first]])
         free = jnp.ones(cells.positions, bool)
         return Moves(jnp.asarray(target), jnp.asarray(way), free, order, line)
+
+
+def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
+    """The length of a step in cells, for a rule of [`moves`][] that there is.
+
+    **Raises:** `ValueError` for a step that is too short or not finite, or an unknown rule.
+    """
+    length = 1.0 if step is None else step / cells.cell
+    if not (math.isfinite(length) and length >= 1 - 1e-9):
+        raise ValueError(f"step: expected at least one cell, {cells.cell:g} m, got {step} m")
+    if collision not in ("swept", "endpoint"):
+        raise ValueError(f"collision: expected 'swept' or 'endpoint', got {collision!r}")
+    return length
 
 
 def grid_moves(

@@ -9,16 +9,15 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals
-from ..space import CellSpace
-from .dynamics import Collision, bounce_map, bounce_shift, moves
+from ..space import CellSpace, estimates, stencil
+from ..space.extent import Extent
+from .dynamics import Collision, bounce_map, bounce_shift, moves, step_in_cells
 from .gridded import wall_groups
 from .groups import bounce_groups, group_summary
 from .localization.filter_size import heading_filter_sizes
 from .wall_map import cell_walls, walls
 
 
-# Tables of walls grow with the square of the number of ways.
-_MAX_WAYS = 100
 _PADDING = "-1: no such group"
 
 
@@ -81,7 +80,8 @@ class BounceGroups(Result):
         - `bounce`: one or several bouncing angles, in radians.
         - `step`, `collision`: as for [`jaxcell.bounce.moves`][].
 
-        **Raises:** `ValueError` for an angle that is not a whole number of directions.
+        **Raises:** `ValueError` for an angle that is not a whole number of directions;
+        `MemoryError` where finding the numbers would not fit the free memory.
 
         A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
@@ -96,7 +96,13 @@ class BounceGroups(Result):
         angles = np.atleast_1d(np.asarray(bounce, float))
         shift = bounce_shift(angles, cells.directions)
         motion = {"step": step, "collision": collision}
-        if len(moves(cells, step=step, collision=collision).target) <= _MAX_WAYS:
+        estimates.check(
+            Extent.of(cells),
+            lambda e: estimates.counts(e, step, collision),
+            "numbers of groups",
+            step,
+        )
+        if _ways(cells, step, collision) <= estimates.MAX_WALL_WAYS:
             known = cell_walls(cells, step=step, collision=collision)
             return cls(cells, motion, angles, *_of_each(wall_groups(known, shift), slice(None)))
         found = group_summary(cells, angles, step=step, collision=collision)
@@ -204,6 +210,14 @@ def _of_each(
     names = [field.name for field in dataclasses.fields(GroupTotals)]
     numbers = (np.atleast_2d(getattr(groups, name))[0] for name in names)
     return [number[which] for number in numbers]
+
+
+def _ways(cells: CellSpace, step: float | None, collision: Collision) -> int:
+    """How many ways there are, without their moves where walls run along edges of squares."""
+    if not cells.gridded:
+        return len(moves(cells, step=step, collision=collision).target)
+    length = step_in_cells(cells, step, collision)
+    return len(stencil(cells.directions, length, collision, cells.free.shape).offset)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,13 +1,18 @@
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Int, Int32
 
 from ..mapping.section import bucket
-from ..space import CellSpace, line_orders, stencil
-from .dynamics import Collision, moves
+from ..space import CellSpace, stencil
+from ..space.stencils import GridLines, Stencil
+from .dynamics import Collision, moves, step_in_cells
+
+
+# Squares of grids whose lines are listed; of larger ones that takes longer than it saves.
+_SMALL = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,10 +94,8 @@ def walls(
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision, free.shape[1:])
     lines = _lines(*free.shape[1:], shape.lines)
-    rooms = [
-        _walls_of(one.ravel(), _still(one, directions, float(step), collision), shape.line, *lines)
-        for one in free
-    ]
+    along = [lines[line] for line in shape.line.tolist()]
+    rooms = [_walls_of(one.ravel(), _still(one, shape), along) for one in free]
     return _stacked(shape.way, rooms)
 
 
@@ -103,8 +106,10 @@ def cell_walls(
 
     **Arguments:** as for [`jaxcell.bounce.moves`][].
 
-    **Returns:** [`Walls`][], whose squares are positions. Where directions have few steps in common
-    it is large: the square of the number of ways, times slots.
+    **Returns:** [`Walls`][]. Where directions have few steps in common they are many: the square of
+    the number of ways, times slots.
+
+    **Raises:** as [`jaxcell.bounce.moves`][].
 
     A corridor of three squares, with the directions East and West:
 
@@ -114,12 +119,18 @@ def cell_walls(
         >>> bounce.cell_walls(cells).behind[0, :, 0].tolist()
         [2, 2]
     """
+    if cells.gridded:
+        return walls(
+            cells.free[None],
+            cells.directions,
+            step=step_in_cells(cells, step, collision),
+            collision=collision,
+        )
     possible = moves(cells, step=step, collision=collision)
     still = np.asarray(possible.target) == np.arange(cells.positions)
-    order = np.asarray(possible.order, np.int64)
-    lines = order, _places(order)
-    room = _walls_of(np.asarray(possible.free), still, np.asarray(possible.line), *lines)
-    return _stacked(np.asarray(possible.way), [room])
+    lines = [_Listed.of(order) for order in np.asarray(possible.order, np.int64)]
+    along = [lines[line] for line in np.asarray(possible.line).tolist()]
+    return _stacked(np.asarray(possible.way), [_walls_of(np.asarray(possible.free), still, along)])
 
 
 def _stacked(way: Int[np.ndarray, "directions"], rooms: "list[_RoomWalls]") -> Walls:
@@ -148,56 +159,86 @@ class _RoomWalls:
     length: Int[np.ndarray, "ways walls"]
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Listed:
+    """The squares line by line, as steps in a way follow them, and the place of each."""
+
+    order: Int[np.ndarray, "squares"]
+    places: Int[np.ndarray, "squares"]
+
+    @classmethod
+    def of(cls, order: Int[np.ndarray, "squares"]) -> "_Listed":
+        places = np.empty_like(order)
+        places[order] = np.arange(order.size)
+        return cls(order, places)
+
+    def parts(self) -> Iterator[Int[np.ndarray, "part"]]:
+        yield self.order
+
+    def place(self, square: Int[np.ndarray, "some"]) -> Int[np.ndarray, "some"]:
+        return self.places[square]
+
+
 def _walls_of(
     is_free: Bool[np.ndarray, "squares"],
-    still: Bool[np.ndarray, "ways *squares"],
-    lines: Int[np.ndarray, "ways"],
-    order: Int[np.ndarray, "lines squares"],
-    place: Int[np.ndarray, "lines squares"],
+    still: Iterable[Bool[np.ndarray, "*squares"]],
+    lines: Sequence[_Listed | GridLines],
 ) -> _RoomWalls:
-    found = []
-    squares, behind = [], []
-    for line, ends in zip(lines.tolist(), still, strict=True):
-        # Along its lines, the squares of a way are runs that end in a stop: a wall, or an obstacle.
-        stopped = ends.ravel()[order[line]]
-        stops = np.flatnonzero(stopped)
-        square = order[line][stops]
-        free_stop = is_free[square]
-        squares.append(square[free_stop])
-        behind.append((np.diff(stops, prepend=-1) - 1)[free_stop])
-        before = np.cumsum(stopped, dtype=np.int32) - stopped
-        found.append((stops, before, np.cumsum(free_stop) - 1, place[line]))
+    """The walls of one grid.
+
+    **Arguments:**
+
+    - `is_free`: which squares are free.
+    - `still`: for each way, whether no step is possible from a square, or it is not free.
+    - `lines`: the lines of each way.
+    """
+    squares: list[np.ndarray] = []
+    behind: list[np.ndarray] = []
+    places: list[np.ndarray] = []
+    for line, ends in zip(lines, still, strict=True):
+        found = zip(*_walls_along(line, is_free, ends.ravel()), strict=True)
+        for one, parts in zip((places, squares, behind), found, strict=True):
+            one.append(np.concatenate(parts))
     start = np.cumsum([0, *map(len, squares)])
     at = np.concatenate(squares)
-    after, length = np.empty((2, len(found), at.size), np.int32)
-    for w, (stops, before, slot, place_on_line) in enumerate(found):
-        here = place_on_line[at]
-        stop = before[here]
-        after[w], length[w] = slot[stop], stops[stop] - here
+    after, length = np.empty((2, len(places), at.size), np.int32)
+    for w, (line, place) in enumerate(zip(lines, places, strict=True)):
+        here = line.place(at)
+        # From a free square the next stop is a wall.
+        after[w] = np.searchsorted(place, here)
+        length[w] = place[after[w]] - here
     return _RoomWalls(start, np.concatenate(behind), after, length)
+
+
+def _walls_along(
+    line: _Listed | GridLines,
+    is_free: Bool[np.ndarray, "squares"],
+    ends: Bool[np.ndarray, "squares"],
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The places of walls along lines, their squares, and how many squares lead to each."""
+    begin = 0
+    for order in line.parts():
+        # The squares are runs that end in a stop: a wall, or an obstacle.
+        stops = np.flatnonzero(ends[order])
+        square = order[stops]
+        free = is_free[square]
+        yield begin + stops[free], square[free], (np.diff(stops, prepend=-1) - 1)[free]
+        begin += order.size
 
 
 @functools.lru_cache(maxsize=16)
 def _lines(
-    rows: int, columns: int, lines: tuple[tuple[int, int], ...]
-) -> tuple[Int[np.ndarray, "lines squares"], Int[np.ndarray, "lines squares"]]:
-    """The squares line by line, and the place of each square among them."""
-    # NumPy takes by 64-bit numbers, and turns others into them each time.
-    order = line_orders(rows, columns, lines).astype(np.int64)
-    return order, _places(order)
-
-
-def _places(order: Int[np.ndarray, "lines squares"]) -> Int[np.ndarray, "lines squares"]:
-    place = np.empty_like(order)
-    np.put_along_axis(place, order, np.arange(order.shape[1])[None], axis=1)
-    return place
+    rows: int, columns: int, steps: tuple[tuple[int, int], ...]
+) -> list[_Listed] | list[GridLines]:
+    """The lines of each offset of a step; those of small grids are listed, to be used again."""
+    lines = [GridLines.of(rows, columns, step) for step in steps]
+    return [_Listed.of(one.order()) for one in lines] if rows * columns <= _SMALL else lines
 
 
 def _still(
-    free: Bool[np.ndarray, "rows columns"], directions: int, step: float, collision: Collision
-) -> Bool[np.ndarray, "ways rows columns"]:
-    """Whether no step in a way is possible from a square, or the square is not free."""
-    shape = stencil(directions, step, collision, free.shape)
+    free: Bool[np.ndarray, "rows columns"], shape: Stencil
+) -> Iterator[Bool[np.ndarray, "rows columns"]]:
+    """For each way, whether no step is possible from a square, or the square is not free."""
     rows, columns = free.shape
     margin = int(np.abs(shape.square).max())
     framed = np.pad(free, margin)
@@ -205,13 +246,11 @@ def _still(
         framed[margin + up : margin + up + rows, margin + across : margin + across + columns]
         for up, across in shape.square.tolist()
     ]
-    still = np.empty((len(shape.offset), rows, columns), bool)
-    for w, (crossed, beside) in enumerate(zip(shape.crossed, shape.beside, strict=True)):
+    for crossed, beside in zip(shape.crossed, shape.beside, strict=True):
         # Lists of looks are filled up with repeats.
         passes = free.copy()
         for square in dict.fromkeys(crossed.tolist()):
             passes &= looks[square]
         for left, right in dict.fromkeys(map(tuple, beside.tolist())):
             passes &= looks[left] | looks[right]
-        np.logical_not(passes, out=still[w])
-    return still
+        yield ~passes

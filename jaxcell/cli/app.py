@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from ..base.bundled import found
+from ..base.memory import LIMIT, read_size
 from .demo import Demo
 from .export import Export
 from .help import overview, parsed, unknown
@@ -88,6 +89,7 @@ def run(args: Sequence[str]) -> int:
         return 0
     name = ""
     try:
+        args = _limited(args)
         name, command = read(args)
         if (out := getattr(command, "out", None)) is not None:
             check_out(out, folder=not isinstance(command, RobotSketch | SweepView))
@@ -108,6 +110,23 @@ def run(args: Sequence[str]) -> int:
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _limited(args: Sequence[str]) -> list[str]:
+    """The words without the option --memory, whose size holds for this process and its workers.
+
+    **Raises:** `ValueError` if it is none.
+    """
+    words = list(args)
+    for place, word in enumerate(words):
+        option, equals, size = word.partition("=")
+        if option == "--memory":
+            if not equals:
+                size = "".join(words[place + 1 : place + 2])
+            read_size(size, option)
+            os.environ[LIMIT] = size
+            return words[:place] + words[place + (1 if equals else 2) :]
+    return words
 
 
 def read(args: Sequence[str]) -> tuple[str, Any]:

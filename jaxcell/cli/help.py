@@ -50,6 +50,7 @@ _EXAMPLES = {
 }
 _ABOUT = """The global behaviour of simple robots, by cell-to-cell mapping. A map, a graph
 or currents are a file, or a name such as @lab_a, which `jaxcell maps` lists.
+With --memory 8G a command refuses what would take more than that in a process.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
 _UNITS = {"deg": "DEG", "m": "M", "s": "S"}

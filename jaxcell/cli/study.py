@@ -39,7 +39,7 @@ class Command:
         )
         try:
             with status(f"reading for {self.called}"):
-                say_memory(asked.memory(), self.called)
+                say_memory(asked.memory(written=self.out is not None), self.called)
             with starting():
                 from .. import record
             began = time.perf_counter()

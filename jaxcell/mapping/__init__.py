@@ -35,6 +35,9 @@ has a positive entry there. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
 These are properties of the graph of `P` alone: persistent groups are its strongly connected
 components without a way out, found in time proportional to its edges. Nothing here knows of robots.
 
+Arrays of JAX stay where they are, on a GPU too, but for persistent and transient groups, and for
+groups of large maps that are in the memory of the host: these are found on the host.
+
 What gives which:
 
 - `SimpleMap`: `C`, with what a bump sensor says on the way.

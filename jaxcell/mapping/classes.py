@@ -177,12 +177,13 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     open_[source[source != label[matrix.indices]]] = True
     open_[label[leaving_rows(matrix) > 0]] = True
     closed = np.flatnonzero(~open_)
+    persistent = np.flatnonzero(~open_[label])
     smallest = np.zeros(components, np.int64)
     # Assigned from the last cell to the first, so that the first stays.
-    smallest[label[::-1]] = np.arange(label.size)[::-1]
+    smallest[label[persistent[::-1]]] = persistent[::-1]
     closed = closed[np.argsort(smallest[closed])]
     number = np.full(components, -1, np.int32)
     number[closed] = np.arange(closed.size)
     group = number[label]
-    size = np.bincount(group[group >= 0], minlength=closed.size)
+    size = np.bincount(group[persistent], minlength=closed.size)
     return PersistentGroups(jnp.asarray(group), closed.size, jnp.asarray(size, jnp.int32), matrix)

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -86,7 +87,14 @@ class Chain:
         return cls(image, probability)
 
     def to_scipy(self) -> scipy.sparse.csr_array:
-        """The transition matrix without the sink; all its entries are positive."""
+        """The transition matrix without the sink; all its entries are positive.
+
+        It is made once, on the host, and kept with the chain, so its arrays cannot be written to.
+        """
+        return self._matrix
+
+    @functools.cached_property
+    def _matrix(self) -> scipy.sparse.csr_array:
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         cells = image.shape[1]
         # Slots of probability 0 are dropped before anything is sorted: most are, in a sparse chain.
@@ -96,6 +104,8 @@ class Chain:
             (probability.T[used], image.T[used], end), shape=(cells, cells)
         )
         matrix.sum_duplicates()
+        for part in (matrix.data, matrix.indices, matrix.indptr):
+            part.flags.writeable = False
         return matrix
 
     @property
@@ -148,7 +158,7 @@ class Chain:
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
     """[`Chain.leaving`][], from the transition matrix."""
-    missing = 1 - np.asarray(matrix.sum(axis=1)).ravel()
+    missing = 1 - matrix @ np.ones(matrix.shape[1])
     return np.where(missing > _ROUNDING, missing, 0.0)
 
 

@@ -57,7 +57,9 @@ quickest. `DecisionModel`, `value_iteration`, `policy_chain`, `stochastic_shorte
 do not, after runs of certain steps have been taken out. What needs all pairs is dense: memory
 `O(N^2)` and time `O(N^3)`. Every solve comes with a [`jaxcell.base.certificate.Certificate`][]: a
 residual that is computed from the answer and the full matrix, and says how good the answer is. All
-solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
+solves need 64-bit numbers: `jax.config.update("jax_enable_x64", True)`. Sparse ones run on the
+host, with NumPy and scipy; `push` and `pull`, first passages, decisions, what is observed and
+`dense` run wherever JAX does.
 """
 
 from . import dense as dense

@@ -6,16 +6,13 @@ import os
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .occupancy import rasterise
+from .occupancy import TOLERANCE, rasterise
 from .workspace import Workspace, edges
 
 
 MAX_CELLS = 2**31 - 1
 # Metres, or radians: far beyond any map, and no product with it overflows.
 _LARGEST = 1e9
-# Coordinates are compared in units of a cell, to this tolerance: a point closer than this to a
-# wall or to an edge between cells lies on it, on every platform.
-TOLERANCE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,9 +85,7 @@ class CellSpace:
             raise ValueError(f"cell: the side must be at most {_LARGEST:g} m, got {cell}")
         left, bottom = workspace.boundary.min(axis=0).tolist()
         right, top = workspace.boundary.max(axis=0).tolist()
-        # The margin makes a centre that lies on a wall free whatever the rounding.
-        free_space = workspace.free_space.buffer(TOLERANCE * cell, join_style="mitre")
-        blocked = rasterise(free_space, (left, bottom, right, top), cell)
+        blocked = rasterise(workspace.free_space, (left, bottom, right, top), cell)
         return cls(workspace, float(cell), directions, (left, bottom), ~blocked)
 
     @classmethod

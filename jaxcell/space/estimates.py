@@ -1,7 +1,7 @@
 """How much memory a study of a cell space takes at its peak, before it begins.
 
-The numbers are bytes as measured on maps of up to some 10^8 cells, without the 0.4 GB that Python
-and its libraries take themselves.
+The numbers are bytes as measured on maps of up to some 10^8 cells, without what Python and its
+libraries take themselves, `jaxcell.base.memory.LIBRARIES`.
 """
 
 import dataclasses
@@ -13,13 +13,18 @@ from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .extent import Extent
 from .occupancy import cutting_bytes
+from .stencils import SQUARES_AT_ONCE
 
 
 Need: TypeAlias = Callable[[Extent], float | int]
 
-# Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a branch of a chain
-# with its matrix; a limiting distribution.
-IMAGE, ROADMAP, CHAIN, KEPT = 30, 60, 34, 30
+# Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a choice of angles
+# to localize with; a branch of a chain with its matrix; a limiting distribution, and its solve in a
+# persistent cell.
+IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
+
+# Tables of which wall follows which grow with the square of the number of ways.
+MAX_WALL_WAYS = 100
 
 # Sides of cells that people choose.
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -45,6 +50,21 @@ def groups(extent: Extent, step: float | None, collision: str) -> float | int:
     return moves(extent, step, collision) + 35 * ways * extent.positions + section
 
 
+def counts(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the numbers of periodic groups, which are found from the walls if ways are few.
+
+    On a grid these are known without the [`moves`][].
+    """
+    ways, _, _ = extent.steps(step, collision)
+    if ways > MAX_WALL_WAYS:
+        return groups(extent, step, collision)
+    if not extent.gridded:
+        return moves(extent, step, collision)
+    listed = 15 * min(extent.squares, SQUARES_AT_ONCE)
+    tables = 18 * ways**2 * extent.bumps(step) / extent.directions
+    return 5.7 * extent.squares + listed + tables
+
+
 def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
     """Bytes of the groups, and of images and steps of all cells for some bouncing angles."""
     return groups(extent, step, collision) + IMAGE * angles * extent.size
@@ -67,11 +87,22 @@ def plans(extent: Extent, step: float | None, collision: str) -> float | int:
     return max(moves(extent, step, collision), kept + ROADMAP * extent.size)
 
 
+def choice(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of a roadmap and the choice of angles by which a robot localizes itself."""
+    return plans(extent, step, collision) + CHOICE * extent.size
+
+
 def coverage(
     extent: Extent, step: float | None, collision: str, *, angles: int, branches: int
 ) -> float | int:
-    """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them."""
-    return moves(extent, step, collision) + extent.size * (CHAIN * branches + KEPT * angles)
+    """Bytes of the noisy maps of some bouncing angles, one at a time, and what is kept of them.
+
+    Cells are persistent, as measured, where turns spread over three of eight directions; where they
+    spread less, as many fewer.
+    """
+    persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
+    bytes_of_cell = CHAIN * branches + KEPT * angles + SOLVE * persistent
+    return moves(extent, step, collision) + extent.size * bytes_of_cell
 
 
 def drift(cells: Sequence[int]) -> float | int:

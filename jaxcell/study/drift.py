@@ -81,7 +81,7 @@ class Drift(Study):
         """Read the currents."""
         return _currents(self.file, self.grid, self.time, self.depths, self.bounds, self.variables)
 
-    def memory(self) -> float | int:
+    def memory(self, written: bool = False) -> float | int:
         from ..base import memory
         from ..space import estimates
 

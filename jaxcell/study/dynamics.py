@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # While a result is made, of the result, and of a million cells while they are mapped.
 _BYTES_PER_CELL = 40
 _KEPT_PER_CELL = 18
-_CHUNK_BYTES = 400e6
+_CHUNK_BYTES = 200e6
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class Dynamics(Study):
         cells = self.cells * box.dimensions if len(self.cells) == 1 else self.cells
         return dataclasses.replace(system, box=Box(box.lower, box.upper, cells, box.axes))
 
-    def memory(self) -> float | int:
+    def memory(self, written: bool = False) -> float | int:
         given = read_params(self.params, dict(self.asked.params)).values()
         members = max((len(value) for value in given if isinstance(value, list)), default=1)
         cells = self.asked.box.size

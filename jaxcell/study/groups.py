@@ -25,7 +25,12 @@ class Groups(MapStudy):
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
-        return estimates.groups(extent, **self.motion)
+        return estimates.counts(extent, **self.motion)
+
+    def written(self, extent: "Extent") -> float | int:
+        from ..space import estimates
+
+        return estimates.images(extent, len(self.bounce), **self.motion)
 
     def run(self, say: Say = silent) -> "BounceGroups":
         if not self.bounce:

@@ -68,7 +68,7 @@ class Localize(MapStudy):
 
             return needed(angles=max(1, len(self.bounces)))
         if self.bounces:
-            return estimates.plans(extent, **self.motion)
+            return estimates.choice(extent, **self.motion)
         return estimates.localization(extent, **self.motion)
 
     def spec(self, result: "Result") -> dict[str, Any]:

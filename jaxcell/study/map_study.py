@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
+from ..base import memory
 from ..base.quantities import Result
 from .study import Metres, Study, require
 
@@ -33,14 +34,28 @@ class CellStudy(Study):
 
         return estimates.cutting(extent)
 
-    def memory(self) -> float | int:
+    def written(self, extent: "Extent") -> float | int:
+        """The same with what its files take."""
+        return self.needed(extent)
+
+    def memory(self, written: bool = False) -> float | int:
         from ..space import estimates
         from ..space.extent import Extent
 
         extent = Extent.about(*_chosen(*self._cut))
         if extent is None:
             return 0
-        return estimates.check(extent, self.needed, self.name, getattr(self, "step", None))
+        step = getattr(self, "step", None)
+        if not written:
+            return estimates.check(extent, self.needed, self.name, step)
+        try:
+            return estimates.check(extent, self.written, f"{self.name} in files", step)
+        except MemoryError as error:
+            if (numbers := self.needed(extent)) == self.written(extent):
+                raise
+            estimates.check(extent, self.needed, self.name, step)
+            fits = f"without files, about {memory.gigabytes(numbers)} would do"
+            raise MemoryError(f"{error}; {fits}") from None
 
     def cells(self) -> "CellSpace":
         """Read the map and cut it into cells.

@@ -93,7 +93,7 @@ class PatrolGraph(GraphStudy):
             if wanted and not given:
                 raise ValueError(f"{parameter}: {strategy!r} needs it")
 
-    def memory(self) -> float | int:
+    def memory(self, written: bool = False) -> float | int:
         from ..base import memory
         from ..patrol import load_graph
         from ..space import estimates

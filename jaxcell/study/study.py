@@ -55,8 +55,12 @@ class Study:
         """
         raise NotImplementedError
 
-    def memory(self) -> float | int:
+    def memory(self, written: bool = False) -> float | int:
         """The bytes that the answer takes at its peak, by estimate; 0 where that is not known.
+
+        **Arguments:**
+
+        - `written`: whether it is to be written to files, which hold all of it.
 
         **Raises:** `MemoryError` that says what would fit, if more is needed than is free.
         """

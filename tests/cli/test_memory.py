@@ -1,4 +1,5 @@
 import json
+import os
 
 import pytest
 
@@ -28,7 +29,7 @@ def _own_cache(monkeypatch):
 def test_what_does_not_fit_is_refused_before_cells_are_cut(capsys, monkeypatch, name):
     monkeypatch.setattr(memory, "free", lambda: 10**8)
     monkeypatch.setattr(CellSpace, "of", None)
-    cell = 0.001 if name == "patrol map" else 0.004
+    cell = 0.001 if name in ("groups", "patrol map") else 0.004
     args = [*name.split(), LAB, *COMMANDS[name], "--cell", cell]
     assert main([str(arg) for arg in args]) == 2
     told = capsys.readouterr()
@@ -39,8 +40,39 @@ def test_what_does_not_fit_is_refused_before_cells_are_cut(capsys, monkeypatch, 
     assert line.endswith(" m would fit")
 
 
+@pytest.mark.parametrize("place", [0, 1, 4])
+@pytest.mark.parametrize("option", [["--memory", "0.5G"], ["--memory=500M"]])
+def test_a_limit_is_an_option_of_all_commands(capsys, monkeypatch, place, option):
+    # So that it is as it was after the test.
+    monkeypatch.setenv(memory.LIMIT, "")
+    monkeypatch.setattr(CellSpace, "of", None)
+    args = ["groups", str(LAB), "--bounce", "45", "--cell", "0.001"]
+    assert main([*args[:place], *option, *args[place:]]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("jaxcell groups: groups needs about 0.2 GB of memory, and 0.")
+    assert line.endswith(" m would fit")
+    assert os.environ[memory.LIMIT] == option[-1].split("=")[-1]
+
+
+def test_a_limit_that_is_no_size_is_refused(capsys, monkeypatch):
+    monkeypatch.setenv(memory.LIMIT, "")
+    assert main(["groups", str(LAB), "--bounce", "45", "--memory", "much"]) == 2
+    said = "jaxcell groups: --memory: expected a size such as 8G or 500M, got 'much'\n"
+    assert capsys.readouterr().err == said
+
+
+def test_numbers_may_fit_where_files_do_not(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(memory, "free", lambda: 5 * 10**8)
+    monkeypatch.setattr(CellSpace, "of", None)
+    args = ["groups", str(LAB), "--bounce", "45", "--cell", "0.001", "--out", str(tmp_path)]
+    assert main(args) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("jaxcell groups: groups in files needs about ")
+    assert line.endswith(" m would fit; without files, about 0.2 GB would do")
+
+
 def test_what_would_fit_does(capsys, monkeypatch):
-    monkeypatch.setattr(memory, "free", lambda: 400_000)
+    monkeypatch.setattr(memory, "free", lambda: 100_000)
     assert main(["groups", str(LAB), "--bounce", "45", "--cell", "0.1"]) == 2
     cell = capsys.readouterr().err.split(" a cell of ")[1].split()[0]
     assert main(["groups", str(LAB), "--bounce", "45", "--cell", cell]) == 0

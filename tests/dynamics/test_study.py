@@ -9,6 +9,7 @@ import xarray as xr
 from recordings import Recording
 
 from jaxcell import study
+from jaxcell.base import memory
 from jaxcell.cli.app import run
 from jaxcell.sweep import Spec, open_sweep, run_sweep
 
@@ -81,6 +82,16 @@ def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatc
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.attractors.values.tolist() == [2, 2, 2]
         assert dataset.outside_share.values.tolist() == [0, 0, 0]
+
+
+# The peak of all of the process, as the system told it.
+@pytest.mark.parametrize(
+    ("system", "cells", "peak"),
+    [("duffing", 1000, 0.53e9), ("henon", 3000, 0.81e9), ("lorenz84", 120, 0.77e9)],
+)
+def test_basins_take_what_was_measured(system, cells, peak):
+    asked = study.Dynamics(system=system, cells=(cells,))
+    assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
 
 
 def test_what_does_not_fit_is_refused_with_the_number(own, monkeypatch):

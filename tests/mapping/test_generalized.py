@@ -141,3 +141,11 @@ def test_bad_arrays_are_refused(image, probability, message):
 def test_a_matrix_that_is_not_square_is_refused():
     with pytest.raises(ValueError, match=r"as many rows as columns, got \(2, 3\)"):
         Chain.from_scipy(np.ones((2, 3)) / 3)
+
+
+def test_the_matrix_is_made_once_and_stays_as_it_is():
+    chain = Chain(np.array([[1, 0]]), np.array([[0.5, 1.0]]))
+    matrix = chain.to_scipy()
+    assert chain.to_scipy() is matrix
+    with pytest.raises(ValueError, match="read-only"):
+        matrix.data[0] = 1.0

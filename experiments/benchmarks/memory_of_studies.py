@@ -1,0 +1,70 @@
+"""What studies take at their peak, beside what is estimated before they begin.
+
+    python experiments/benchmarks/memory_of_studies.py               # each in a process of its own
+    python experiments/benchmarks/memory_of_studies.py "groups"      # those whose names begin so
+
+prints a Markdown table of bytes of the whole process, from 10^5 to some 10^9 cells.
+"""
+
+import subprocess
+import sys
+import time
+from typing import Any
+
+from jaxcell import bundled, study
+from jaxcell.base import memory
+
+
+ENDS: dict[str, Any] = {"bounces": (45.0, 90.0), "start": "0", "goal": "50"}
+TURNS: dict[str, Any] = {"bounces": (45.0, 90.0), "reliability": 0.8}
+CASES: dict[str, tuple[type[study.MapStudy], str, dict[str, Any]]] = {
+    "groups of a hall": (
+        study.Groups,
+        "room_200x125",
+        {"bounce": (90.0,), "cell": 0.125, "directions": 360},
+    ),
+    "groups of a lab": (study.Groups, "lab_a", {"bounce": (45.0,), "cell": 0.001}),
+    "groups among slanted walls": (
+        study.Groups,
+        "cafe",
+        {"bounce": (90.0,), "cell": 0.01, "directions": 72},
+    ),
+    "filter": (study.Localize, "lab_a", {"bounce": 45.0, "cell": 0.01}),
+    "choice of angles": (study.Localize, "lab_a", {"bounces": (45.0, 90.0), "cell": 0.02}),
+    "plan": (study.Navigate, "lab_a", {**ENDS, "cell": 0.005}),
+    "cover": (study.Cover, "lab_a", {**TURNS, "error": 45.0, "directions": 8, "cell": 0.01}),
+    "team": (study.Team, "lab_a", {"bounce": (90.0,), "cell": 0.01}),
+}
+
+
+def measure(name: str) -> None:
+    """Prints the row of a case; for a process of its own."""
+    from jaxcell import record
+    from jaxcell.base.runtime import configure_jax
+
+    configure_jax()
+    kind, place, options = CASES[name]
+    asked = kind(map=bundled(f"maps/{place}.json"), **options)
+    estimate = memory.LIBRARIES + asked.memory()
+    began = time.process_time()
+    result = asked.run()
+    record.summary(result)
+    seconds = time.process_time() - began
+    with open("/proc/self/status") as file:
+        peak = next(int(line.split()[1]) * 1024 for line in file if line.startswith("VmHWM:"))
+    cells = result.cells.size  # type: ignore[attr-defined]
+    numbers = f"{cells:,} | {estimate / 1e9:.2f} GB | {peak / 1e9:.2f} GB | {estimate / peak:.2f}"
+    print(f"| {name} | {numbers} | {seconds:.1f} s |", flush=True)
+
+
+def main() -> None:
+    begins = sys.argv[1] if len(sys.argv) > 1 else ""
+    print("| study | cells | estimate | peak | ratio | processor |")
+    print("| --- | --: | --: | --: | --: | --: |", flush=True)
+    for name in CASES:
+        if name.startswith(begins):
+            subprocess.run([sys.executable, __file__, "--measure", name], check=True)
+
+
+if __name__ == "__main__":
+    measure(sys.argv[2]) if sys.argv[1:2] == ["--measure"] else main()
