@@ -28,7 +28,7 @@ of a fine direction a heading is drawn from; the others had no part in the makin
 
 | errors | lab_a | lab_b |
 | --- | --- | --- |
-| 2 % | 99.3 (97.6 to 99.8; 97.2; 3.4; 300) | |
+| 2 % | 99.3 (97.6 to 99.8; 97.2; 3.4; 300) | 97.0 (94.4 to 98.4; 97.3; 2.8; 300) |
 | 5 % | 98.0 (95.4 to 99.1; 96.0; 11; 250) | 97.5 (94.3 to 98.9; 96.3; 5.7; 200) |
 
 | errors | complex | depot |
