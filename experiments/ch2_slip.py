@@ -43,11 +43,11 @@ Before headings were drawn from a part of their fine direction, sets at 2 % held
 always, at 1 % in 99 to 100 %, and at 10 % on the labs and `depot` in 97.5, 94.5 and 96 %, with 46,
 23 and 534.
 
-At 0 and 1 % more than 95 % is what sets of one or two whole cells must hold, and they say so: 98.7 %
-at 1 % on `lab_a`. At 2 % there they hold the truth more often than they say, by 2 % of the runs:
-squares of 20 cm scatter a robot by some 8 cm at each step, where errors of 2 %
-do by 2 cm. So a plan of 17 actions on `lab_a` arrives with probability 0.55 by the chain, and in
-143 of 200 runs of the emulator; three times as many fine cells add 0.06.
+At 0 and 1 % more than 95 % is what sets of one or two whole cells must hold, and they say so: 98.7
+% at 1 % on `lab_a`. At 2 % there they hold the truth more often than they say, by 2 % of the runs:
+squares of 20 cm scatter a robot by some 8 cm at each step, where errors of 2 % do by 2 cm. So a
+plan of 17 actions on `lab_a` arrives with probability 0.55 by the chain, and in 143 of 200 runs of
+the emulator; three times as many fine cells add 0.06.
 
 The filter holds the truth in 19, 7.8, 8.8 and 6.6 % of 500 runs at 2 % on the four maps, and on
 `lab_a` in 72 and 0 % of 300 runs at 1 and 5 %. Of 50,000 cells an observation takes a belief in the
