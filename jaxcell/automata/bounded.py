@@ -69,24 +69,22 @@ class Bounded:
 
     def observe(self, state: Int[np.ndarray, "cells"], observation: int) -> Int[np.ndarray, "_"]:
         """Those after an observation, 0 or 1; none if it cannot be on the map."""
-        size = self.configuration.size
+        possible = np.zeros(self.configuration.size, bool)
+        possible[state] = True
         both = zip(self.images[observation], self._arriving[observation], strict=True)
         for leaving, arriving in both:
-            block = size // leaving.shape[0]
-            size = leaving.shape[1] * block
-            if block == 1 and state.size < _FEW * leaving.shape[0]:
-                after = np.zeros(size, bool)
-                after[leaving[state].indices] = True
+            block = possible.size // leaving.shape[0]
+            if block == 1 and np.count_nonzero(possible) < _FEW * possible.size:
+                ends = leaving[np.flatnonzero(possible)].indices
+                possible = np.zeros(leaving.shape[1], bool)
+                possible[ends] = True
             else:
-                before = np.zeros((leaving.shape[0], block), bool)
-                before.ravel()[state] = True
-                after = (arriving @ before).ravel()
-            state = np.flatnonzero(after).astype(np.int32)
-        return state
+                possible = (arriving @ possible.reshape(-1, block)).ravel()
+        return np.flatnonzero(possible).astype(np.int32)
 
     def estimate(self, state: Int[np.ndarray, "cells"]) -> Estimate:
         """The configurations of the set; it is nowhere for sure if there are none."""
-        cells = np.unique(self.configuration[state])
+        cells = np.flatnonzero(np.bincount(self.configuration[state])).astype(np.int32)
         return Estimate(cells, np.full(cells.size, 1 / max(1, cells.size)), float(cells.size == 0))
 
     def automaton(self, *, limit: int = _LIMIT) -> Automaton:

@@ -260,12 +260,14 @@ def slip_choices(
     )
     points = qmc.Sobol(3 + ERRORS, seed=0).random(_SAMPLES)
     offsets = (points[:, :3] - 0.5) * [fine.cell, fine.cell, 2 * np.pi / fine.directions]
+    errors = _normal(points[:, 3:])
+    length = coarse.cell if step is None else step
     # Where in its direction a heading is decides in which it is next, not where the step leads:
     # drawn anew at each step, it would scatter a robot whose heading stays what it is.
     turned = np.zeros_like(offsets)
-    turned[:, 2], offsets[:, 2] = offsets[:, 2], 0
-    errors = _normal(points[:, 3:])
-    legs = stride_legs(coarse.directions, coarse.cell, coarse.cell if step is None else step)
+    turned[:, 2] = offsets[:, 2] * _spread(cells, slip, length, points[:, 2] - 0.5, errors[:, 1])
+    offsets[:, 2] = 0
+    legs = stride_legs(coarse.directions, coarse.cell, length)
     walls = felt_walls(coarse.workspace, slip.give)
     shifts = bounce_shift(np.asarray(bounces, float), coarse.directions).tolist()
     parts: list[list[scipy.sparse.csr_array]] = [[] for _ in range(1 + len(shifts))]
@@ -291,6 +293,35 @@ def slip_choices(
             found.append(_shares(row, image, count, size))
     moves, *bumps = (scipy.sparse.vstack(part, format="csr") for part in parts)
     return [(moves, one) for one in bumps]
+
+
+def _spread(
+    cells: FineCells,
+    slip: Slip,
+    length: float,
+    offset: Float[np.ndarray, "samples"],
+    error: Float[np.ndarray, "samples"],
+) -> float:
+    """Of how much of its fine direction a heading is drawn anew, at most of all of it.
+
+    Drawn from all of it, one that drifts by a small part of a direction would go to the next too
+    often. It is drawn from so much that the variance of its changes is that of the drift, but no
+    less than that of how far aside, in squares, the headings of one direction lead.
+
+    **Arguments:**
+
+    - `cells`, `slip`: the fine cells, and how large the errors are.
+    - `length`: length of a step, in metres.
+    - `offset`: where in its direction a heading is, -0.5 to 0.5.
+    - `error`: of its drift along a step, standard normal numbers.
+    """
+    turn = 2 * math.pi / cells.fine.directions
+    drift = slip.heading * math.sqrt(length) / turn
+    least = max(drift**2, (turn * length / cells.fine.cell) ** 2 / 12)
+    parts = np.linspace(0, 1, 65)
+    variance = (np.rint(drift * error + parts[:, None] * offset) ** 2).mean(axis=1)
+    enough = np.flatnonzero(variance >= least)
+    return float(parts[enough[0]]) if enough.size else 1.0
 
 
 def _shares(

@@ -11,8 +11,6 @@ from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 # Where around the front the bumper is felt, and how far from the contact a wall still holds it.
 _PROBES = np.radians(np.arange(-85.0, 86.0, 10.0))
 _HELD = 1e-3
-# Where the left and the right wheel are, in units of their distance.
-_SIDES = np.array([-0.5, 0.5])
 # A wall farther to a side than this presses only the half of the bumper on that side.
 _MIDDLE = math.radians(20.0)
 
@@ -96,7 +94,10 @@ class Body:
         self.travelled = np.zeros(2)
         "How far the left and the right wheel have turned, in metres, as their encoders show."
         self.bump_left = self.bump_right = False
-        self._command = (0.0, 0.0)
+        # A disc without walls, wherein a way need not be tested: its middle, and its radius.
+        self._clear, self._walls = (self.x, self.y), self._space.boundary
+        self._radius = self._walls.distance(shapely.Point(self._clear))
+        self._stretch = (0, 0)
         self._slip = (0.0, 0.0)
 
     @property
@@ -112,10 +113,12 @@ class Body:
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
-        if self._stretch(left, right) != self._stretch(*self._command):
+        # The slip is drawn anew where the kind of motion changes, not where its speed does.
+        stretch = _sign(left + right), _sign(right - left)
+        if stretch != self._stretch:
             distance, rotation = self._rng.normal(0.0, (self.noise.distance, self.noise.rotation))
             self._slip = float(distance), float(rotation)
-        self._command = left, right
+        self._stretch = stretch
         forward = (left + right) / 2 * seconds
         turn = (right - left) / WHEEL_BASE * seconds
         moved = self._move(forward * (1 + self._slip[0]), self.theta + turn / 2)
@@ -124,16 +127,12 @@ class Body:
             self.theta += float(
                 self._rng.normal(0.0, self.noise.veer * math.sqrt(abs(forward) * moved))
             )
-        wheels = forward * moved + _SIDES * turn * WHEEL_BASE
+        along, aside = forward * moved, turn * WHEEL_BASE / 2
+        wheels = np.array([along - aside, along + aside])
         if self.noise.encoder:
             wheels = wheels * (1 + self._rng.normal(0.0, self.noise.encoder, 2))
         self.travelled += wheels
         self._feel(pushing=moved < 1 and forward > 0)
-
-    @staticmethod
-    def _stretch(left: float, right: float) -> tuple[float, float]:
-        """The kind of motion: the slip is drawn anew where it changes, not where the speed does."""
-        return float(np.sign(left + right)), float(np.sign(right - left))
 
     def _move(self, forward: float, heading: float) -> float:
         """Go straight as far as the walls allow; return the share of the way that is."""
@@ -155,8 +154,13 @@ class Body:
 
     def _free(self, right: float, up: float) -> bool:
         """Whether the body may go straight so far along both axes."""
-        way = shapely.linestrings([[self.x, self.y], [self.x + right, self.y + up]])
-        return bool(shapely.covers(self._space, way))
+        here, end = (self.x, self.y), (self.x + right, self.y + up)
+        if math.dist(self._clear, here) < self._radius > math.dist(self._clear, end):
+            return True
+        if here != self._clear:
+            self._clear, self._radius = here, self._walls.distance(shapely.Point(here))
+            return self._free(right, up)
+        return bool(shapely.covers(self._space, shapely.linestrings([here, end])))
 
     def _feel(self, *, pushing: bool) -> None:
         if not (pushing or self.bump_left or self.bump_right):
@@ -170,3 +174,7 @@ class Body:
         held = pushing or bool(walls.any())
         self.bump_left = held and side > -_MIDDLE
         self.bump_right = held and side < _MIDDLE
+
+
+def _sign(number: float) -> int:
+    return (number > 0) - (number < 0)

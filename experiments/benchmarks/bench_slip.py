@@ -1,0 +1,96 @@
+"""Times an observation of the estimators of a robot that slips.
+
+Run `python experiments/benchmarks/bench_slip.py`; it takes half a minute.
+
+Belief and bounded sets are among at most 50,000 fine cells of `lab_a`, particles in its plane. They
+follow runs of 40 observations of the emulator's body, whose errors are 2 %; bounded sets allow for
+three times as much, with which in the end any cell is possible: that is when they take longest. An
+observation is timed with the estimate that follows it. Both clocks are shown: on a machine that is
+busy with other work only that of the processor tells what an observation takes.
+"""
+
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rows import Row, options, write_rows
+from timing import begin, line
+
+from jaxcell.automata import Belief, Bounded, HiddenMap
+from jaxcell.bounce import FineCells, bounded_matrices, slip_matrices
+from jaxcell.robot import Particles
+from jaxcell.robot.emulation.body import bumper_give
+from jaxcell.space import CellSpace, Slip
+
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+from slip_runs import run  # noqa: E402
+
+
+BOUNCE, ERROR, MAX_CELLS = math.radians(135), 0.02, 50_000
+MAX_S = 0.005
+
+
+def estimators(cells: CellSpace) -> dict[str, tuple[str, Any]]:
+    """Each with how large it is."""
+    give = bumper_give(cells.cell)
+    slip, most = Slip.of(ERROR, give=give), Slip.of(3 * ERROR, give=give)
+    fine, wide = (FineCells.within(cells, one, MAX_CELLS) for one in (slip, most))
+    hidden = HiddenMap.of(*slip_matrices(fine, BOUNCE, slip), fine.coarse, fine.centres)
+    sets = Bounded(bounded_matrices(wide, BOUNCE, most), wide.coarse, wide.centres)
+    return {
+        "belief": (f"{fine.size:,} cells", Belief(hidden)),
+        "bounded sets": (f"{wide.size:,} cells", sets),
+        "particles": ("1,000 particles", Particles(cells, BOUNCE, slip, count=1_000)),
+    }
+
+
+def observed(estimator: Any, words: list[list[int]]) -> np.ndarray:
+    """Seconds of each observation with its estimate: of the clock, and of the processor."""
+    found = []
+    for word in words:
+        state = estimator.start()
+        for observation in word:
+            began = time.perf_counter(), time.process_time()
+            state = estimator.observe(state, observation)
+            estimator.estimate(state)
+            found.append((time.perf_counter() - began[0], time.process_time() - began[1]))
+    return np.array(found)
+
+
+def main() -> None:
+    parser = options(__doc__, 10)
+    arguments = parser.parse_args()
+    begin("numpy", "scipy")
+    cells = CellSpace.load(HERE.parents[1] / "data" / "maps" / "lab_a.json")
+    runs = [
+        run(cells, BOUNCE, ERROR, seed, limit=40, driver=False) for seed in range(arguments.repeats)
+    ]
+    words = [[observation for observation, _ in one] for one in runs]
+    line("estimator", "size", "median, ms", "99 %", "worst", "processor: median", "99 %", "worst")
+    line(*["---"] * 2, *["--:"] * 6)
+    rows = []
+    for name, (size, estimator) in estimators(cells).items():
+        # What is computed once is so at the first of each.
+        observed(estimator, [[0], [1]])
+        wall, processor = observed(estimator, words).T
+        shown = [f"{1e3 * f(one):.2f}" for one in (wall, processor) for f in (np.median, p99, max)]
+        line(name, size, *shown)
+        rows.append(Row("slip", f"an observation, {name}", size, float(np.median(wall))))
+        verdict = "under" if p99(processor) < MAX_S else "NOT UNDER"
+        print(
+            f"{name}: 99 of 100 are {verdict} {1e3 * MAX_S:g} ms of the processor", file=sys.stderr
+        )
+    write_rows(arguments.rows, rows)
+
+
+def p99(seconds: np.ndarray) -> float:
+    return float(np.quantile(seconds, 0.99))
+
+
+if __name__ == "__main__":
+    main()
