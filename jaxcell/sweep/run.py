@@ -64,8 +64,9 @@ def run_sweep(
     """Run a sweep.
 
     A chunk is in the store whole or not at all, so a run may end at any moment, and another one
-    goes on with what is missing. What comes out does not depend on the engine, the order of chunks,
-    or on interruptions: the bytes in the store are the same.
+    goes on with what is missing. Where a file holds several chunks, a kill loses those of the last
+    second, or where many end at once of the last ten or so. What comes out does not depend on the
+    engine, the order of chunks, or on interruptions: the bytes in the store are the same.
 
     **Arguments:**
 
@@ -112,7 +113,8 @@ def run_sweep(
         raise ValueError(f"max_failures: expected 0 or more, got {max_failures}")
     found = prepared(spec)
     wide = jax_is_wide()
-    with SweepStore.opened(folder, spec, resume, made_with(spec, wide), anyway) as store:
+    made = made_with(spec, wide)
+    with _writing(folder), SweepStore.opened(folder, spec, resume, made, anyway) as store:
         states = store.states()
         store.forget(np.flatnonzero(states == DAMAGED).tolist())
         numbers = np.flatnonzero(states != DONE)
@@ -124,7 +126,6 @@ def run_sweep(
         with (
             written_down(folder) as write_down,
             contextlib.closing(start(work.take)) as outcomes,
-            _writing(folder),
         ):
 
             def report(failures: Iterable[Failure]) -> None:
