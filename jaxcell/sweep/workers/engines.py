@@ -36,7 +36,7 @@ _JOBS_EACH = 2
 _MAX_DEATHS = 3
 _DIED = Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
 # A word to the scheduler for each job would be more than a thousand workers leave time for.
-_TOGETHER = 64
+_TOGETHER = 16
 # So often we look whether workers of a cluster have come.
 _LOOK_SECONDS = 1.0
 _GONE = "{}: the scheduler of the cluster is gone"
