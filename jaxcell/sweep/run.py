@@ -6,9 +6,9 @@ import errno
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from .failures import Failure
 from .files import kept_spec
@@ -20,6 +20,10 @@ from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Count, Progress, read_down, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
+
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,7 +203,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     )
 
 
-def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
+def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """The result of a sweep, as far as it is: arrays are read when they are used.
 
     Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
@@ -228,6 +232,8 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
         ...         print(dataset["count"].values.tolist(), dataset.status.values.tolist())
         [1, 1] [1, 1]
     """
+    import xarray as xr
+
     path = Path(out) / "sweep.zarr"
     found = sweep_status(out)
     if not path.is_dir():

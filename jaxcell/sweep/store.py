@@ -65,9 +65,9 @@ class SweepStore:
     """The folder of a sweep, for the one process that writes there.
 
     - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
-        sweep, or several. When chunks of them have ended its files are replaced, that of `status`
-        last; a chunk that is not done there is computed again. Nothing in it depends on the order of
-        chunks or on the time.
+        sweep, or several. When chunks of it have ended it is replaced, that of `status` last; a
+        chunk that is not done there is computed again. Nothing in it depends on the order of chunks
+        or on the time.
     - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
