@@ -25,7 +25,6 @@ PACKAGES = (
     "pymdptoolbox",
     "deeptime",
     "gldpy",
-    "visilibity",
     "distributed",
 )
 

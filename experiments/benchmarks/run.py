@@ -31,7 +31,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PAGE = ROOT / "docs" / "pages" / "benchmarks.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
-# For the time of a peer that is not installed, or cannot do it.
+# For the time of a peer that cannot do it.
 MISSING = "-"
 FILE_WIDTH = 140
 HEAD = ("", "what", "size", "jaxcell", "peer", "peer takes", "ratio")
@@ -107,7 +107,7 @@ def setting(versions: dict[str, str | None], machine: dict[str, Any]) -> str:
         f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gb']} GB, "
         f"{machine['system']}, Python {machine['python']}, {machine['date']}, "
         f"load {machine['load']} at the start. {told}. "
-        f"{MISSING}: the peer is not installed, or cannot do it."
+        f"{MISSING}: the peer cannot do it."
     )
 
 
