@@ -35,7 +35,7 @@ lint: .venv/.dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: .venv/.dev
+bench: .venv/.bench
 	$(BIN)/python experiments/benchmarks/run.py $(if $(JSON),--json "$(JSON)")
 
 docs: .venv/.dev
@@ -56,6 +56,10 @@ pictures: .venv/.dev
 
 .venv/.dev: pyproject.toml | .venv/bin/python
 	$(BIN)/python -m pip install --quiet --editable ".[view]" --group dev
+	touch $@
+
+.venv/.bench: pyproject.toml | .venv/bin/python
+	$(BIN)/python -m pip install --quiet --editable ".[cluster]" --group bench
 	touch $@
 
 clean:

@@ -18,6 +18,7 @@ from pathlib import Path
 import dask.array  # noqa: F401  xarray imports it when it makes its first dataset.
 
 import jaxcell.sweep.boxes
+import jaxcell.sweep.pending
 import jaxcell.sweep.store
 from jaxcell.sweep import Spec, run_sweep
 
@@ -26,6 +27,8 @@ from jaxcell.sweep import Spec, run_sweep
 jaxcell.sweep.store.git_revision = lambda: "a revision"
 if "SWEEP_FILES" in os.environ:
     jaxcell.sweep.boxes._FILES = int(os.environ["SWEEP_FILES"])
+if "SWEEP_SECONDS" in os.environ:
+    jaxcell.sweep.pending._SECONDS = jaxcell.sweep.pending._TIMES = int(os.environ["SWEEP_SECONDS"])
 
 _EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
 

@@ -2,6 +2,8 @@
 
 import importlib
 import json
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -25,7 +27,7 @@ def benchmarks():
     """The modules beside the benchmarks, by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(ROOT / "experiments" / "benchmarks")
-        yield {name: importlib.import_module(name) for name in ("rows", "timing", "run")}
+        yield {name: importlib.import_module(name) for name in ("machine", "rows", "timing", "run")}
 
 
 @pytest.fixture
@@ -48,6 +50,17 @@ def make_bench(benchmarks, folder, *more):
             *more,
         ]
     )
+
+
+def test_make_bench_installs_the_peers(benchmarks):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    installed = [
+        *project["project"]["dependencies"],
+        *project["project"]["optional-dependencies"]["cluster"],
+        *project["dependency-groups"]["bench"],
+    ]
+    names = {"jaxcell", *(re.match(r"[\w-]+", one)[0].lower() for one in installed)}
+    assert names >= {*benchmarks["machine"].PACKAGES}
 
 
 def test_rows_come_back_from_their_file(benchmarks, tmp_path):

@@ -2,11 +2,9 @@
 
     python experiments/benchmarks/bench_coverage.py
 
-prints Markdown tables; README.md in this folder says what is timed, and the rules. QuantEcon is
-compared where it is installed (`pip install quantecon`).
+prints Markdown tables; README.md in this folder says what is timed, and the rules.
 """
 
-import importlib.util
 import math
 import resource
 import sys
@@ -17,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 import scipy.sparse
+from quantecon import MarkovChain
 from rows import Row, options, rows_of, write_rows
 from scipy.sparse import csgraph, linalg
 from timing import Timing, begin, line, take_turns
@@ -88,8 +87,6 @@ def plain_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
 
 
 def quantecon_groups(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    from quantecon import MarkovChain
-
     group = np.full(matrix.shape[0], -1)
     for number, cells in enumerate(MarkovChain(matrix).recurrent_classes_indices):
         group[cells] = number
@@ -147,8 +144,6 @@ def whole_power_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
 
 
 def quantecon_limiting(matrix: scipy.sparse.csr_array) -> np.ndarray:
-    from quantecon import MarkovChain
-
     return np.asarray(MarkovChain(matrix).stationary_distributions).mean(axis=0)
 
 
@@ -173,10 +168,6 @@ def show(title: str, timings: dict[str, Timing]) -> None:
         line(name, f"{1e3 * median:,.1f}", f"{median / ours:,.1f} x")
 
 
-def with_quantecon() -> bool:
-    return importlib.util.find_spec("quantecon") is not None
-
-
 def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
     cells = room()
     chain = jax.block_until_ready(noisy(cells, bounce_deg))
@@ -189,16 +180,14 @@ def one_angle(bounce_deg: float, repeats: int, full: bool) -> list[Row]:
         "scipy strong components, sink test in NumPy": lambda: scipy_groups(matrix),
         "the same, with the matrix made by scipy": lambda: scipy_groups(matrix_of(chain)),
         SLOW_SCIPY: lambda: plain_groups(matrix),
+        "QuantEcon, recurrent_classes": lambda: quantecon_groups(matrix),
     }
-    absent = ["QuantEcon, recurrent_classes"]
-    if with_quantecon():
-        programs[absent.pop()] = lambda: quantecon_groups(matrix)
     timings = take_turns(programs, repeats, agreeing(0), PATIENCE_S)
     show(f"Persistent groups, {title}", timings)
     size, noise = f"{cells.size:,} cells", f"imprecise policy, {bounce_deg} deg"
     # The table of all has the fastest of scipy only.
     del timings["the same, with the matrix made by scipy"], timings[SLOW_SCIPY]
-    rows = rows_of("coverage", f"persistent groups, {noise}", size, timings, absent)
+    rows = rows_of("coverage", f"persistent groups, {noise}", size, timings)
 
     programs = {
         "jaxcell, limiting_distribution": lambda: np.asarray(
@@ -225,15 +214,15 @@ def quantecon_size(repeats: int) -> list[Row]:
     def ours() -> np.ndarray:
         return np.asarray(limiting_distribution(chain, persistent_groups(chain)).value)
 
-    programs: dict[str, Callable[[], np.ndarray]] = {"jaxcell, groups and distribution": ours}
-    absent = ["QuantEcon, stationary_distributions"]
-    if with_quantecon():
-        programs[absent.pop()] = lambda: quantecon_limiting(matrix)
+    programs: dict[str, Callable[[], np.ndarray]] = {
+        "jaxcell, groups and distribution": ours,
+        "QuantEcon, stationary_distributions": lambda: quantecon_limiting(matrix),
+    }
     timings = take_turns(programs, repeats, agreeing(AGREEMENT), PATIENCE_S)
     title = f"75 deg, {cells.size:,} cells, {int(found.size.sum()):,} persistent"
     show(f"Groups and distribution, {title}", timings)
     what = "groups and limiting distribution, imprecise policy, 75 deg"
-    return rows_of("coverage", what, f"{cells.size:,} cells", timings, absent)
+    return rows_of("coverage", what, f"{cells.size:,} cells", timings)
 
 
 def whole_job(repeats: int) -> list[Row]:

@@ -1,7 +1,7 @@
 """Times value iteration for a drifter's voyage beside quantecon and pymdptoolbox.
 
 Run `python experiments/benchmarks/bench_decision.py`; it takes about half a minute, and with
-`--full`, a million cells, about three minutes more. Peers that are not installed are skipped.
+`--full`, a million cells, about three minutes more.
 
 The sea has three layers of gyres, turned against each other. A drifter is carried to one of four
 cells, or goes up or down where there is a layer, and is to come to one cell (Alam 2018, Alg. 5.5).
@@ -17,7 +17,9 @@ import statistics
 from collections.abc import Callable
 from typing import Any
 
+import mdptoolbox.mdp as mdptoolbox
 import numpy as np
+import quantecon
 import scipy.sparse
 from rows import Row, options, write_rows
 from timing import begin, line, timed
@@ -28,16 +30,6 @@ from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain
 from jaxcell.markov.decision import DecisionModel, value_iteration
 from jaxcell.markov.shortest_path import stochastic_shortest_path
-
-
-try:
-    import quantecon
-except ImportError:
-    quantecon = None
-try:
-    import mdptoolbox.mdp as mdptoolbox
-except ImportError:
-    mdptoolbox = None
 
 
 TOLERANCE = 1e-8
@@ -115,10 +107,8 @@ def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list
     row(f"jaxcell ({found.iterations} sweeps)", [t for t, _ in ours], f"{found.gap:.0e} (bound)")
     row("jaxcell, first call", [first], "")
 
-    def peer(module: Any, name: str, prepare: Callable[..., Any], method: str) -> float | None:
-        """Its seconds; `None` where it is not installed, or cannot do it."""
-        if module is None:
-            return None
+    def peer(name: str, prepare: Callable[..., Any], method: str) -> float | None:
+        """Its seconds; `None` where it cannot do it."""
         try:
             program = prepare(model, goal, discount, method)
             program() if rows < 100 and name == "quantecon" else None  # it compiles
@@ -133,13 +123,13 @@ def side_by_side(rows: int, columns: int, discount: float, repeats: int) -> list
     median = statistics.median(seconds for seconds, _ in ours)
     what = f"value iteration, {len(model.chains)} actions, discount {discount:g}"
     measured = []
-    for module, name, prepare, method in (
-        (quantecon, "quantecon", with_quantecon, "value_iteration"),
-        (quantecon, "quantecon", with_quantecon, "modified_policy_iteration"),
-        (mdptoolbox, "pymdptoolbox", with_mdptoolbox, "ValueIteration"),
-        (mdptoolbox, "pymdptoolbox", with_mdptoolbox, "PolicyIterationModified"),
+    for name, prepare, method in (
+        ("quantecon", with_quantecon, "value_iteration"),
+        ("quantecon", with_quantecon, "modified_policy_iteration"),
+        ("pymdptoolbox", with_mdptoolbox, "ValueIteration"),
+        ("pymdptoolbox", with_mdptoolbox, "PolicyIterationModified"),
     ):
-        theirs = peer(module, name, prepare, method)
+        theirs = peer(name, prepare, method)
         program = f"{name}, {method}"
         measured.append(Row("decision", what, f"{cells} cells", median, program, theirs))
     if model.cells < 500_000:

@@ -11,7 +11,6 @@ strong components and `spsolve`, deeptime by the mean first passage time to the 
 which it is told.
 """
 
-import importlib.util
 import resource
 import sys
 from collections.abc import Callable
@@ -103,13 +102,9 @@ def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
         ),
         by_scipy: lambda: scipy_times(matrix),
     }
-    absent = []
     if cells <= 10_000:
-        if importlib.util.find_spec("deeptime") is not None:
-            persistent = persistent_components(matrix) >= 0
-            programs[by_deeptime] = lambda: deeptime_times(matrix, persistent)
-        else:
-            absent = [by_deeptime]
+        persistent = persistent_components(matrix) >= 0
+        programs[by_deeptime] = lambda: deeptime_times(matrix, persistent)
 
     def check(results: dict[str, np.ndarray]) -> None:
         times = results[by_us]
@@ -128,7 +123,7 @@ def side_by_side(side: int, spread: str, repeats: int) -> list[Row]:
     size = f"{cells:,} cells"
     return [
         Row("drift", f"drift map, {spread} disturbances", size, mapping[the_map].median),
-        *rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings, absent),
+        *rows_of("drift", f"domiciles and times, {spread} disturbances", size, timings),
     ]
 
 

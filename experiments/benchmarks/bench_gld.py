@@ -12,6 +12,7 @@ gldpy maximises has no bound.
 import warnings
 from typing import Any
 
+import gldpy
 import numpy as np
 import scipy.stats
 from rows import Row, options, write_rows
@@ -19,12 +20,6 @@ from timing import Timing, begin, line, take_turns, timed
 
 from jaxcell.patrol.law.distribution import Gld
 from jaxcell.patrol.law.fit import fit_gld
-
-
-try:
-    import gldpy
-except ImportError:
-    gldpy = None
 
 
 CONTINUOUS = {
@@ -100,10 +95,8 @@ def main() -> None:
     rows = []
     for name, law in {**continuous, **whole}.items():
         seconds = ours(name, law.rvs(5000, random_state=0), arguments.repeats)
-        # Where gldpy is run, it gets rows of its own, with fewer samples.
-        peer = "gldpy" if gldpy is None and name in continuous else None
-        rows.append(Row("gld", f"fit of samples, {name} law", "5,000 samples", seconds, peer))
-    for name, law in continuous.items() if gldpy is not None else ():
+        rows.append(Row("gld", f"fit of samples, {name} law", "5,000 samples", seconds))
+    for name, law in continuous.items():
         samples = law.rvs(arguments.samples, random_state=0)
         seconds = ours(name, samples, arguments.repeats)
         size, theirs = f"{samples.size:,} samples", by_gldpy(name, samples)

@@ -1,4 +1,4 @@
-"""Times what cells see of each other beside shapely, and visibility polygons beside VisiLibity.
+"""Times what cells see of each other beside shapely.
 
 Run `python experiments/benchmarks/bench_sight.py`; it takes about half a minute. `--full` adds
 a map of 10,000 cells with slanted walls.
@@ -8,29 +8,18 @@ in range, whether the prepared environment covers the convex hull of the centre 
 of the cell, in batch. It gets the pairs in range for nothing (untimed), and the environment with a
 margin of 1e-9 of a cell, without which its exact predicates would refuse what touches a slanted
 wall. The script stops where the answers differ.
-
-VisiLibity (`pip install visilibity`, which needs SWIG and a C++ compiler) has visibility polygons
-of unlimited range; its rows appear where it can be imported.
 """
 
-import math
 import pathlib
-from typing import Any
 
 import numpy as np
 import shapely
 from rows import Row, options, rows_of, write_rows
-from timing import begin, line, take_turns, timed
+from timing import begin, line, take_turns
 
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.space.sight import visible_cells, visible_centres
-from jaxcell.space.view import visibility_polygon
 
-
-try:
-    import visilibity
-except ImportError:
-    visilibity = None
 
 MAPS = pathlib.Path(__file__).parents[2] / "data" / "maps"
 REACH = 6
@@ -128,56 +117,10 @@ def side_by_side(name: str, cells: CellSpace, repeats: int) -> list[Row]:
     return rows_of("sight", what, f"{cells.positions:,} cells", timings)
 
 
-def polygons(name: str, cells: CellSpace) -> Row:
-    """All viewers of a map, unlimited range, ours and VisiLibity's."""
-    workspace = cells.workspace
-    assert workspace is not None
-    x, y, _ = cells.centre(np.arange(cells.positions))
-    points = np.stack([x, y], axis=1).tolist()
-    ours, found = timed(lambda: [visibility_polygon(workspace, p).area for p in points])
-    theirs = None
-
-    def tell(*entries: object) -> None:
-        line(name, len(points), f"{1000 * ours / len(points):.2f}", *entries)
-
-    walls = None if visilibity is None else environment_of(workspace)
-    if visilibity is None:
-        tell("", "", "")
-    elif walls is None:
-        tell("not valid for it", "", "")
-    else:
-
-        def area(point: list[float]) -> float:
-            polygon = visilibity.Visibility_Polygon(visilibity.Point(*point), walls, 1e-9)
-            ring = [(polygon[i].x(), polygon[i].y()) for i in range(polygon.n())]
-            return shapely.Polygon(ring).area
-
-        theirs, expected = timed(lambda: [area(p) for p in points])
-        both = zip(found, expected, strict=True)
-        differ = sum(not math.isclose(a, b, rel_tol=1e-6) for a, b in both)
-        tell(f"{1000 * theirs / len(points):.2f}", f"{theirs / ours:.1f}", differ)
-    what = f"visibility polygons of all cells, {name}"
-    return Row("sight", what, f"{len(points):,} cells", ours, "VisiLibity", theirs)
-
-
-def environment_of(workspace: Workspace) -> Any:
-    """The walls for VisiLibity; `None` if they are not valid for it."""
-    free = shapely.orient_polygons(workspace.environment)
-    if free.geom_type != "Polygon":
-        return None
-    # Walls that are corners in a straight line are not valid for it.
-    free = shapely.simplify(free, 0)
-    rings = [shapely.get_coordinates(r)[:-1].tolist() for r in shapely.get_rings(free)]
-    walls = visilibity.Environment(
-        [visilibity.Polygon([visilibity.Point(*p) for p in ring]) for ring in rings]
-    )
-    return walls if walls.is_valid(1e-9) else None
-
-
 def main() -> None:
     parser = options(__doc__, repeats=5, full="10,000 cells among slanted walls")
     arguments = parser.parse_args()
-    begin("numpy", "shapely", "visilibity")
+    begin("numpy", "shapely")
     print(f"Wholly visible cells, range {REACH} cells; least seconds, ratio of medians\n")
     line("map", "cells", "visible pairs", "jaxcell", "shapely", "jaxcell, centres", "ratio")
     line("---", *["--:"] * 6)
@@ -187,11 +130,6 @@ def main() -> None:
     rows += side_by_side("10^4, on the grid", large(slanted=False), 3)
     if arguments.full:
         rows += side_by_side("10^4, slanted", large(slanted=True), 3)
-    print("\nVisibility polygons, unlimited range; milliseconds each\n")
-    line("map", "points", "jaxcell", "VisiLibity", "ratio", "areas that differ")
-    line("---", *["--:"] * 5)
-    for name in ("depot.json", "harbour.json", "arena.json"):
-        rows.append(polygons(name, cells_of(name)))
     write_rows(arguments.rows, rows)
 
 

@@ -26,7 +26,6 @@ PACKAGES = (
     "pymdptoolbox",
     "deeptime",
     "gldpy",
-    "visilibity",
     "distributed",
 )
 

@@ -18,7 +18,7 @@ and one without a peer is `Row("subset", "localization filter", "880,000 cells",
 import argparse
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,7 @@ class Row:
     - `size`: how large the problem is, with its unit.
     - `ours_s`: the median of our seconds.
     - `peer`: the peer, and which of its programs; `None` if there is none.
-    - `peer_s`: the median of its seconds; `None` also if it is not installed, or cannot do it.
+    - `peer_s`: the median of its seconds; `None` also if it cannot do it.
     """
 
     benchmark: str
@@ -83,18 +83,11 @@ class Row:
         return cls(**{name: entry[name] for name in names})
 
 
-def rows_of(
-    benchmark: str,
-    what: str,
-    size: str,
-    timings: "Mapping[str, Timing]",
-    absent: Iterable[str] = (),
-) -> list[Row]:
-    """A row for each peer: the programs of `timings` but the first, and those that are absent."""
+def rows_of(benchmark: str, what: str, size: str, timings: "Mapping[str, Timing]") -> list[Row]:
+    """A row for each peer: the programs of `timings` but the first."""
     ours, *peers = timings
     seconds = timings[ours].median
-    measured = [Row(benchmark, what, size, seconds, peer, timings[peer].median) for peer in peers]
-    return measured + [Row(benchmark, what, size, seconds, peer) for peer in absent]
+    return [Row(benchmark, what, size, seconds, peer, timings[peer].median) for peer in peers]
 
 
 def options(doc: str, repeats: int, full: str | None = None) -> argparse.ArgumentParser:

@@ -33,7 +33,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PAGE = ROOT / "docs" / "pages" / "benchmarks.md"
 BEGIN, END = "<!-- bench -->", "<!-- /bench -->"
-# For the time of a peer that is not installed, or cannot do it.
+# For the time of a peer that cannot do it.
 MISSING = "-"
 FILE_WIDTH = 140
 HEAD = ("", "what", "size", "jaxcell", "on a GPU", "peer", "peer takes", "ratio")
@@ -132,7 +132,7 @@ def setting(versions: dict[str, str | None], machine: dict[str, Any]) -> str:
         f"{machine['system']}, JAX on {machine['device']}, Python {machine['python']}, "
         f"{machine['date']}, "
         f"load {machine['load']} at the start. {told}. "
-        f"{MISSING}: the peer is not installed, or cannot do it."
+        f"{MISSING}: the peer cannot do it."
     )
 
 

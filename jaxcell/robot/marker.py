@@ -40,7 +40,6 @@ _FACING = np.array([0, 1, 0, 1] * 3)
 _AT = np.array([3.0, 3, -3, -3] + [1.0, 1, -1, -1] * 2)
 _FROM = np.array([-1.0] * 4 + [1.0] * 4 + [-3.0] * 4)
 _TO = np.array([1.0] * 4 + [3.0] * 4 + [-1.0] * 4)
-_AREA = 20.0
 _VARIANCE = 29 / 15  # Of x over the cross, and of y.
 
 # The local mean is taken over a window of this many pixels, and a frame is halved as long as its

@@ -32,7 +32,7 @@ progress of a sweep, also while it runs. What they guarantee:
 
 - A chunk is in the store whole or not at all, though a file may hold several. A run may end at any
     moment, by a kill or a loss of power, and with `resume` another one computes what is missing and
-    no more.
+    no more. Of chunks that share a file, those of the last second or so are not in it yet.
 - The numbers depend on the specification alone: not on the engine, the number of processes, the
     order in which chunks end, or interruptions. The bytes of the store are the same. A store that
     was begun with another specification, another version of jaxcell or JAX, another module of the

@@ -32,6 +32,11 @@ class Boxes:
     def __iter__(self) -> Iterator[Chunk]:
         return map(self.grid.chunk, range(self.grid.chunk_count))
 
+    @property
+    def several(self) -> bool:
+        """Whether a file may hold more than one chunk."""
+        return self.grid.lengths != self.spec.lengths
+
     def around(self, chunk: Chunk) -> Chunk:
         """The box that holds a chunk."""
         lengths = self.grid.lengths.values()

@@ -1,7 +1,7 @@
 """The frame of a result: its arrays without their chunks, their coordinates and attributes.
 
 A file of an array holds a box of members: one chunk of the sweep, or where these are many several,
-and is replaced whole with each of them. It ends with a CRC-32C of what is in it (the codec of Zarr
+and is replaced whole. It ends with a CRC-32C of what is in it (the codec of Zarr
 of that name, after compression), and boxes of nothing but the fill value have files too. So a bit
 that was flipped is seen when it is read, and a file that is gone when it is looked for.
 """
@@ -24,7 +24,7 @@ from ..base.files import replacing
 from .boxes import stored_lengths
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
-from .workers.work import Computed
+from .workers.work import Computed, Variable
 
 
 TO_DO, DONE, FAILED = 0, 1, 2
@@ -144,38 +144,53 @@ def variables_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> dict[str, tupl
     return found
 
 
-def check_fits(spec: Spec, arrays: Mapping[str, zarr.Array], computed: Computed) -> None:
+def frame_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> Computed:
+    """What a task would have given for no member."""
+    named = variables_of(spec, arrays)
+    own = {*spec.dimensions, "status", *(one.name for one in spec.parameters), *named}
+    inner = len(spec.dimensions)
+    variables = {
+        name: Variable(
+            dimensions,
+            np.empty((0, *arrays[name].shape[inner:]), arrays[name].dtype),
+            dict(arrays[name].attrs),
+        )
+        for name, dimensions in named.items()
+    }
+    coordinates = {}
+    for name in sorted(set(arrays) - own):
+        values = np.asarray(arrays[name][...])
+        if values.dtype.kind == "T":
+            values = values.astype(np.str_)
+        coordinates[name] = Variable((name,), values, dict(arrays[name].attrs))
+    return Computed(variables, coordinates)
+
+
+def check_fits(frame: Computed, computed: Computed) -> None:
     """Raise `ValueError` if a chunk has not the variables of the chunk that was done first."""
-    own = {*spec.dimensions, "status", *(one.name for one in spec.parameters)}
-    given = {**computed.variables, **computed.coordinates}
-    if set(given) != set(arrays) - own:
+    given, first = ({**one.variables, **one.coordinates} for one in (computed, frame))
+    if given.keys() != first.keys():
         raise ValueError(
             f"the task gave {', '.join(sorted(given))}; the chunk that was done first has "
-            f"{', '.join(sorted(set(arrays) - own))}"
+            f"{', '.join(sorted(first))}"
         )
     for name, variable in given.items():
-        array = arrays[name]
-        skipped = len(spec.dimensions) if name in computed.variables else 0
-        names: Any = array.metadata.dimension_names  # type: ignore[union-attr]
-        found = {
-            "dimensions": [*names[skipped:]],
-            "shape": [*array.shape[skipped:]],
-            "kind": "string" if array.dtype.kind == "T" else str(array.dtype),
-            "attributes": dict(array.attrs),
-        }
-        frame = {
-            "dimensions": [*variable.dimensions],
-            "shape": [*variable.values.shape[skipped > 0 :]],
-            "kind": "string" if variable.values.dtype.kind == "U" else str(variable.values.dtype),
-            "attributes": dict(variable.attributes),
-        }
-        what = next((key for key in found if frame[key] != found[key]), None)
+        here, there = (
+            {
+                "dimensions": [*one.dimensions],
+                "shape": [*one.values.shape[name in computed.variables :]],
+                "kind": "string" if one.values.dtype.kind == "U" else str(one.values.dtype),
+                "attributes": dict(one.attributes),
+            }
+            for one in (variable, first[name])
+        )
+        what = next((key for key in there if here[key] != there[key]), None)
         if what is not None:
             raise ValueError(
-                f"the task gave {name!r} with the {what} {frame[what]}; in the chunk that was "
-                f"done first it is {found[what]}"
+                f"the task gave {name!r} with the {what} {here[what]}; in the chunk that was "
+                f"done first it is {there[what]}"
             )
-        if not skipped and not np.array_equal(variable.values, np.asarray(array[:])):
+        if name in computed.coordinates and not np.array_equal(variable.values, first[name].values):
             raise ValueError(
                 f"the task gave a coordinate {name!r} with values other than those of the "
                 "chunk that was done first"

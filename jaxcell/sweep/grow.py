@@ -16,9 +16,8 @@ import numpy as np
 import zarr
 
 from .boxes import Boxes
-from .frame import DONE, TO_DO, fill, make_frame, open_arrays
+from .frame import DONE, TO_DO, fill, frame_of, make_frame, open_arrays
 from .spec import Chunk, Spec
-from .workers.work import Computed, Variable
 
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def grow(
     if old.arrays:
         old.forget(old.damaged())
         result = temporary / "sweep.zarr"
-        make_frame(result, spec, frame_of(old), attributes)
+        make_frame(result, spec, frame_of(old.spec, old.arrays), attributes)
         arrays = open_arrays(result)
         for box in Boxes.of_lengths(spec, arrays["status"].chunks):
             _copy(old, arrays, box, [*places.values()])
@@ -84,27 +83,6 @@ def tidy(folder: Path) -> None:
         *(folder / "failures").glob(".*-????????.*"),
     ]:
         path.unlink()
-
-
-def frame_of(old: "SweepStore") -> Computed:
-    """What a task would have given for no member."""
-    inner = len(old.spec.dimensions)
-    variables = {
-        name: Variable(
-            dimensions,
-            np.empty((0, *old.arrays[name].shape[inner:]), old.arrays[name].dtype),
-            dict(old.arrays[name].attrs),
-        )
-        for name, dimensions in old.variables.items()
-    }
-    coordinates = {}
-    for name in old.coordinates():
-        array = old.arrays[name]
-        values = np.asarray(array[...])
-        if values.dtype.kind == "T":
-            values = values.astype(np.str_)
-        coordinates[name] = Variable((name,), values, dict(array.attrs))
-    return Computed(variables, coordinates)
 
 
 def _copy(

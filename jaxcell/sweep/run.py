@@ -6,9 +6,9 @@ import errno
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from .failures import Failure
 from .files import kept_spec
@@ -20,6 +20,10 @@ from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Count, Progress, read_down, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
+
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +68,9 @@ def run_sweep(
     """Run a sweep.
 
     A chunk is in the store whole or not at all, so a run may end at any moment, and another one
-    goes on with what is missing. What comes out does not depend on the engine, the order of chunks,
-    or on interruptions: the bytes in the store are the same.
+    goes on with what is missing. Where a file holds several chunks, a kill loses those of the last
+    second, or where many end at once of the last ten or so. What comes out does not depend on the
+    engine, the order of chunks, or on interruptions: the bytes in the store are the same.
 
     **Arguments:**
 
@@ -112,7 +117,8 @@ def run_sweep(
         raise ValueError(f"max_failures: expected 0 or more, got {max_failures}")
     found = prepared(spec)
     wide = jax_is_wide()
-    with SweepStore.opened(folder, spec, resume, made_with(spec, wide), anyway) as store:
+    made = made_with(spec, wide)
+    with _writing(folder), SweepStore.opened(folder, spec, resume, made, anyway) as store:
         states = store.states()
         store.forget(np.flatnonzero(states == DAMAGED).tolist())
         numbers = np.flatnonzero(states != DONE)
@@ -124,7 +130,6 @@ def run_sweep(
         with (
             written_down(folder) as write_down,
             contextlib.closing(start(work.take)) as outcomes,
-            _writing(folder),
         ):
 
             def report(failures: Iterable[Failure]) -> None:
@@ -198,7 +203,7 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     )
 
 
-def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
+def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     """The result of a sweep, as far as it is: arrays are read when they are used.
 
     Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
@@ -227,6 +232,8 @@ def open_sweep(out: str | os.PathLike[str]) -> xr.Dataset:
         ...         print(dataset["count"].values.tolist(), dataset.status.values.tolist())
         [1, 1] [1, 1]
     """
+    import xarray as xr
+
     path = Path(out) / "sweep.zarr"
     found = sweep_status(out)
     if not path.is_dir():

@@ -5,15 +5,18 @@ import itertools
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from .design import RANDOM_DIMENSION
 from .files import kept_spec
 from .run import open_sweep
 from .store import reading
+
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 _RESAMPLES = 200
@@ -89,7 +92,7 @@ def sobol_indices(out: str | os.PathLike[str]) -> tuple[SobolIndex, ...]:
     return tuple(index for values in found for index in _of_variable(values, names, spec.seed))
 
 
-def _of_variable(values: xr.DataArray, names: list[str], seed: int) -> Iterator[SobolIndex]:
+def _of_variable(values: "xr.DataArray", names: list[str], seed: int) -> Iterator[SobolIndex]:
     """The indices of a variable, at each place of a grid."""
     grid = [str(name) for name in values.dims if name != RANDOM_DIMENSION]
     for places in itertools.product(*(range(values.sizes[name]) for name in grid)):

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from .files import kept_spec
-from .frame import DONE, FAILED
-from .grow import frame_of
+from .frame import DONE, FAILED, frame_of
 from .lock import holder
 from .run import SweepStatus, run_sweep
-from .store import SweepStore, made_with, reading
+from .store import SweepStore, made_with
 from .workers.engines import Outcomes, Take
 from .workers.progress import Progress
 from .workers.work import Computed, Failed, Job, jax_is_wide
@@ -160,7 +159,8 @@ class _Reader:
     """The outcomes that are in the store of a shard."""
 
     def __init__(self, store: SweepStore) -> None:
-        self._store, self._states, self._frame = store, store.states(), frame_of(store)
+        self._store, self._states = store, store.states()
+        self._frame = frame_of(store.spec, store.arrays)
         failures = [*store.failures(self._states)]
         self._failures = {tuple(one.index.values()): one for one in failures}
         self._failed = Counter(one.chunk for one in failures)
@@ -187,11 +187,8 @@ class _Reader:
             place = tuple(start + int(one) for start, one in zip(starts, row, strict=True))
             if (failure := self._failures.get(place)) is not None:
                 return Failed(failure.message, failure.trace)
-        with reading(store.folder):
-            variables = {
-                name: dataclasses.replace(
-                    one, values=np.asarray(store.arrays[name][chunk.region])[tuple(inside)]
-                )
-                for name, one in self._frame.variables.items()
-            }
+        variables = {
+            name: dataclasses.replace(one, values=store.read(name, chunk.region)[tuple(inside)])
+            for name, one in self._frame.variables.items()
+        }
         return dataclasses.replace(self._frame, variables=variables)

@@ -1,6 +1,7 @@
 """What a sweep is to do: a specification, read from a TOML file."""
 
 import dataclasses
+import functools
 import itertools
 import math
 import os
@@ -144,7 +145,7 @@ class Spec:
             )
         return spec
 
-    @property
+    @functools.cached_property
     def dimensions(self) -> dict[str, int]:
         """The dimensions of the sweep and their sizes, in the order of the file."""
         return {parameter.dimension: parameter.values.size for parameter in self.parameters}
@@ -154,16 +155,16 @@ class Spec:
         """Whether Sobol indices can be estimated from the members."""
         return self.document.get("random", {}).get("design") == SALTELLI
 
-    @property
+    @functools.cached_property
     def members(self) -> int:
         return math.prod(self.dimensions.values())
 
-    @property
+    @functools.cached_property
     def chunk_grid(self) -> tuple[int, ...]:
         """The number of chunks along each dimension."""
         return tuple(-(-size // self.lengths[name]) for name, size in self.dimensions.items())
 
-    @property
+    @functools.cached_property
     def chunk_count(self) -> int:
         return math.prod(self.chunk_grid)
 

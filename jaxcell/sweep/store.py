@@ -4,7 +4,6 @@ import contextlib
 import importlib.metadata
 import itertools
 import json
-import math
 import os
 import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,16 +16,16 @@ import zarr
 from .. import __version__
 from ..base.files import replacing
 from ..base.revision import git_revision
-from .boxes import Boxes, by_chunk, inside
+from .boxes import Boxes, by_chunk
 from .digests import changed, digests
-from .failures import Failure, read_report, remove_report, reported, write_report
+from .failures import Failure, read_report, reported, write_report
 from .files import keep_folder
 from .frame import (
     DONE,
     FAILED,
     TO_DO,
     check_fits,
-    fill,
+    frame_of,
     has_checksums,
     make_frame,
     open_arrays,
@@ -36,6 +35,7 @@ from .frame import (
 )
 from .grow import grow, tidy
 from .lock import locked
+from .pending import Pending
 from .spec import Chunk, Spec
 from .workers.halving import Parts
 from .workers.work import Computed, Failed
@@ -65,9 +65,9 @@ class SweepStore:
     """The folder of a sweep, for the one process that writes there.
 
     - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
-        sweep, or several. With each chunk that ends its files are replaced, that of `status` last;
-        a chunk that is not done there is computed again. Nothing in it depends on the order of
-        chunks or on the time.
+        sweep, or several. When chunks of it have ended it is replaced, that of `status` last; a
+        chunk that is not done there is computed again. Nothing in it depends on the order of chunks
+        or on the time.
     - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
@@ -84,7 +84,9 @@ class SweepStore:
         self.variables: Mapping[str, tuple[str, ...]] = {}
         "Those of the task, with their dimensions beside those of members."
         self.boxes = Boxes(spec, spec)
-        self._last: dict[str, tuple[int, np.ndarray]] = {}
+        self._states: np.ndarray | None = None
+        self._frame: Computed | None = None
+        self._pending = Pending(self)
         self._open()
 
     @classmethod
@@ -121,7 +123,11 @@ class SweepStore:
                 with replacing(kept) as temporary:
                     temporary.write_bytes(spec.text)
             keep_folder(folder, spec)
-            yield cls(folder, spec, made)
+            store = cls(folder, spec, made)
+            try:
+                yield store
+            finally:
+                store._pending.write()
 
     @classmethod
     def _go_on(cls, folder: Path, spec: Spec, made: Mapping[str, Any], anyway: bool) -> None:
@@ -154,11 +160,6 @@ class SweepStore:
         """What has changed since the result was made: versions, files, the task."""
         return differences(self.folder, self.attributes(), self.made) if self.arrays else []
 
-    def coordinates(self) -> list[str]:
-        """The coordinates of the other dimensions of what the task gives."""
-        own = {*self.spec.dimensions, "status", *(one.name for one in self.spec.parameters)}
-        return sorted(set(self.arrays) - own - set(self.variables))
-
     def went_on(self, others: Sequence[str] = ()) -> dict[str, Any]:
         """The attribute that says with what a run went on all the same, if one did."""
         if not self.arrays:
@@ -173,7 +174,7 @@ class SweepStore:
             with reading(self.folder):
                 states[reported(self.folder)] = FAILED
             return states
-        members = self._members()
+        members = self.members()
         done = by_chunk(self.spec, np.logical_and, members == DONE)
         failed, damaged = (
             by_chunk(self.spec, np.logical_or, members == state) for state in (FAILED, DAMAGED)
@@ -182,35 +183,33 @@ class SweepStore:
         damaged &= by_chunk(self.spec, np.logical_or, (members == DONE) | (members == DAMAGED))
         return np.select([damaged, done, failed], [DAMAGED, DONE, FAILED], TO_DO).astype(np.int8)
 
-    def _members(self) -> np.ndarray:
-        """The state of each member."""
-        status = self.arrays["status"]
-        try:
-            return np.asarray(status[...])
-        except Exception:  # Zarr and its codecs have errors of many types.
-            members = np.full(status.shape, DAMAGED, np.int8)
-            for box in self.boxes:
-                with contextlib.suppress(Exception):
-                    members[box.region] = status[box.region]
-            return members
+    def members(self) -> np.ndarray:
+        """The state of each member, which `pending` keeps as it is."""
+        if self._states is None:
+            status = self.arrays["status"]
+            try:
+                self._states = np.asarray(status[...])
+            except Exception:  # Zarr and its codecs have errors of many types.
+                self._states = np.full(status.shape, DAMAGED, np.int8)
+                for box in self.boxes:
+                    with contextlib.suppress(Exception):
+                        self._states[box.region] = status[box.region]
+        return self._states
 
     def missing(self, chunk: Chunk) -> np.ndarray:
         """Which members of a chunk are not done."""
-        box = self.boxes.around(chunk)
-        if not self.arrays or not self._file("status", box).exists():
+        if not self.arrays:
             return np.ones(chunk.shape, bool)
-        return self._held("status", box)[inside(chunk, box)] != DONE
+        return self.members()[chunk.region] != DONE
 
-    def _held(self, name: str, box: Chunk) -> np.ndarray:
-        """What a file holds, as it was read or written last: chunks mostly end side by side."""
-        if self._last.get(name, (-1,))[0] != box.number:
-            with reading(self.folder):
-                self._last[name] = box.number, np.asarray(self.arrays[name][box.region])
-        return self._last[name][1]
+    def read(self, name: str, region: tuple[slice, ...]) -> np.ndarray:
+        """What the files of an array hold."""
+        with reading(self.folder):
+            return np.asarray(self.arrays[name][region])
 
     def damaged(self) -> dict[int, list[str]]:
         """The arrays of each chunk whose files are gone or cannot be read."""
-        members = self._members()
+        members = self.members()
         some = by_chunk(self.spec, np.logical_or, members == DONE)
         held = self.boxes.numbers()
         found = {}
@@ -223,7 +222,7 @@ class SweepStore:
 
     def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
         files = self._files(box)
-        if not self._file("status", box).exists():
+        if not self.file("status", box).exists():
             # It was lost, or a run was killed, which leaves one chunk half written.
             return ["status"] * any(map(os.path.exists, files.values()))
         if (members == DAMAGED).any():
@@ -241,10 +240,10 @@ class SweepStore:
     def forget(self, numbers: Iterable[int]) -> None:
         """Make chunks ones that are to do; files that cannot be read are removed."""
         chunks = [self.spec.chunk(number) for number in numbers]
-        self._last.clear()
+        self._states = None
         # The states first: nothing that is done there is ever without its values.
         for name, chunk in itertools.product(("status", *self.variables), chunks):
-            path = self._file(name, self.boxes.around(chunk))
+            path = self.file(name, self.boxes.around(chunk))
             try:
                 if path.exists():
                     self.arrays[name][chunk.region] = self.arrays[name].fill_value
@@ -263,9 +262,9 @@ class SweepStore:
         """The files of a box for the variables of the task."""
         inner = len(self.spec.dimensions)
         names = [name for name in self.variables if all(self.arrays[name].shape[inner:])]
-        return {name: self._file(name, box) for name in names}
+        return {name: self.file(name, box) for name in names}
 
-    def _file(self, name: str, box: Chunk) -> Path:
+    def file(self, name: str, box: Chunk) -> Path:
         index = box.index + (0,) * len(self.variables.get(name, ()))
         return self.zarr.joinpath(name, "c", *map(str, index))
 
@@ -289,10 +288,12 @@ class SweepStore:
                 for number in reported(self.folder):
                     for failure in read_report(self.folder, number):
                         self.arrays["status"][tuple(failure.index.values())] = FAILED
-        check_fits(self.spec, self.arrays, computed)
+        if self._frame is None:
+            self._frame = frame_of(self.spec, self.arrays)
+        check_fits(self._frame, computed)
 
     def write(self, parts: Parts) -> list[Failure]:
-        """Write what is known of the members of a chunk that are missing.
+        """Take what is known of the members of a chunk that are missing, to be written soon.
 
         **Returns:** those that failed.
         """
@@ -301,51 +302,12 @@ class SweepStore:
         if failures:
             write_report(self.folder, chunk.number, failures)
         if self.arrays:
-            self._write_members(parts)
-        if not failures:
-            remove_report(self.folder, chunk.number)
+            self._pending.add(parts)
         return failures
 
     def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
         index = self.spec.index(chunk, place)
         return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
-
-    def _write_members(self, parts: Parts) -> None:
-        """Write the results, and when they are on the disk the states."""
-        chunk, box = parts.chunk, self.boxes.around(parts.chunk)
-        status, place = self.arrays["status"], inside(chunk, box)
-        states = self._held("status", box)
-        if box.region != chunk.region and not self._file("status", box).exists():
-            # Where this is killed, chunks beside this one are not taken for half written.
-            status[box.region] = states
-        done = states == DONE
-        kept = done[place]
-        for name in self.variables if parts.computed else ():
-            array = self.arrays[name]
-            inner = array.shape[kept.ndim :]
-            if not done.any():
-                nothing = np.full(box.shape + inner, fill(array.dtype), array.dtype)
-                self._last[name] = box.number, nothing
-            held = self._held(name, box)
-            values = self._batch(fill(array.dtype), array.dtype, inner)
-            for places, computed in parts.computed:
-                values[places] = computed.variables[name].values
-            held[place][~kept] = self._inside(chunk, values)[~kept]
-            array[box.region] = held
-        now = self._batch(TO_DO, states.dtype)
-        now[list(parts.failed)] = FAILED
-        for places, _ in parts.computed:
-            now[places] = DONE
-        states[place] = np.where(kept, DONE, self._inside(chunk, now))
-        status[box.region] = states
-
-    def _batch(self, value: Any, dtype: np.dtype, inner: tuple[int, ...] = ()) -> np.ndarray:
-        """A value for each place in the batch of a chunk."""
-        return np.full((math.prod(self.spec.lengths.values()), *inner), value, dtype)
-
-    def _inside(self, chunk: Chunk, values: np.ndarray) -> np.ndarray:
-        """Values of the places in the batch of a chunk, as a box of its members."""
-        return values[self.spec.places(chunk)].reshape(chunk.shape + values.shape[1:])
 
     def _open(self) -> None:
         if not self.zarr.exists():

@@ -3,14 +3,17 @@
 import dataclasses
 from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 import numpy as np
-import xarray as xr
 
 from ..base.quantities import Quantity, Result, values
 from ..study import Study
+
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 Asked = TypeVar("Asked", bound=Study)
@@ -53,11 +56,13 @@ def read_study(study: type[Asked], parameters: Mapping[str, Any]) -> Asked:
 
 def study_task(
     study: type[Study], batch: Mapping[str, np.ndarray], fixed: Mapping[str, Any], seed: int
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """The single numbers of a study for each member of a batch.
 
     Members that differ in the batched parameter of the study alone are answered together.
     """
+    import xarray as xr
+
     members = studies(study, batch, fixed, seed)
     rows: list[dict[str, tuple[Quantity, Any]]] = [{}] * len(members)
     for together in _together(study, members):

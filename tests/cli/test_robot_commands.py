@@ -3,9 +3,6 @@ import functools
 import json
 import math
 import re
-import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -174,34 +171,6 @@ def test_a_robot_that_cannot_be_armed_has_a_summary_too(filter_file, capsys, mon
     code, found = run(simulated(filter_file, start="70"), capsys)
     assert (code, found["result"], found["observations"]) == (1, "stopped", "")
     assert found["reason"] == "the robot was stopped: it is on the charger"
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_a_run_with_its_summary(filter_file, tmp_path):
-    out = tmp_path / "out"
-    # A shell that starts these tests in the background has the signal ignored.
-    main = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "from jaxcell.cli import main; raise SystemExit(main())"
-    )
-    with subprocess.Popen(
-        [
-            *(sys.executable, "-c", main, "robot", "run", filter_file, "--json"),
-            *("--simulate", MAPS / "lab_a.json", "--speedup", "1", "--out", out),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        end = time.monotonic() + 120
-        while not (out / "run.jsonl").exists() and time.monotonic() < end:
-            time.sleep(0.1)
-        process.send_signal(signal.SIGINT)
-        told, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert json.loads(told)["result"] == "stopped"
-    assert json.loads((out / "summary.json").read_text()) == json.loads(told)
-    assert "jaxcell robot run: Ctrl-C; not localized after " in errors
 
 
 @pytest.mark.parametrize(

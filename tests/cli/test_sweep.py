@@ -226,13 +226,22 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
 
 
 @slow
-def test_help_needs_neither_jax_nor_xarray():
+def test_help_needs_neither_jax_nor_zarr():
     program = (
         "import sys\nfrom jaxcell.cli import main\n"
         "try: main(['sweep', '--help'])\n"
         "except SystemExit: pass\n"
-        "assert not {'jax', 'xarray', 'zarr'} & set(sys.modules)\n"
-        "import jaxcell.sweep\n"
-        "assert 'jax' not in sys.modules"
+        "assert not {'jax', 'xarray', 'zarr'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_the_state_of_a_sweep_needs_neither_jax_nor_xarray(spec, tmp_path):
+    out = str(tmp_path / "out")
+    assert main(["sweep", spec(), "--out", out, "--json"]) == 0
+    program = (
+        "import sys\nfrom jaxcell.cli import main\n"
+        f"assert main(['sweep', 'status', {out!r}]) == 0\n"
+        "assert not {'jax', 'xarray', 'pandas'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)

@@ -142,11 +142,34 @@ def test_no_file_is_replaced_before_it_is_on_the_disk(stub_spec, tmp_path, few, 
 
     monkeypatch.setattr(os, "fsync", sync)
     monkeypatch.setattr(os, "replace", replace)
+    # Each chunk is written as it ends.
+    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", 0)
+    monkeypatch.setattr("jaxcell.sweep.pending._TIMES", 0)
     run_sweep(stub_spec(), tmp_path / "out")
     assert len(replaced) >= 6 * 6
     assert all(safe for _, safe in replaced)
     # The states of a chunk come after its values.
     assert "status" in replaced[-1][0]
+
+
+@pytest.mark.parametrize(("seconds", "limit", "writes"), [(1e9, 2**28, 3), (1e9, 0, 6), (0, 0, 6)])
+def test_a_file_is_written_once_for_many_chunks(
+    stub_spec, tmp_path, few, whole, monkeypatch, seconds, limit, writes
+):
+    """Of two files, with three chunks each: the first chunk, then each file as it is whole."""
+    kept, replaced = os.replace, []
+
+    def replace(source, target):
+        replaced.append(str(target))
+        kept(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", seconds)
+    monkeypatch.setattr("jaxcell.sweep.pending._TIMES", 0)
+    monkeypatch.setattr("jaxcell.sweep.pending._MAX_BYTES", limit)
+    run_sweep(stub_spec(), tmp_path / "out")
+    assert sum("sweep.zarr/value/c/" in name for name in replaced) == writes
+    assert tree(tmp_path / "out") == tree(whole)
 
 
 def test_members_that_failed_are_computed_again(stub_spec, tmp_path, few, whole, monkeypatch):
@@ -224,13 +247,13 @@ def test_a_sweep_of_a_file_for_each_chunk_goes_on_so(stub_spec, tmp_path, monkey
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("files", ["1", "2"])
-def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, files):
+@pytest.mark.parametrize(("files", "seconds"), [("1", "1"), ("1", "0"), ("2", "0")])
+def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, files, seconds):
     spec = stub_spec()
     script = [sys.executable, Path(sweep_kills.__file__), spec.path, tmp_path, "local", "60", "1"]
     found = subprocess.run(
         script,
-        env={**os.environ, "SWEEP_FILES": files},
+        env={**os.environ, "SWEEP_FILES": files, "SWEEP_SECONDS": seconds},
         check=False,
         capture_output=True,
         text=True,

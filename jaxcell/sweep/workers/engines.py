@@ -7,6 +7,7 @@ gives back outcomes in the order in which they come. Closing its generator ends 
 import contextlib
 import functools
 import importlib.util
+import itertools
 import json
 import math
 import multiprocessing.connection
@@ -34,6 +35,8 @@ _JOBS_EACH = 2
 # How often a chunk may take its worker with it.
 _MAX_DEATHS = 3
 _DIED = Failed(f"its worker died each of {_MAX_DEATHS} times: out of memory?")
+# A word to the scheduler for each job would be more than a thousand workers leave time for.
+_TOGETHER = 16
 # So often we look whether workers of a cluster have come.
 _LOOK_SECONDS = 1.0
 _GONE = "{}: the scheduler of the cluster is gone"
@@ -229,32 +232,46 @@ def _dask(take: Take, address: str, timeout: float | None) -> Outcomes:
     work = compute if timeout is None else functools.partial(_apart, run, timeout)
     pending: dict[Any, Job] = {}
     ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    most, looked = 0, -math.inf
     with Client(address, timeout=_CONNECT_SECONDS, set_as_default=False) as client:
         try:
             while True:
-                # Workers come and go.
-                most = max(sum(_asked(address, client.nthreads).values()), 1) * _JOBS_EACH
-                while len(pending) < most and (job := take()) is not None:
-                    future = client.submit(work, job, pure=False)
-                    pending[future] = job
-                    future.add_done_callback(ended.put)
+                if time.monotonic() >= looked + _LOOK_SECONDS:
+                    # Workers come and go.
+                    threads = sum(_asked(address, client.nthreads).values())
+                    most, looked = max(threads, 1) * _JOBS_EACH, time.monotonic()
+                while jobs := _some(take, min(most - len(pending), _TOGETHER)):
+                    for job, future in zip(jobs, client.map(work, jobs, pure=False), strict=True):
+                        pending[future] = job
+                        future.add_done_callback(ended.put)
                 if not pending:
                     return
-                try:
-                    future = ended.get(timeout=_LOOK_SECONDS)
-                except queue.Empty:
-                    continue
-                job = pending.pop(future)
-                if future.cancelled():
-                    raise ConnectionError(_GONE.format(address))
-                error = future.exception()
-                outcome = future.result() if error is None else failure(error)
-                future.release()
-                yield job, outcome
+                futures = _waiting(ended)
+                found = client.gather({one.key: one for one in futures}, errors="skip")
+                for future in futures:
+                    if future.cancelled():
+                        raise ConnectionError(_GONE.format(address))
+                    outcome = found[future.key] or failure(future.exception())
+                    yield pending.pop(future), outcome
         finally:
             if timeout is not None:
                 with contextlib.suppress(OSError):
                     client.run(_end_apart, run)
+
+
+def _some(take: Take, most: int) -> list[Job]:
+    """So many jobs, or as many as there are now."""
+    return [*itertools.islice(iter(take, None), max(most, 0))]
+
+
+def _waiting(ended: "queue.SimpleQueue[Any]") -> list[Any]:
+    """All that is in a queue; if nothing is, what comes within a moment."""
+    found = []
+    with contextlib.suppress(queue.Empty):
+        found.append(ended.get(timeout=_LOOK_SECONDS))
+        while True:
+            found.append(ended.get_nowait())
+    return found
 
 
 def _asked(address: str, ask: Callable[[], dict[str, int]]) -> dict[str, int]:

@@ -42,7 +42,7 @@ class Halving:
     def settle(self, job: Job, outcome: Computed | Failed) -> Parts | None:
         """Take the outcome of a job, and give the chunk if all of it is known now."""
         chunk = self._spec.chunk(job.number)
-        inside = np.intersect1d(job.places, self._spec.places(chunk))
+        inside = np.intersect1d(job.places, self._spec.places(chunk), assume_unique=True)
         if job.number not in self.begun:
             self.begun[job.number] = Parts(chunk, inside.size)
         parts = self.begun[job.number]

@@ -9,10 +9,9 @@ import sys
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from ...study import Study, parameters
 from ...study.loading import load_module
@@ -22,7 +21,11 @@ from ..spec import Chunk, Spec
 from ..studies import studies, study_task
 
 
-Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], xr.Dataset]
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], "xr.Dataset"]
 
 _WIDE = "JAX_ENABLE_X64"
 _KINDS = "biufc"
@@ -222,6 +225,8 @@ def failure(error: BaseException) -> Failed:
 
 def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
     """What a task gave, checked."""
+    import xarray as xr
+
     if not isinstance(dataset, xr.Dataset):
         raise TypeError(f"the task gave {type(dataset).__name__}; expected an xarray.Dataset")
     members = len(next(iter(batch.values())))

@@ -1,0 +1,144 @@
+"""Runs that end in any manner go on from their logs, through the command and the whole driver."""
+
+import functools
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from wheels import MAPS, body_in, bounce_filter, bounce_tables, map_cells
+
+from jaxcell.cli.robot.replay import RobotReplay
+from jaxcell.cli.robot.run import RobotRun
+from jaxcell.robot.emulation.emulator import Emulator, Line
+
+
+LAB = map_cells("lab_a.json")
+START = 70
+ENDS = ("result", "observations", "colors", "cells", "reason")
+# A shell that starts these tests in the background has the signal ignored.
+MAIN = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from jaxcell.cli import main; raise SystemExit(main())"
+)
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def filter_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("filter") / "filter.jxf"
+    about = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
+    bounce_filter(LAB, 45, metadata=about).save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(filter_file, tmp_path_factory):
+    """The summary of a run that nothing stops."""
+    return run(simulated(filter_file, tmp_path_factory.mktemp("whole") / "out"))[1]
+
+
+def simulated(file, out, start=START, **fields):
+    return RobotRun(
+        file=file, simulate=MAPS / "lab_a.json", start=str(start), speedup=100.0, out=out, **fields
+    )
+
+
+def run(command):
+    """The exit status, and the summary that lies beside the log."""
+    code = command.run()
+    return code, json.loads((command.out / "summary.json").read_text())
+
+
+def await_observations(log, count):
+    limit = time.monotonic() + 120
+    while time.monotonic() < limit:
+        if log.exists() and log.read_text().count('"observation":') >= count:
+            return
+        time.sleep(0.01)
+
+
+def stand(count):
+    """The cell where the model has the robot after so many observations."""
+    image, _ = bounce_tables(LAB, 45)
+    return functools.reduce(lambda cell, _: int(image[cell]), range(count), START)
+
+
+def replay(log, capsys):
+    capsys.readouterr()
+    assert RobotReplay(log=log, json=True).run() == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def goes_on(log, file, whole, capsys, tmp_path):
+    """Resume a run and look at both logs and the end."""
+    before = replay(log, capsys)
+    count = len(before["observations"])
+    assert 2 <= count < len(whole["observations"])
+    assert whole["observations"].startswith(before["observations"])
+    assert set(whole["cells"]) != set(before["cells"])
+    on = tmp_path / "on"
+    code, found = run(simulated(file, on, stand(count), resume=log))
+    again = replay(on / "run.jsonl", capsys)
+    assert code == 0
+    for name in ENDS:
+        assert found[name] == whole[name], name
+        assert again[name] == whole[name], name
+    assert found["emulated"]["truth_is_a_candidate"] is True
+
+
+@pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
+def test_a_program_that_was_ended(filter_file, whole, tmp_path, capsys, kill):
+    out = tmp_path / "out"
+    log = out / "run.jsonl"
+    with subprocess.Popen(
+        [
+            *(sys.executable, "-c", MAIN, "robot", "run", filter_file, "--json"),
+            *("--simulate", MAPS / "lab_a.json", "--start", str(START)),
+            *("--speedup", "5", "--out", out),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        await_observations(log, 2)
+        process.send_signal(kill)
+        said, errors = process.communicate(timeout=60)
+    if kill == signal.SIGINT:
+        assert process.returncode == 130
+        found = json.loads(said)
+        assert (found["result"], found["cells"]) == ("stopped", replay(log, capsys)["cells"])
+        assert json.loads((out / "summary.json").read_text()) == found
+        assert "jaxcell robot run: Ctrl-C; not localized after " in errors
+    else:
+        assert process.returncode == -signal.SIGKILL
+        # It may end within a line.
+        with log.open("a") as file:
+            file.write('{"event": "observation", "obs')
+    goes_on(log, filter_file, whole, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("charge", "why"),
+    [(269.0, "the robot was stopped: the battery is low (10%)"), (0.0, "the robot was stopped: ")],
+    ids=["low", "flat"],
+)
+def test_a_robot_whose_battery_ends(filter_file, whole, tmp_path, capsys, charge, why):
+    out = tmp_path / "out"
+    with Emulator(body_in(LAB, START), line=Line(speedup=20.0)) as robot:
+
+        def empty():
+            await_observations(out / "run.jsonl", 2)
+            robot._charge = charge
+
+        emptier = threading.Thread(target=empty)
+        emptier.start()
+        code, found = run(RobotRun(file=filter_file, port=robot.port, heading=135.0, out=out))
+        emptier.join()
+    assert (code, found["result"]) == (1, "stopped")
+    assert found["reason"].startswith(why)
+    goes_on(out / "run.jsonl", filter_file, whole, capsys, tmp_path)
