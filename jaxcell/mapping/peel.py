@@ -85,13 +85,16 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     size = bucket(max(left.size + 1, _FEWEST))
     rest = np.full(size, size - 1, image.dtype)
     rest[: left.size] = place[image[left]]
+    del place
     found = jax.device_get(_groups(rest, None))
     # Both numbers of a cell in one, so that they are read and written at once.
     both = np.empty(image.size, np.int64)
     both[left] = (found.group[: left.size].astype(np.int64) << 32) + found.step[: left.size]
     for cells in reversed(dropped):
         both[cells] = both[image[cells]] + 1
-    group, step = ((both >> 32).astype(image.dtype), (both & (2**32 - 1)).astype(image.dtype))
+    step = both.astype(np.int32).astype(image.dtype, copy=False)
+    group = np.right_shift(both, 32, out=both).astype(image.dtype)
+    del both, dropped
     count = found.count - 1
     period = np.zeros_like(group)
     period[:count] = found.group_period[:count]
