@@ -18,12 +18,13 @@ from jaxcell.space import Box
 
 
 def any_map(bounced: np.ndarray, repeats: int) -> list[Row]:
-    """Times a bounce map, and maps of as many cells that are dissipative and random."""
+    """Times a bounce map, and as many cells of a dissipative, a random, and a one-to-one map."""
     size, draw = bounced.size, np.random.default_rng(0)
     images = {
         "a bounce map": bounced,
         "a dissipative map": dissipative(size),
         "a random map": draw.integers(0, size, size).astype(np.int32),
+        "a permutation": draw.permutation(size).astype(np.int32),
     }
     rows = []
     for name, image in images.items():

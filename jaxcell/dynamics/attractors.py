@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..mapping import PeriodicGroups
@@ -223,22 +223,23 @@ def _linked(
     box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
 ) -> Int[np.ndarray, "orbits"]:
     """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
-    one, other, orbits = [], [], len(place)
+    orbits = len(place)
     bits = orbits.bit_length()
-    counts = parts * np.array(box.cells)
-    for shift in itertools.product((0.0, 0.5), repeat=box.dimensions):
-        corner = parts * place + np.array(shift)
-        corner = np.floor(np.nan_to_num(corner, nan=-1.0, posinf=-1, neginf=-1))
+    along = []
+    for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+        count, at = parts * cells, parts * place[..., axis]
+        at[~np.isfinite(at)] = -1
+        both = (np.floor(at + shift) for shift in (0.0, 0.5))
+        around = (one % count if kind == "periodic" else one for one in both)
+        along.append([np.clip(one, -1, count + 1).astype(np.int64) + 1 for one in around])
+    meets = np.zeros((orbits, orbits), bool)
+    for corner in itertools.product(*along):
         key = np.zeros(place.shape[:2], np.int64)
-        for axis, (count, kind) in enumerate(zip(counts, box.axes, strict=True)):
-            along = corner[..., axis] % count if kind == "periodic" else corner[..., axis]
-            key = key * (count + 3) + np.clip(along, -1, count + 1).astype(np.int64) + 1
+        for one, cells in zip(corner, box.cells, strict=True):
+            key = key * (parts * cells + 3) + one
         # Sorted by cells, so that orbits in one cell are next to each other.
         key = np.sort(((key << bits) + np.arange(orbits)[:, None]).ravel())
         cell, who = key >> bits, key & ((1 << bits) - 1)
-        meet = (cell[1:] == cell[:-1]) & (who[1:] != who[:-1])
-        one.append(who[:-1][meet])
-        other.append(who[1:][meet])
-    edges = np.concatenate(one), np.concatenate(other)
-    graph = coo_array((np.ones(edges[0].size), edges), shape=(orbits, orbits))
-    return connected_components(graph, directed=False)[1]
+        same = cell[1:] == cell[:-1]
+        meets[who[:-1][same], who[1:][same]] = True
+    return connected_components(csr_array(meets), directed=False)[1]

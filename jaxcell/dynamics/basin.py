@@ -2,12 +2,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Result, derived, quantity
-from ..mapping import PeriodicGroups
-from ..mapping.peel import peeled_groups
+from ..mapping import PeriodicGroups, periodic_groups
 from ..space.box import Box
 from . import attractors as of_map
 from .imaging import Say, changed_by_half_step, images_of_each, self_images, torn_axes
@@ -251,7 +251,7 @@ def basins_of_each(
     if say is not None:
         say("finding groups and attractors", 0, 0)
     sinks = np.array([box.outside, box.nowhere], np.int32)
-    groups = [peeled_groups(np.append(one, sinks)) for one in image]
+    groups = [jax.device_get(periodic_groups(np.append(one, sinks))) for one in image]
     found = of_map.attractors(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )

@@ -4,48 +4,77 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from jaxcell.mapping import periodic_groups
-from jaxcell.mapping.peel import peeled_groups
+from jaxcell.mapping import peel, periodic_groups
+from jaxcell.mapping.groups import doubled_groups
+from jaxcell.mapping.walk import walked_groups
 
 
-def same(image):
-    found, whole = peeled_groups(image), jax.device_get(periodic_groups(jnp.asarray(image)))
-    count = int(whole.count)
-    assert int(found.count) == count
-    np.testing.assert_array_equal(found.group, whole.group)
-    np.testing.assert_array_equal(found.step, whole.step)
-    np.testing.assert_array_equal(found.group_period, whole.group_period[:count])
-    np.testing.assert_array_equal(found.period, whole.period)
+def same(one, other):
+    for some, others in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(some, others, strict=True)
+
+
+def both(image):
+    """Peeled and walked, in JAX's own kind of arrays."""
+    doubled = doubled_groups(jnp.asarray(image))
+    same(peel._peeled_groups(image), doubled)
+    same(walked_groups(jnp.asarray(image)), doubled)
 
 
 @given(st.lists(st.integers(0, 63), min_size=64, max_size=64))
-def test_peeling_changes_nothing(images):
-    same(np.array(images, np.int32))
+def test_peeling_and_walking_change_nothing(images):
+    both(np.array(images, np.int32))
 
 
 @pytest.mark.parametrize("front", [0, 200])
 def test_one_front_after_another_changes_nothing(monkeypatch, front):
     monkeypatch.setattr("jaxcell.mapping.peel._FRONT", front)
     rng = np.random.default_rng(1)
-    same(rng.integers(0, 3000, 3000).astype(np.int32))
-    same(rng.permutation(3000).astype(np.int32))
-    same(np.maximum(np.arange(3000, dtype=np.int32) - 1, 0))
+    both(rng.integers(0, 3000, 3000).astype(np.int32))
+    both(rng.permutation(3000).astype(np.int32))
+    both(np.maximum(np.arange(3000, dtype=np.int32) - 1, 0))
     # Runs of 30 cells, which come together in others.
     cells = np.arange(3000)
-    same(np.where(cells % 30 < 29, cells + 1, rng.integers(0, 3000, 3000)).astype(np.int32))
+    both(np.where(cells % 30 < 29, cells + 1, rng.integers(0, 3000, 3000)).astype(np.int32))
 
 
-def test_large_maps_are_peeled_and_small_or_traced_ones_doubled(monkeypatch):
-    image = jnp.asarray(np.random.default_rng(2).integers(0, 3000, 3000))
-    doubled = periodic_groups(image)
-    monkeypatch.setattr("jaxcell.mapping.peel._MANY", 3000)
-    monkeypatch.setattr("jaxcell.mapping.peel.doubled_groups", None)
-    peeled = periodic_groups(image)
-    for one, other in zip(jax.tree.leaves(doubled), jax.tree.leaves(peeled), strict=True):
-        np.testing.assert_array_equal(one, other, strict=True)
-    with pytest.raises(TypeError):
+def test_maps_are_peeled_where_that_drops_much_and_walked_else(monkeypatch):
+    rng = np.random.default_rng(2)
+    random, permuted = rng.integers(0, 64_000, 64_000), rng.permutation(64_000)
+    peeled = []
+
+    def of_peeled(image):
+        peeled.append(image)
+        return walked_groups(image)
+
+    monkeypatch.setattr("jaxcell.mapping.peel._MANY", 64_000)
+    monkeypatch.setattr("jaxcell.mapping.peel._peeled_groups", of_peeled)
+    for image in (random, permuted):
+        periodic_groups(image)
         jax.jit(periodic_groups)(image)
+    (once,) = peeled
+    np.testing.assert_array_equal(once, random)
+
+
+@pytest.mark.parametrize("of", [np.ones((4, 5000)), np.ones(5000)])
+def test_a_walk_is_one_function_of_machine_code(of):
+    """Arrays are neither copied nor passed from kernel to kernel in each step of a loop."""
+    walk = walked_groups if of.ndim == 1 else jax.vmap(walked_groups)
+    compiled = jax.jit(walk).lower(of.astype(np.int32)).compile().as_text()
+    assert compiled.count("xla_cpu_small_call") >= 2
+    loops = [line for line in compiled.split("ENTRY")[1].splitlines() if " while(" in line]
+    # That over the maps of a batch.
+    assert len(loops) == of.ndim - 1
+
+
+def test_a_batch_of_walks_with_cells_that_do_not_count():
+    rng = np.random.default_rng(3)
+    image, where = rng.integers(0, 64, (5, 64)), rng.random((5, 64)) < 0.7
+    # The image of a cell that counts counts.
+    image = np.where(np.take_along_axis(where, image, axis=1), image, np.arange(64))
+    batch = jnp.asarray(image), jnp.asarray(where)
+    same(jax.vmap(periodic_groups)(*batch), jax.vmap(doubled_groups)(*batch))
 
 
 def test_a_map_without_cells_has_no_groups():
-    assert int(peeled_groups(np.zeros(0, np.int32)).count) == 0
+    assert int(periodic_groups(np.zeros(0, np.int32)).count) == 0

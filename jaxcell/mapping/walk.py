@@ -1,0 +1,144 @@
+"""Periodic groups by one walk over a map, cell by cell, for processors.
+
+XLA makes one function of machine code of a loop whose steps touch a few bytes. It must not copy the
+arrays for that, so a step reads only of what it has written, and carries the numbers that it read.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Int
+
+from .groups import PeriodicGroups
+
+
+@jax.jit
+def walked_groups(
+    image: Int[Array, "cells"], where: Bool[Array, "cells"] | None = None
+) -> PeriodicGroups:
+    """[`jaxcell.mapping.periodic_groups`][] by Alg. 2.1 itself, every cell mapped once."""
+    if not image.size:
+        return PeriodicGroups(image, image, image, jnp.zeros((), image.dtype))
+    found = _walk(image.astype(jnp.int32), where)
+    return PeriodicGroups(*(numbers.astype(image.dtype) for numbers in found))
+
+
+@jax.custom_batching.sequential_vmap
+def _walk(
+    image: Int[Array, "cells"], where: Bool[Array, "cells"] | None
+) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "cells"], Int[Array, ""]]:
+    cells = image.shape[0]
+    me = jnp.arange(cells, dtype=jnp.int32)
+    if where is not None:
+        image = jnp.where(where, image, me)
+    chain, place, period = _chains(image)
+    if where is not None:
+        period = jnp.where(jnp.append(where, False), period, 0)
+    number, periods, count = _numbered(period)
+    first = jnp.where(chain > 0, chain - 1, me)
+    group = _of(number, -1 - _of(chain, first))
+    step = jnp.maximum(0, _of(place, first) - jnp.where(chain > 0, place, 0))
+    if where is not None:
+        group, step = (jnp.where(where, numbers, -1) for numbers in (group, step))
+    return group, step, periods, count
+
+
+def _chains(
+    image: Int[Array, "cells"],
+) -> tuple[Int[Array, "cells"], Int[Array, "cells"], Int[Array, "cells+1"]]:
+    """Follow the orbit of each cell until it comes to one that was seen: a chain of new cells.
+
+    **Returns:**
+
+    - `chain`: one more than the first cell of the chain, but -1 - the smallest cell of the group
+        in that first cell.
+    - `place`: the place in the chain, but in its first cell the steps to the group from there.
+    - `period`: that of the group in its smallest cell, 0 in others; and one more number, since what
+        is no period is put behind them.
+    """
+    cells = image.shape[0]
+    zero = jnp.zeros((), jnp.int32)
+
+    def follow_chain(state: Any) -> Any:
+        first, chain, place, period = state
+        name = first + 1
+
+        def advance(state: Any) -> Any:
+            cell, length, _, _, chain, place = state
+            chain, place = _put(chain, cell, name), _put(place, cell, length)
+            cell = _at(image, cell)
+            return cell, length + 1, _at(chain, cell), _at(place, cell), chain, place
+
+        # `seen` and `at` are what the cell holds that ends the chain.
+        state = (first, zero, zero, zero, chain, place)
+        state = lax.while_loop(lambda state: state[2] == 0, advance, state)
+        cell, length, seen, at, chain, place = state
+        new = seen == name
+
+        def to_first(state: Any) -> Any:
+            return _at(chain, state[0] - 1), _at(place, state[0] - 1)
+
+        held, steps = lax.while_loop(
+            lambda state: (state[0] > 0) & (state[0] != name), to_first, (seen, at)
+        )
+        steps = jnp.where(seen > 0, jnp.maximum(0, steps - at), at)
+
+        def around(state: Any) -> Any:
+            other, least, left = state
+            return _at(image, other), jnp.minimum(least, other), left - 1
+
+        # A group that begins with its chain has its smallest cell there.
+        left = jnp.where(new & (at > 0), length - at, 0)
+        _, least, _ = lax.while_loop(lambda state: state[2] > 0, around, (cell, cell, left))
+        period = _put(period, jnp.where(new, least, cells), length - at)
+        chain = _put(chain, first, jnp.where(new, -1 - least, held))
+        place = _put(place, first, jnp.where(new, at, length + steps))
+        first, _ = lax.while_loop(
+            lambda state: (state[0] < cells) & (state[1] != 0),
+            lambda state: (state[0] + 1, _at(chain, state[0] + 1)),
+            (first, name),
+        )
+        return first, chain, place, period
+
+    none = jnp.zeros(cells, jnp.int32)
+    state = (zero, none, none, jnp.zeros(cells + 1, jnp.int32))
+    return lax.while_loop(lambda state: state[0] < cells, follow_chain, state)[1:]
+
+
+def _numbered(
+    period: Int[Array, "places"],
+) -> tuple[Int[Array, "places"], Int[Array, "places-1"], Int[Array, ""]]:
+    """The number of each group in its smallest cell, the periods in their order, and the count."""
+
+    def step(state: Any) -> Any:
+        cell, count, here, number, periods = state
+        periods, number = _put(periods, count, here), _put(number, cell, count)
+        return (
+            cell + 1,
+            count + (here > 0).astype(jnp.int32),
+            _at(number, cell + 1),
+            number,
+            periods,
+        )
+
+    zero, periods = jnp.zeros((), jnp.int32), jnp.zeros(period.size - 1, jnp.int32)
+    _, count, _, number, periods = lax.while_loop(
+        lambda state: state[0] < periods.size, step, (zero, zero, period[0], period, periods)
+    )
+    return number, periods, count
+
+
+def _at(array: Int[Array, "size"], place: Int[Array, ""]) -> Int[Array, ""]:
+    return lax.dynamic_slice(array, (place,), (1,), allow_negative_indices=False)[0]
+
+
+def _put(
+    array: Int[Array, "size"], place: Int[Array, ""], value: Int[Array, ""]
+) -> Int[Array, "size"]:
+    return lax.dynamic_update_slice(array, value[None], (place,), allow_negative_indices=False)
+
+
+def _of(array: Int[Array, "size"], places: Int[Array, "cells"]) -> Int[Array, "cells"]:
+    return array.at[places].get(mode="promise_in_bounds")
