@@ -88,7 +88,7 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         free = np.ones(cells.positions, bool)
-        return Moves(*map(jnp.asarray, (target, way, free, order, line)))
+        return Moves(*jax.device_put((target, way, free, order, line)))
 
 
 def grid_moves(
@@ -273,7 +273,7 @@ def bounce_map(
     )
     target = np.asarray(possible.target)[np.asarray(possible.way)]
     found = _images(target, shift[..., None, None])
-    return SimpleMap(*(jnp.asarray(one.reshape(*shift.shape, -1)) for one in found))
+    return SimpleMap(*jax.device_put([one.reshape(*shift.shape, -1) for one in found]))
 
 
 @jax.jit
