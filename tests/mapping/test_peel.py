@@ -9,7 +9,7 @@ from jaxcell.mapping.peel import peeled_groups
 
 
 def same(image):
-    found, whole = peeled_groups(image), jax.device_get(periodic_groups(jnp.asarray(image)))
+    found, whole = peeled_groups(image), jax.device_get(periodic_groups(image))
     count = int(whole.count)
     assert int(found.count) == count
     np.testing.assert_array_equal(found.group, whole.group)
@@ -36,7 +36,7 @@ def test_one_front_after_another_changes_nothing(monkeypatch, front):
 
 
 def test_large_maps_are_peeled_and_small_or_traced_ones_doubled(monkeypatch):
-    image = jnp.asarray(np.random.default_rng(2).integers(0, 3000, 3000))
+    image = jnp.asarray(np.random.default_rng(2).integers(0, 3000, 3000).astype(np.int32))
     doubled = periodic_groups(image)
     monkeypatch.setattr("jaxcell.mapping.peel._MANY", 3000)
     monkeypatch.setattr("jaxcell.mapping.peel.doubled_groups", None)
