@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 import math
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -77,7 +77,11 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     grid = cells.free.shape
     if cells.gridded:
         shape = stencil(cells.directions, length, collision, grid)
-        on_grid = _grid_targets(cells.free, *shape.looks)[:, cells.square]
+        # From each square, seen as a window on the grid with as much around it as one looks past.
+        beyond = int(np.abs(shape.square).max(initial=0))
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(cells.free, beyond), grid)
+        is_free = windows[tuple((beyond + shape.square).T)].reshape(len(shape.square), -1)
+        on_grid = _grid_targets(cells.free, is_free, *shape.looks[1:])[:, cells.square]
         target, way, line = cells.position_of_square.ravel()[on_grid], shape.way, shape.line
     else:
         target, first, way = _unique_rows(free_steps(cells, length, collision))
@@ -140,28 +144,29 @@ def _grid_moves(
     beside: Int[Array, "ways corners 2"],
     offset: Int[Array, "ways 2"],
 ) -> Moves:
-    target = _grid_targets(free, relative, crossed, beside, offset)
+    rows, columns = free.shape
+    square = jnp.arange(rows * columns, dtype=jnp.int32)
+    row = square[None] // columns + relative[:, :1]
+    column = square[None] % columns + relative[:, 1:]
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    is_free = inside & free.ravel()[row * columns + column]
+    target = _grid_targets(free, is_free, crossed, beside, offset)
     return Moves(target, way, free.ravel(), order, line)
 
 
 def _grid_targets(
-    free: _Bools, relative: _Ints, crossed: _Ints, beside: _Ints, offset: _Ints
-) -> _Ints:
+    free: _Bools, is_free: _Bools, crossed: _Ints, beside: _Ints, offset: _Ints
+) -> Any:
     """Where one step leads from every square in every way; of NumPy, or traced."""
     xp = free.__array_namespace__()
-    rows, columns = free.shape
-    square = xp.arange(rows * columns, dtype=xp.int32)
-    row = square[None] // columns + relative[:, :1]
-    column = square[None] % columns + relative[:, 1:]
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    is_free = inside & free.ravel()[xp.where(inside, row * columns + column, 0)]
+    square = xp.arange(free.size, dtype=xp.int32)
     passes = free.ravel()[None]
     # One after the other: together they would not fit the memory where steps are long.
     for on_the_way in crossed.T:
         passes = passes & is_free[on_the_way]
     for left, right in beside.transpose(1, 2, 0):
         passes = passes & (is_free[left] | is_free[right])
-    hop = offset[:, :1] * columns + offset[:, 1:]
+    hop = offset[:, :1] * free.shape[1] + offset[:, 1:]
     return square[None] + xp.where(passes, hop, 0)
 
 
@@ -299,7 +304,7 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
     return SimpleMap(image.ravel(), bumped.ravel())
 
 
-def _images(target: _Ints, shift: _Ints | int) -> tuple[_Ints, _Bools]:
+def _images(target: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
     """The images of all cells, and where the robot bumps; of NumPy, or traced."""
     xp = target.__array_namespace__()
     directions, positions = target.shape

@@ -75,7 +75,7 @@ def absorption_probabilities(
     value = np.zeros((count + 1, chain.cells))
     value[group[group >= 0], np.flatnonzero(group >= 0)] = 1
     value[:, part.cells] = found.T
-    return Absorption(*jax.device_put((value[:-1], value[-1])), certificate)
+    return Absorption(jax.device_put(value[:-1]), jax.device_put(value[-1]), certificate)
 
 
 def _ends(

@@ -77,7 +77,8 @@ def limiting_distribution(
     residual = max(np.abs(matrix.T @ value - value).sum(), abs(share.sum() + leaving - 1))
     certificate = Certificate(weighed + products, float(residual), _TOLERANCE)
     certificate.check("limiting_distribution", throw)
-    return LimitingDistribution(*jax.device_put((value, share)), leaving, certificate)
+    value, share = jax.device_put((value, share))
+    return LimitingDistribution(value, share, leaving, certificate)
 
 
 def _weights(
