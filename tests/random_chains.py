@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 @st.composite
 def matrices(draw):
     """Transition matrices with few edges, whose rows may sum to less than 1."""
-    cells = draw(st.sampled_from([1, 2, 4, 8]))
+    # Few sizes, since each is compiled once.
+    cells = draw(st.sampled_from([6, 6, 1]))
     matrix = np.zeros((cells, cells))
     for row in matrix:
         images = draw(st.lists(st.integers(0, cells), min_size=1, max_size=3))

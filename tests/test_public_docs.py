@@ -29,9 +29,12 @@ A_PAGE = 25
 
 @functools.cache
 def public(package: str) -> dict[str, object]:
-    """What the `__init__` of a package exports that has a docstring of its own."""
+    """What a package exports that has a docstring of its own."""
     module = importlib.import_module(f"jaxcell.{package}")
-    source = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    path = Path(module.__file__)
+    # Packages that import a module when a name of it is asked for list their names in a stub.
+    stub = path.with_suffix(".pyi")
+    source = ast.parse((stub if stub.exists() else path).read_text(encoding="utf-8"))
     names = [
         alias.asname or alias.name
         for node in ast.walk(source)

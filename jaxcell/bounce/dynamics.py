@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 import math
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +14,9 @@ from ..space.extent import Extent
 
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
+
+_Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
+_Bools: TypeAlias = Bool[Array, "..."] | Bool[np.ndarray, "..."]
 
 
 @jax.tree_util.register_dataclass
@@ -67,20 +70,25 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     estimates.check(
         Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
     )
+    grid = cells.free.shape
+    if cells.gridded:
+        shape = stencil(cells.directions, length, collision, grid)
+        # From each square, seen as a window on the grid with as much around it as one looks past.
+        beyond = int(np.abs(shape.square).max(initial=0))
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(cells.free, beyond), grid)
+        is_free = windows[tuple((beyond + shape.square).T)].reshape(len(shape.square), -1)
+        on_grid = _grid_targets(cells.free, is_free, *shape.looks[1:])[:, cells.square]
+        target, way, line = cells.position_of_square.ravel()[on_grid], shape.way, shape.line
+    else:
+        target, first, way = _unique_rows(free_steps(cells, length, collision))
+        shape = stencil(cells.directions, length, "endpoint", grid)
+        line = shape.line[shape.way[first]]
+    order = cells.position_of_square.ravel()[line_orders(*grid, shape.lines)]
+    order = order[order >= 0].reshape(-1, cells.positions)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
-        places = cells.square, cells.position_of_square
-        if cells.gridded:
-            shape = stencil(cells.directions, length, collision, cells.free.shape)
-            order = line_orders(*cells.free.shape, shape.lines)
-            on_grid = _grid_moves(cells.free, order, shape.way, shape.line, *shape.looks)
-            return _free_positions(on_grid, *places)
-        target, first, way = _unique_rows(free_steps(cells, length, collision))
-        shape = stencil(cells.directions, length, "endpoint", cells.free.shape)
-        order = _order_of_positions(line_orders(*cells.free.shape, shape.lines), *places)
-        line = jnp.asarray(shape.line[shape.way[first]])
-        free = jnp.ones(cells.positions, bool)
-        return Moves(jnp.asarray(target), jnp.asarray(way), free, order, line)
+        free = np.ones(cells.positions, bool)
+        return Moves(*jax.device_put((target, way, free, order, line)))
 
 
 def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
@@ -151,26 +159,24 @@ def _grid_moves(
     column = square[None] % columns + relative[:, 1:]
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     is_free = inside & free.ravel()[row * columns + column]
-    passes = is_free[crossed].all(axis=1) & is_free[beside].any(axis=2).all(axis=1)
-    hop = offset[:, :1] * columns + offset[:, 1:]
-    target = square[None] + jnp.where(passes & free.ravel()[None], hop, 0)
+    target = _grid_targets(free, is_free, crossed, beside, offset)
     return Moves(target, way, free.ravel(), order, line)
 
 
-@jax.jit
-def _free_positions(
-    moves: Moves,
-    square: Int[Array, "positions"],
-    position_of_square: Int[Array, "rows columns"],
-) -> Moves:
-    """The moves on a grid, from its free squares alone."""
-    return Moves(
-        position_of_square.ravel()[moves.target[:, square]],
-        moves.way,
-        jnp.ones(square.size, bool),
-        _order_of_positions(moves.order, square, position_of_square),
-        moves.line,
-    )
+def _grid_targets(
+    free: _Bools, is_free: _Bools, crossed: _Ints, beside: _Ints, offset: _Ints
+) -> Any:
+    """Where one step leads from every square in every way; of NumPy, or traced."""
+    xp = free.__array_namespace__()
+    square = xp.arange(free.size, dtype=xp.int32)
+    passes = free.ravel()[None]
+    # One after the other: together they would not fit the memory where steps are long.
+    for on_the_way in crossed.T:
+        passes = passes & is_free[on_the_way]
+    for left, right in beside.transpose(1, 2, 0):
+        passes = passes & (is_free[left] | is_free[right])
+    hop = offset[:, :1] * free.shape[1] + offset[:, 1:]
+    return square[None] + xp.where(passes, hop, 0)
 
 
 def count_before(mask: Bool[Array, "rows places"]) -> Int[Array, "rows places"]:
@@ -184,20 +190,6 @@ def count_before(mask: Bool[Array, "rows places"]) -> Int[Array, "rows places"]:
 
     counts = mask.astype(jnp.int32).T
     return jax.lax.scan(add, jnp.zeros(mask.shape[0], jnp.int32), counts)[1].T
-
-
-@jax.jit
-def _order_of_positions(
-    order: Int[Array, "lines squares"],
-    square: Int[Array, "positions"],
-    position_of_square: Int[Array, "rows columns"],
-) -> Int[Array, "lines positions"]:
-    """The order of squares without those that are not free."""
-    position = position_of_square.ravel()[order]
-    place = jnp.where(position >= 0, count_before(position >= 0), square.size)
-    lines = jnp.arange(order.shape[0], dtype=jnp.int32)[:, None]
-    none = jnp.zeros((order.shape[0], square.size), jnp.int32)
-    return none.at[lines, place].set(position, mode="drop")
 
 
 def _unique_rows(
@@ -293,10 +285,9 @@ def bounce_map(
         "images of all cells",
         step,
     )
-    function = functools.partial(bounce_image, possible)
-    for _ in range(shift.ndim):
-        function = jax.vmap(function)
-    return function(shift)
+    target = np.asarray(possible.target)[np.asarray(possible.way)]
+    found = _images(target, shift[..., None, None])
+    return SimpleMap(*jax.device_put([one.reshape(*shift.shape, -1) for one in found]))
 
 
 @jax.jit
@@ -318,19 +309,20 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
         >>> bounce.bounce_image(bounce.moves(cells), 1).image.tolist()
         [1, 2, 5, 0, 3, 4]
     """
-    directions, positions = moves.way.shape[0], moves.free.shape[0]
-    position = jnp.arange(positions, dtype=jnp.int32)
-
-    # One direction at a time keeps what is read in the nearest cache.
-    def images(direction):  # type: ignore[no-untyped-def]
-        target = moves.target[moves.way[direction]]
-        bumped = target == position
-        turned = (direction + shift) % directions
-        image = jnp.where(bumped, turned * positions + position, direction * positions + target)
-        return image, bumped
-
-    image, bumped = jax.lax.map(images, jnp.arange(directions, dtype=jnp.int32))
+    image, bumped = _images(moves.target[moves.way], shift)
     return SimpleMap(image.ravel(), bumped.ravel())
+
+
+def _images(target: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
+    """The images of all cells, and where the robot bumps; of NumPy, or traced."""
+    xp = target.__array_namespace__()
+    directions, positions = target.shape
+    position = xp.arange(positions, dtype=xp.int32)
+    direction = xp.arange(directions, dtype=xp.int32)[:, None]
+    bumped = target == position[None]
+    turned = (direction + shift) % directions * positions + position[None]
+    image = xp.where(bumped, turned, direction * positions + target)
+    return image, xp.broadcast_to(bumped, image.shape)
 
 
 def motion_violations(

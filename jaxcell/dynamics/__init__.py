@@ -34,32 +34,7 @@ What gives which:
 - `System`, `systems`: a map with its box, and six to start from.
 """
 
-from .basin import Basins as Basins, basins as basins
-from .chains import chain as chain
-from .continued import Continuation as Continuation, continuation as continuation
-from .imaging import images as images
-from .maps import (
-    Flow as Flow,
-    Map as Map,
-    flow as flow,
-    impacts as impacts,
-    section as section,
-    strobe as strobe,
-)
-from .quantify import (
-    basin_entropy as basin_entropy,
-    basin_stability as basin_stability,
-    convergence_pace as convergence_pace,
-    minimal_critical_shock as minimal_critical_shock,
-    noncritical_shocks as noncritical_shocks,
-    overlap as overlap,
-    uncertainty_exponent as uncertainty_exponent,
-    wada as wada,
-)
-from .recurrent import morse_sets as morse_sets, unstable_set as unstable_set
-from .refinement import (
-    Refined as Refined,
-    refined as refined,
-    relative_attractor as relative_attractor,
-)
-from .system import System as System
+import lazy_loader
+
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

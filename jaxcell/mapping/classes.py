@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Bool, Int
@@ -50,7 +50,7 @@ class PersistentGroups:
         table = np.zeros((self.count, cells), bool)
         for group in range(self.count):
             table[group] = self._reaching(group)
-        return jnp.asarray(table)
+        return jax.device_put(table)
 
     def first(self, cells: int) -> "PersistentGroups":
         """Those of the period map: the same for the first cells only, which stand for phase 0.
@@ -59,8 +59,9 @@ class PersistentGroups:
 
         - `cells`: number of cells, of a chain that is [`ChainSequence.unrolled`][].
         """
-        group = self.group[:cells]
-        size = jnp.bincount(group[group >= 0], length=self.count).astype(jnp.int32)
+        group = np.asarray(self.group)[:cells]
+        size = np.bincount(group[group >= 0], minlength=self.count).astype(np.int32)
+        group, size = jax.device_put((group, size))
         return PersistentGroups(group, self.count, size, self._matrix, self.group)
 
     def reaching(self, group: int) -> Bool[Array, "cells"]:
@@ -70,7 +71,7 @@ class PersistentGroups:
         """
         if not 0 <= group < self.count:
             raise ValueError(f"group {group} does not exist; there are {self.count}")
-        return jnp.asarray(self._reaching(group))
+        return jax.device_put(self._reaching(group))
 
     @functools.cached_property
     def period(self) -> Int[Array, "groups"]:
@@ -108,7 +109,8 @@ class PersistentGroups:
         phase[inside] = level % period[group]
         # Whole periods lead from the cells at one phase to those at the same.
         phases = self._matrix.shape[0] // cells
-        return jnp.asarray(period // phases, jnp.int32), jnp.asarray(phase[:cells] // phases)
+        period = (period // phases).astype(np.int32)
+        return jax.device_put((period, phase[:cells] // phases))
 
     def _reaching(self, group: int) -> Bool[np.ndarray, "cells"]:
         cells = self.group.shape[0]
@@ -186,4 +188,5 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     number[closed] = np.arange(closed.size)
     group = number[label]
     size = np.bincount(group[persistent], minlength=closed.size)
-    return PersistentGroups(jnp.asarray(group), closed.size, jnp.asarray(size, jnp.int32), matrix)
+    kept = jax.device_put((group, size.astype(np.int32)))
+    return PersistentGroups(kept[0], closed.size, kept[1], matrix)

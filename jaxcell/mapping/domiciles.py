@@ -1,6 +1,6 @@
 import dataclasses
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Bool, Int
@@ -49,7 +49,8 @@ class TransientGroups:
         group[group >= 0] = number
         homes = tuple(self.domiciles[one] for one in used)
         size = np.bincount(number, minlength=used.size)
-        return TransientGroups(jnp.asarray(group), homes, jnp.asarray(size, jnp.int32))
+        group, size = jax.device_put((group, size.astype(np.int32)))
+        return TransientGroups(group, homes, size)
 
 
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
@@ -106,11 +107,8 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     found = np.full(group.size, -1, np.int32)
     found[cells] = rank[within]
     size = np.bincount(found[cells], minlength=used.size)
-    return TransientGroups(
-        jnp.asarray(found),
-        tuple(sets[used[n]] for n in order),
-        jnp.asarray(size, jnp.int32),
-    )
+    homes = tuple(sets[used[n]] for n in order)
+    return TransientGroups(jax.device_put(found), homes, jax.device_put(size.astype(np.int32)))
 
 
 def _unions(

@@ -56,8 +56,8 @@ class Chain:
         """
         require_x64("a chain")
         _check_arrays(image, probability)
-        object.__setattr__(self, "image", jnp.asarray(image, jnp.int32))
-        object.__setattr__(self, "probability", jnp.asarray(probability))
+        object.__setattr__(self, "image", _kept(image, np.int32))
+        object.__setattr__(self, "probability", _kept(probability, np.float64))
 
     @classmethod
     def from_scipy(cls, matrix: Any) -> "Chain":
@@ -114,6 +114,7 @@ class Chain:
         return self.image.shape[-1]
 
     @property
+    @jax.jit
     def leaving(self) -> Float[Array, "cells"]:
         """The probability that the next step from each cell goes to the sink."""
         missing = 1 - jnp.sum(self.probability, axis=0)
@@ -154,6 +155,13 @@ class Chain:
         object.__setattr__(chain, "image", fields[0])
         object.__setattr__(chain, "probability", fields[1])
         return chain
+
+
+def _kept(array: Any, kind: Any) -> Any:
+    """An array for JAX, which does not change if that of NumPy does that it was made of."""
+    if isinstance(array, jax.Array):
+        return array.astype(kind)
+    return jax.device_put(np.array(array, kind))
 
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:

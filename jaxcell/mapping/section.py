@@ -3,6 +3,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from .groups import follow, periodic_cells
@@ -76,7 +77,7 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
     cycles = find(section)
     if max_groups is None:
         known = not isinstance(cycles.count, jax.core.Tracer)
-        max_groups = bucket(int(jnp.max(cycles.count))) if known else section.live.shape[-1]
+        max_groups = bucket(int(np.max(cycles.count))) if known else section.live.shape[-1]
     return number(cycles, max_groups)
 
 

@@ -62,47 +62,7 @@ host, with NumPy and scipy; `push` and `pull`, first passages, decisions, what i
 `dense` run wherever JAX does.
 """
 
-from . import dense as dense
-from .arrival import (
-    Distinct as Distinct,
-    MeanArrival as MeanArrival,
-    first_arrival as first_arrival,
-    mean_first_arrival as mean_first_arrival,
-)
-from .conditional import (
-    arrival_probabilities as arrival_probabilities,
-    conditional_hitting_times as conditional_hitting_times,
-)
-from .decision import (
-    DecisionModel as DecisionModel,
-    Optimum as Optimum,
-    policy_chain as policy_chain,
-    value_iteration as value_iteration,
-)
-from .hidden import filtered as filtered, possible as possible, smoothed as smoothed
-from .hitting import (
-    Absorption as Absorption,
-    absorption_probabilities as absorption_probabilities,
-    absorption_times as absorption_times,
-    hitting_times as hitting_times,
-)
-from .limiting import (
-    LimitingDistribution as LimitingDistribution,
-    limiting_distribution as limiting_distribution,
-)
-from .passage import first_passage as first_passage, survival as survival
-from .quantities import (
-    PairTimes as PairTimes,
-    commute_times as commute_times,
-    entropy_rate as entropy_rate,
-    hitting_matrix as hitting_matrix,
-    kemeny_constant as kemeny_constant,
-    mixing_time as mixing_time,
-    slem as slem,
-)
-from .shortest_path import (
-    ShortestPath as ShortestPath,
-    stochastic_shortest_path as stochastic_shortest_path,
-)
-from .simulation import Arrivals as Arrivals, simulate_arrival as simulate_arrival
-from .walks import sample_walks as sample_walks
+import lazy_loader
+
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

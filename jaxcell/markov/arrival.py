@@ -2,7 +2,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -116,7 +116,7 @@ class Race:
 
         **Returns:** the joint probability by each time, and `values` after that.
         """
-        there, joint = jnp.asarray(self.there), []
+        there, joint = jax.device_put(self.there), []
         for _ in range(chunks):
             made = [
                 survivals(chain, there, value, _CHUNK)
@@ -173,7 +173,7 @@ def first_arrival(
     survive, _ = race.survive(_at_start(race), steps // _CHUNK + 1)
     # Rounding may let it grow, which would be a negative probability.
     survive = np.minimum.accumulate(np.concatenate([[1.0], survive[: steps + 1]]))
-    return jnp.asarray(survive[:-1] - survive[1:])
+    return jax.device_put(survive[:-1] - survive[1:])
 
 
 def mean_first_arrival(
@@ -268,7 +268,7 @@ def _start(cells: int, robot: int, given: npt.ArrayLike | int) -> Float[np.ndarr
 
 
 def _at_start(race: Race) -> list[Float[Array, "cells"]]:
-    return [jnp.asarray(~race.there, jnp.float64)] * len(race.chains)
+    return [jax.device_put((~race.there).astype(float))] * len(race.chains)
 
 
 def _may_fail(race: Race) -> bool:

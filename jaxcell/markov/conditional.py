@@ -1,4 +1,4 @@
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -47,7 +47,7 @@ def arrival_probabilities(
     there = cell_mask(chain.cells, target)
     value, certificate = probabilities(chain.to_scipy(), there)
     certificate.check("arrival_probabilities", throw)
-    return Solution(jnp.asarray(value), certificate)
+    return Solution(jax.device_put(value), certificate)
 
 
 def conditional_hitting_times(
@@ -89,7 +89,7 @@ def conditional_hitting_times(
     found, certificate = leaving_times(conditioned(matrix, arrives), inside)
     time[inside] = found
     certificate.check("conditional_hitting_times", throw)
-    return Solution(jnp.asarray(time), certificate)
+    return Solution(jax.device_put(time), certificate)
 
 
 def probabilities(

@@ -91,7 +91,7 @@ class DecisionModel:
             raise ValueError(
                 f"allowed: no action is allowed in cell {np.argmin(may.any(axis=0))}; expected one"
             )
-        return cls(tuple(chains), jnp.asarray(gain), jnp.asarray(may))
+        return cls(tuple(chains), *jax.device_put((gain, np.array(may))))
 
     @property
     def actions(self) -> int:

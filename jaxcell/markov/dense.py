@@ -10,10 +10,12 @@ like the fundamental matrix of Kemeny and Snell, and it gives the stationary dis
 instead of needing it (Hunter 1982).
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
+@jax.jit
 def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
     """The distribution with `pi P = pi`.
 
@@ -35,6 +37,7 @@ def stationary(P: Float[Array, "cells cells"]) -> Float[Array, "cells"]:
     return jnp.linalg.solve(_shifted(P).T, jnp.full(cells, 1 / cells, P.dtype))
 
 
+@jax.jit
 def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     """The expected number of steps from cell `i` until first at cell `j`; 0 where `i = j`.
 
@@ -58,6 +61,7 @@ def hitting(P: Float[Array, "cells cells"]) -> Float[Array, "cells cells"]:
     return (jnp.diagonal(inverse)[None, :] - inverse) / jnp.mean(inverse, axis=0)[None, :]
 
 
+@jax.jit
 def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """Kemeny's constant: the expected number of steps to a cell drawn from `pi`, from any cell.
 
@@ -80,6 +84,7 @@ def kemeny(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     return jnp.trace(jnp.linalg.inv(_shifted(P))) - 1
 
 
+@jax.jit
 def entropy_rate(P: Float[Array, "cells cells"]) -> Float[Array, ""]:
     """The entropy of a step, `-sum_ij pi_i p_ij log p_ij`, in nats.
 

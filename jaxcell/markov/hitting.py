@@ -1,6 +1,6 @@
 import dataclasses
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -75,7 +75,7 @@ def absorption_probabilities(
     value = np.zeros((count + 1, chain.cells))
     value[group[group >= 0], np.flatnonzero(group >= 0)] = 1
     value[:, part.cells] = found.T
-    return Absorption(jnp.asarray(value[:-1]), jnp.asarray(value[-1]), certificate)
+    return Absorption(jax.device_put(value[:-1]), jax.device_put(value[-1]), certificate)
 
 
 def _ends(
@@ -206,7 +206,7 @@ def _times(
     certificate.check(what, throw)
     # No time is less than 1: what is, is noise about one that is too long for 64-bit numbers.
     time[inside] = np.where(found >= 1 - TIME_TOLERANCE, found, np.inf)
-    return Solution(jnp.asarray(time), certificate)
+    return Solution(jax.device_put(time), certificate)
 
 
 def prospects(

@@ -1,7 +1,7 @@
 import dataclasses
 from typing import Literal
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -77,7 +77,8 @@ def limiting_distribution(
     residual = max(np.abs(matrix.T @ value - value).sum(), abs(share.sum() + leaving - 1))
     certificate = Certificate(weighed + products, float(residual), _TOLERANCE)
     certificate.check("limiting_distribution", throw)
-    return LimitingDistribution(jnp.asarray(value), jnp.asarray(share), leaving, certificate)
+    value, share = jax.device_put((value, share))
+    return LimitingDistribution(value, share, leaving, certificate)
 
 
 def _weights(

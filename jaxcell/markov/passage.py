@@ -48,7 +48,7 @@ def first_passage(
     check_steps(steps)
     distribution = start_distribution(chain.cells, start)
     there = cell_mask(chain.cells, target)
-    return _law(chain, jnp.asarray(distribution), jnp.asarray(there), steps)
+    return _law(chain, *jax.device_put((distribution, there)), steps)
 
 
 def survival(
@@ -78,8 +78,9 @@ def survival(
     """
     require_x64("survival")
     check_steps(steps)
-    there = jnp.asarray(cell_mask(chain.cells, target))
-    return survivals(chain, there, jnp.where(there, 0.0, 1.0), steps + 1)[0]
+    there = cell_mask(chain.cells, target)
+    value = np.where(there, 0.0, 1.0)
+    return survivals(chain, *jax.device_put((there, value)), steps + 1)[0]
 
 
 @functools.partial(jax.jit, static_argnames="steps")

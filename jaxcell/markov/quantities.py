@@ -2,7 +2,6 @@ import dataclasses
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -240,7 +239,7 @@ def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
     np.fill_diagonal(gap, 0)
     certificate = Certificate(1, float(np.abs(gap).max()), _TIME_TOLERANCE)
     certificate.check(what, throw)
-    return PairTimes(jnp.asarray(value), certificate)
+    return PairTimes(jax.device_put(value), certificate)
 
 
 def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cells"]:

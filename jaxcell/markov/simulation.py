@@ -91,10 +91,10 @@ def simulate_arrival(
     lanes = -(-runs // _TURNS)
     placing, walking = jax.random.split(key)
     if race.distinct:
-        choices = jnp.asarray(race.start, jnp.int32)
+        choices = jax.device_put(np.asarray(race.start, np.int32))
         cells = _place_apart(placing, choices, race.robots, _TURNS * lanes)
     else:
-        total = jnp.asarray(np.cumsum(race.start, axis=1))
+        total = jax.device_put(np.cumsum(race.start, axis=1))
         cells = _place(placing, total, _TURNS * lanes)
     cells = cells.reshape(-1, _TURNS, lanes)
     time = _walk(walking, _Tables.of(race), cells, jnp.int32(horizon))
@@ -141,13 +141,14 @@ class _Tables:
         image, probability = np.concatenate(images, axis=1), np.concatenate(probabilities, axis=1)
         first, second, part = alias(image.T, probability.T)
         there = np.tile(np.append(race.there, False), len(race.chains))
-        return cls(
-            jnp.asarray(first.ravel(), jnp.int32),
-            jnp.asarray(second.ravel(), jnp.int32),
-            jnp.asarray(np.minimum(part.ravel() * 2.0**32, 2.0**32 - 1), jnp.uint32),
-            jnp.asarray(there),
-            jnp.asarray(np.array(race.robot) * places, jnp.int32),
+        tables = (
+            first.ravel().astype(np.int32),
+            second.ravel().astype(np.int32),
+            np.minimum(part.ravel() * 2.0**32, 2.0**32 - 1).astype(np.uint32),
+            there,
+            (np.array(race.robot) * places).astype(np.int32),
         )
+        return cls(*jax.device_put(tables))
 
     def step(
         self, place: Int[Array, "robots runs"], bits: UInt32[Array, "robots runs"]

@@ -51,27 +51,7 @@ at each vertex, and `stackelberg` the commitment.
 `FastestAveraging`, `Cover`, `MinimumCover`, `Mixture` and `Commitment` are the answers.
 """
 
-from .commute_sweep import (
-    CommuteSweep as CommuteSweep,
-    commute_weights as commute_weights,
-    minimum_commute_sweep as minimum_commute_sweep,
-)
-from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
-from .constraints import Linear as Linear
-from .cover import (
-    Cover as Cover,
-    MinimumCover as MinimumCover,
-    greedy_cover as greedy_cover,
-    minimum_cover as minimum_cover,
-)
-from .game import Commitment as Commitment, stackelberg as stackelberg
-from .graph import Graph as Graph
-from .mixing import (
-    FastestAveraging as FastestAveraging,
-    FastestMixing as FastestMixing,
-    fastest_averaging as fastest_averaging,
-    fastest_mixing as fastest_mixing,
-)
-from .mixtures import Mixture as Mixture, mixture as mixture
-from .stakes import Stakes as Stakes, payoffs as payoffs
-from .tour import shortest_tour as shortest_tour
+import lazy_loader
+
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -35,30 +35,7 @@ leaves all but its last moments.
 The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
-from ..base import extras as _extras
-from .data.described import dataset as dataset, summary as summary
-from .data.files import save_dataset as save_dataset
-from .drift.files import save_deployment as save_deployment
-from .recordings import save_recording as save_recording
+import lazy_loader
 
 
-if TYPE_CHECKING:
-    from .robot import RecordedRobot as RecordedRobot, RobotRecording as RobotRecording
-    from .sweep import log_sweep as log_sweep
-
-
-_LATER = {
-    "RecordedRobot": "robot",
-    "RobotRecording": "robot",
-    "log_sweep": "sweep",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name in _LATER:
-        _extras.import_module("rerun")
-        return getattr(importlib.import_module(f"{__name__}.{_LATER[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,7 +15,7 @@ from .canvas.page import legend_view, log_legend, log_tab
 from .canvas.prose import describe, made_with, numbers
 from .canvas.scale import Scale
 from .canvas.stream import send_blueprint
-from .data.described import cells_of
+from .data.summary import cells_of
 
 
 _LEGEND_ROWS = 5

@@ -91,7 +91,6 @@ def test_swept_moves_are_endpoint_moves():
     assert (swept != endpoint).any()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cells", "collision", "length"),
     [
@@ -123,7 +122,6 @@ def test_both_routes_to_the_groups_agree(cells, collision, length):
         assert not summary["basin"][i, count:].any()
 
 
-@pytest.mark.slow
 def test_totals_are_those_of_the_summary():
     cells = CellSpace.of_grid(np.eye(7) == 0, 24)
     turns = np.array([0, 1, 6, 9])
@@ -137,7 +135,6 @@ def test_totals_are_those_of_the_summary():
     }
 
 
-@pytest.mark.slow
 @given(GRIDS, st.integers(0, 7))
 @settings(max_examples=5)
 def test_both_routes_agree_on_random_grids(free, shift):
@@ -210,7 +207,6 @@ def test_a_step_of_many_cells_is_blocked_on_the_way():
     assert int(moves(cells, step=3.0).target[0, 0]) == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("collision", ["swept", "endpoint"])
 def test_a_step_longer_than_the_map_bumps_everywhere(collision):
     # The first grid has fewer rows than columns, the other fewer columns than rows.

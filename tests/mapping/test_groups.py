@@ -1,5 +1,4 @@
 import jax
-import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
@@ -9,13 +8,16 @@ from jaxcell.mapping import Section, periodic_groups, section_groups
 from jaxcell.mapping.groups import follow, periodic_cells
 
 
+# As in the tests of peeling, so that one program serves both.
+CELLS = 64
+
+
 @st.composite
 def functional_graphs(draw):
-    # Few sizes, since each is compiled once.
-    cells = draw(st.sampled_from([1, 3, 24]))
-    return np.array(
-        draw(st.lists(st.integers(0, cells - 1), min_size=cells, max_size=cells)), np.int32
-    )
+    # Of one size, since each is compiled once. Few images make short transients and many groups.
+    images = st.integers(0, draw(st.sampled_from([0, 2, CELLS - 1])))
+    found = draw(st.lists(images | st.none(), min_size=CELLS, max_size=CELLS))
+    return np.array([z if image is None else image for z, image in enumerate(found)], np.int32)
 
 
 def sequential(image):
@@ -49,6 +51,7 @@ def sequential(image):
 
 
 def assert_same(groups, expected):
+    groups = jax.device_get(groups)
     group, step, period, count = expected
     np.testing.assert_array_equal(groups.group, group)
     np.testing.assert_array_equal(groups.step, step)
@@ -59,7 +62,7 @@ def assert_same(groups, expected):
 
 @given(functional_graphs())
 def test_equals_the_sequential_algorithm(image):
-    assert_same(periodic_groups(jnp.asarray(image)), sequential(image))
+    assert_same(periodic_groups(image), sequential(image))
 
 
 @given(functional_graphs())
@@ -72,7 +75,7 @@ def test_numpy_arrays_stay_on_the_host(image):
     np.testing.assert_array_equal(periodic, step == 0)
     np.testing.assert_array_equal(leader, smallest)
     np.testing.assert_array_equal(steps, step)
-    groups = jax.device_get(periodic_groups(jnp.asarray(image)))
+    groups = jax.device_get(periodic_groups(image))
     assert type(groups.period) is np.ndarray
     assert_same(groups, sequential(image))
 
@@ -84,27 +87,27 @@ def test_equals_strongly_connected_components(image):
         c for c in nx.strongly_connected_components(graph) if len(c) > 1 or image[min(c)] in c
     ]
     cycles.sort(key=min)
-    groups = periodic_groups(jnp.asarray(image))
+    groups = jax.device_get(periodic_groups(image))
     for number, cycle in enumerate(cycles):
         on_cycle = np.flatnonzero((groups.group == number) & groups.periodic)
         assert set(on_cycle.tolist()) == cycle
     assert int(groups.count) == len(cycles)
 
 
-@pytest.mark.parametrize("cells", [1, 2, 3, 1000])
+@pytest.mark.parametrize("cells", [1, 2, 3000])
 def test_one_long_cycle_and_one_long_transient(cells):
-    around = jnp.asarray(np.roll(np.arange(cells), -1).astype(np.int32))
-    assert int(periodic_groups(around).period[0]) == cells
-    chain = jnp.asarray(np.maximum(np.arange(cells) - 1, 0).astype(np.int32))
+    around = np.roll(np.arange(cells), -1).astype(np.int32)
+    assert np.asarray(periodic_groups(around).period)[0] == cells
+    chain = np.maximum(np.arange(cells) - 1, 0).astype(np.int32)
     np.testing.assert_array_equal(periodic_groups(chain).step, np.arange(cells))
 
 
 def test_under_vmap():
     rng = np.random.default_rng(0)
     images = rng.integers(0, 30, (7, 30)).astype(np.int32)
-    batch = jax.vmap(periodic_groups)(jnp.asarray(images))
+    batch = jax.device_get(jax.vmap(periodic_groups)(images))
     for i, image in enumerate(images):
-        assert_same(jax.tree.map(lambda x, i=i: x[i], batch), sequential(image))
+        assert_same(jax.tree.map(lambda x, i=i: np.asarray(x[i]), batch), sequential(image))
 
 
 @given(functional_graphs(), st.data())
@@ -115,16 +118,16 @@ def test_cells_that_do_not_count_are_left_out(image, data):
         while not counts[z]:
             counts[z] = True
             z = image[z]
-    groups = periodic_groups(jnp.asarray(image), jnp.asarray(counts))
+    groups = jax.device_get(periodic_groups(image, counts))
     kept = np.flatnonzero(counts)
     smaller = np.searchsorted(kept, image[kept]).astype(np.int32)
     group, step, period, count = sequential(smaller)
-    np.testing.assert_array_equal(np.asarray(groups.group)[kept], group)
-    np.testing.assert_array_equal(np.asarray(groups.step)[kept], step)
-    np.testing.assert_array_equal(np.asarray(groups.period)[kept], period)
+    np.testing.assert_array_equal(groups.group[kept], group)
+    np.testing.assert_array_equal(groups.step[kept], step)
+    np.testing.assert_array_equal(groups.period[kept], period)
     assert int(groups.count) == count
-    assert (np.asarray(groups.group)[~counts] == -1).all()
-    assert (np.asarray(groups.step)[~counts] == -1).all()
+    assert (groups.group[~counts] == -1).all()
+    assert (groups.step[~counts] == -1).all()
 
 
 def section_of(image, chosen, slots):
@@ -143,14 +146,13 @@ def section_of(image, chosen, slots):
     for s, (to, mappings, low) in enumerate(returns):
         successor[s], duration[s], lowest[s] = to, mappings + 1, low
     section = Section(
-        *(jnp.asarray(x.astype(np.int32)) for x in (successor, duration, lowest)),
-        live=jnp.asarray(np.arange(slots) < len(chosen)),
+        *jax.device_put([x.astype(np.int32) for x in (successor, duration, lowest)]),
+        live=jax.device_put(np.arange(slots) < len(chosen)),
     )
     entries = np.array([walk(z)[:2] for z in range(len(image))])
     return section, entries[:, 0], entries[:, 1]
 
 
-@pytest.mark.slow
 @given(functional_graphs(), st.data())
 def test_a_section_tells_the_groups_of_all_cells(image, data):
     expected = sequential(image)
@@ -161,30 +163,32 @@ def test_a_section_tells_the_groups_of_all_cells(image, data):
     for z in range(len(image)):
         chosen |= set(np.flatnonzero(image == z)[1:].tolist())
     # Few sizes, since each is compiled once.
-    slots = data.draw(st.sampled_from([len(image), len(image) + 3]))
+    slots = CELLS + 3
     section, slot, wait = section_of(image, sorted(chosen), slots)
-    for most in (None, expected[3], slots):
+    # The bound on the groups is tight, or has room.
+    tight = expected[3] if expected[3] <= 2 else -(-expected[3] // 32) * 32
+    for most in (None, tight, slots):
         groups = section_groups(section, max_groups=most)
-        group = np.asarray(groups.group)[slot]
-        np.testing.assert_array_equal(group, expected[0])
-        np.testing.assert_array_equal(
-            np.maximum(0, wait + np.asarray(groups.lead)[slot]), expected[1]
-        )
-        np.testing.assert_array_equal(np.asarray(groups.period)[group], expected[2])
+        group, lead, period = map(np.asarray, (groups.group, groups.lead, groups.period))
+        np.testing.assert_array_equal(group[slot], expected[0])
+        np.testing.assert_array_equal(np.maximum(0, wait + lead[slot]), expected[1])
+        np.testing.assert_array_equal(period[group[slot]], expected[2])
         assert int(groups.count) == expected[3]
 
 
-@pytest.mark.slow
 def test_a_batch_of_sections():
     rng = np.random.default_rng(1)
     images = rng.integers(0, 30, (5, 30)).astype(np.int32)
     sections = [section_of(image, range(30), 32)[0] for image in images]
-    stacked = jax.tree.map(lambda *x: jnp.stack(x), *sections)
-    together, traced = section_groups(stacked), jax.vmap(section_groups)(stacked)
+    stacked = jax.tree.map(lambda *x: jax.device_put(np.stack(x)), *sections)
+    batches = [
+        [np.asarray(one) for one in (groups.group, groups.lead, groups.period)]
+        for groups in (section_groups(stacked), jax.vmap(section_groups)(stacked))
+    ]
     for i, section in enumerate(sections):
         alone = section_groups(section)
-        for batch in (together, traced):
-            np.testing.assert_array_equal(batch.group[i], alone.group)
-            np.testing.assert_array_equal(batch.lead[i], alone.lead)
+        for group, lead, period in batches:
+            np.testing.assert_array_equal(group[i], alone.group)
+            np.testing.assert_array_equal(lead[i], alone.lead)
             periods = np.asarray(alone.period)[: int(alone.count)]
-            np.testing.assert_array_equal(batch.period[i][: len(periods)], periods)
+            np.testing.assert_array_equal(period[i][: len(periods)], periods)

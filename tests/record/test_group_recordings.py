@@ -242,5 +242,5 @@ def test_rerun_is_imported_on_first_use():
     code = "import sys, jaxcell.record as r; assert 'rerun' not in sys.modules; r.RobotRecording"
     code += "; assert 'rerun' in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+    with pytest.raises(AttributeError, match=r"No jaxcell\.record attribute nothing"):
         jaxcell.record.nothing  # noqa: B018

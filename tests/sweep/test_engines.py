@@ -1,9 +1,11 @@
 import json
+import multiprocessing
 import os
 import re
 import subprocess
 import sys
 import time
+from collections import deque
 from pathlib import Path
 
 import dask
@@ -93,6 +95,46 @@ def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     # The others lost none, though one of them waited beside it.
     assert sorted(numbers for *_, numbers in calls) == ["0", "1", "1", "1", "2"]
     assert len({process for process, _, numbers in calls if numbers == "1"}) == 3
+
+
+def test_deaths_are_counted_for_each_job_and_forgotten_with_it(monkeypatch):
+    deaths = {number: 3 if number == 7 else 2 for number in range(30)}
+    made = []
+
+    class Mortal:
+        """A worker within this process that dies of a job as often as it is to."""
+
+        def __init__(self, environment):
+            self.connection, self._end = multiprocessing.Pipe()
+            self.jobs, self.began = deque(), None
+            made.append(self)
+
+        def give(self, job):
+            self.jobs.append(job)
+            self._end.send(None)
+
+        def receive(self):
+            self.connection.recv()
+            number = self.jobs[0].number
+            if deaths[number]:
+                deaths[number] -= 1
+                raise EOFError
+            self.jobs.popleft()
+            return number
+
+        def end(self):
+            self.connection.close()
+            self._end.close()
+
+    monkeypatch.setattr("jaxcell.sweep.workers.engines.Worker", Mortal)
+    # Two jobs are on their way at a time; a later one may come to lie where one was.
+    monkeypatch.setattr(
+        "jaxcell.sweep.workers.engines.id", lambda job: job.number % 2, raising=False
+    )
+    outcomes = [(job.number, found) for job, found in engine_named("processes", 1)(jobs_of(30)[0])]
+    died = Failed("its worker died each of 3 times: out of memory?")
+    assert outcomes == [(number, died if number == 7 else number) for number in range(30)]
+    assert len(made) == 1 + 29 * 2 + 3
 
 
 @slow

@@ -7,7 +7,7 @@ from typing import Any
 from ...base.quantities import Result, quantities, values
 from ...base.written import written
 from ...space import CellSpace
-from ..data.described import cells_of
+from ..data.summary import cells_of
 
 
 _MAX_ROWS = 60

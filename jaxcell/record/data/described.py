@@ -1,4 +1,4 @@
-"""The dataset and the summary of any result, from the descriptions of its quantities."""
+"""The dataset of any result, from the descriptions of its quantities."""
 
 import dataclasses
 import math
@@ -13,14 +13,12 @@ from ...base.quantities import (
     Checks,
     Quantity,
     Result,
-    columns,
-    is_single,
     parts,
-    summarized,
     values,
 )
 from ...space import CellSpace
 from ..provenance import cell_coordinates, provenance
+from .summary import cells_of
 
 
 def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -94,61 +92,6 @@ def _checked(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
     return dataset.assign_attrs({f"check_{name}": value for name, (value, _) in checks.items()})
 
 
-def cells_of(result: Result) -> CellSpace | None:
-    """The cell space of a result that has one."""
-    cells = getattr(result, "cells", None)
-    return cells if isinstance(cells, CellSpace) else None
-
-
-def summary(result: Result, cells: CellSpace | None = None) -> dict[str, Any]:
-    """The numbers of a result that a person or a script wants, as JSON has them.
-
-    Single numbers and texts, listed arrays, and a list of rows for each of `result.tables`; a part
-    has an object of its own. What is not finite is `None`.
-
-    **Arguments:**
-
-    - `result`: what a study gave.
-    - `cells`: those on which its positions are; by default its own.
-
-    **Returns:** an object for `json.dumps`.
-
-    A walk of a hundred steps:
-
-        >>> import dataclasses
-        >>> from typing import Annotated
-        >>> from jaxcell import record
-        >>> from jaxcell.base.quantities import Result, quantity
-        >>> @dataclasses.dataclass(frozen=True)
-        ... class Walk(Result):
-        ...     steps: Annotated[int, quantity("", "steps that were made")]
-        >>> record.summary(Walk(steps=100))
-        {'steps': 100}
-    """
-    cells = cells_of(result) if cells is None else cells
-    found = {
-        name: _plain(value, about, cells)
-        for name, (about, value) in summarized(result).items()
-        if is_single(about)
-    }
-    for dim, table in columns(result).items():
-        title = result.tables[dim]
-        plain = {
-            name.removeprefix(f"{title}_"): _plain(value, about, cells)
-            for name, (about, value) in table.items()
-        }
-        if plain:
-            rows = zip(*plain.values(), strict=True)
-            found[title] = [dict(zip(plain, row, strict=True)) for row in rows]
-    below = {
-        name: [summary(one, cells) for one in part]
-        if isinstance(part, tuple)
-        else summary(part, cells)
-        for name, part in parts(result).items()
-    }
-    return {**found, **below}
-
-
 def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:
     found = dict(values(result))
     for name, part in parts(result).items():
@@ -174,14 +117,6 @@ def _along(dim: str, several: tuple[Result, ...]) -> dict[str, tuple[Quantity, n
     }
 
 
-def place(cells: CellSpace, position: int) -> dict[str, Any] | None:
-    """A position with its place in metres; none for -1."""
-    if position < 0:
-        return None
-    x, y, _ = cells.centre(position)
-    return {"cell": position, "x": float(x), "y": float(y)}
-
-
 def _checks(result: Result, prefix: str) -> Checks:
     """The relations that a result and its parts name."""
     found = {prefix + name: one for name, one in result.checks().items()}
@@ -189,27 +124,6 @@ def _checks(result: Result, prefix: str) -> Checks:
         if not isinstance(part, tuple):
             found |= _checks(part, f"{prefix}{name}_")
     return found
-
-
-def _plain(value: Any, about: Quantity, cells: CellSpace | None) -> Any:
-    """Numbers and texts as JSON has them."""
-    if isinstance(value, str | bool | None):
-        return value
-    array = np.asarray(value)
-    if about.kind == "place" and cells is not None:
-        places = [place(cells, one) for one in array.ravel().tolist()]
-        return places if array.ndim else places[0]
-    if about.kind == "index" and array.ndim == 2:
-        return [[one for one in row if one >= 0] for row in array.tolist()]
-    if array.dtype.kind == "f":
-        return _finite(array.tolist())
-    return array.tolist()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_finite(one) for one in value]
-    return value if math.isfinite(value) else None
 
 
 def _checks_of_kinds(found: xr.Dataset, cells: CellSpace | None) -> Checks:

@@ -1,4 +1,6 @@
 """Recordings of robots that are driven."""
 
-from .recording import RobotRecording as RobotRecording
-from .track import RecordedRobot as RecordedRobot
+from ...base.extras import import_module
+
+
+import_module("rerun")

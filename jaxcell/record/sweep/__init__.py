@@ -1,3 +1,6 @@
 """Recordings of sweeps, whose parameters are timelines."""
 
-from .overview import log_sweep as log_sweep
+from ...base.extras import import_module
+
+
+import_module("rerun")

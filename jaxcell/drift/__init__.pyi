@@ -1,0 +1,65 @@
+from .behaviour import (
+    LongTermBehaviour as LongTermBehaviour,
+    long_term_behaviour as long_term_behaviour,
+)
+from .chains import (
+    METHODS as METHODS,
+    drift_map as drift_map,
+    drift_maps as drift_maps,
+)
+from .coherent import (
+    Agreement as Agreement,
+    agreement as agreement,
+    ftle as ftle,
+    ridges as ridges,
+)
+from .currents.ocean import open_currents as open_currents
+from .deploy import (
+    CoverageCurve as CoverageCurve,
+    Deployment as Deployment,
+    VisibleDeployment as VisibleDeployment,
+    coverage_curve as coverage_curve,
+    deployment_cells as deployment_cells,
+    minimum_deployment as minimum_deployment,
+    visible_deployment as visible_deployment,
+)
+from .diagnosis import (
+    Diagnosis as Diagnosis,
+    diagnose as diagnose,
+    group_counts as group_counts,
+)
+from .distance import (
+    Distance as Distance,
+    distances as distances,
+    nearest_step as nearest_step,
+)
+from .drifters import (
+    Comparison as Comparison,
+    Drifters as Drifters,
+    compare as compare,
+    simulate_drifters as simulate_drifters,
+)
+from .flow import (
+    Flow as Flow,
+    advect as advect,
+    crossing_time as crossing_time,
+    flow_map as flow_map,
+)
+from .layer import Layer as Layer
+from .reachability import (
+    reachable as reachable,
+    reachable_at_depth as reachable_at_depth,
+    reachable_by_layer as reachable_by_layer,
+)
+from .sea import Sea as Sea
+from .sea_drift import SeaDrift as SeaDrift
+from .sea_voyage import SeaVoyage as SeaVoyage
+from .voyage import (
+    Tracks as Tracks,
+    Voyage as Voyage,
+    discounted_voyage as discounted_voyage,
+    simulate_voyages as simulate_voyages,
+    surest_voyage as surest_voyage,
+    voyage_model as voyage_model,
+)
+from .water import Water as Water

@@ -1,0 +1,24 @@
+from .commute_sweep import (
+    CommuteSweep as CommuteSweep,
+    commute_weights as commute_weights,
+    minimum_commute_sweep as minimum_commute_sweep,
+)
+from .conductance import MinimumCommute as MinimumCommute, minimum_commute as minimum_commute
+from .constraints import Linear as Linear
+from .cover import (
+    Cover as Cover,
+    MinimumCover as MinimumCover,
+    greedy_cover as greedy_cover,
+    minimum_cover as minimum_cover,
+)
+from .game import Commitment as Commitment, stackelberg as stackelberg
+from .graph import Graph as Graph
+from .mixing import (
+    FastestAveraging as FastestAveraging,
+    FastestMixing as FastestMixing,
+    fastest_averaging as fastest_averaging,
+    fastest_mixing as fastest_mixing,
+)
+from .mixtures import Mixture as Mixture, mixture as mixture
+from .stakes import Stakes as Stakes, payoffs as payoffs
+from .tour import shortest_tour as shortest_tour
