@@ -13,7 +13,7 @@ from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .chains import METHODS, drift_maps
 from .diagnosis import Diagnosis, diagnose
-from .distance import FAR, Distance, distances, mapped
+from .distance import FAR, Distance, distances, longest_step, mapped
 from .flow import Flow
 from .water import Water
 
@@ -196,9 +196,12 @@ class Layer(Ends):
             return None
         options, step = self.options, self.behaviour.duration
         longer = [self.by.fitted(factor * step) for factor in (2, 4)]
-        tried = {f"a duration of {one:.0f} s": (one, options) for one in longer}
+        most = longest_step(self.water, self.by)
+        tried = {f"a duration of {one:.0f} s": (one, options) for one in longer if one <= most}
         if options.get("spread", "turned") != "sampled":
             tried['the method "drifters"'] = (step, METHODS["drifters"])
+        if not tried:
+            return None
         maps = [(drift_maps(self.water, self.by, d, **with_), d) for d, with_ in tried.values()]
         found = zip(tried, distances(self.water, self.flow, maps), strict=True)
         best = min(found, key=lambda one: one[1].worst)

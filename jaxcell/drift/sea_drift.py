@@ -101,6 +101,8 @@ class SeaDrift(SeaLayers):
         reach: float | None = None,
         seconds: float | int | None = None,
         mean: bool = False,
+        backward: bool = False,
+        diffusivity: float | int = 0.0,
         say: Callable[..., None] = lambda *_: None,
         **options: Any,
     ) -> "SeaDrift":
@@ -122,6 +124,8 @@ class SeaDrift(SeaLayers):
         - `reach`: how far cameras see the sea bed, in metres.
         - `seconds`: for how long to look for the fewest of them; by default they are greedy.
         - `mean`: whether to map by the mean of the records, as if the current did not change.
+        - `backward`: whether drifters go back in time from the last record, by the reversed flow.
+        - `diffusivity`: in m²/s, of what the current does not resolve; for sampled maps.
         - `say`: called with what is being done.
         - `options`: further ones of [`jaxcell.drift.drift_map`][], such as one of
             `jaxcell.drift.METHODS`.
@@ -130,9 +134,17 @@ class SeaDrift(SeaLayers):
         """
         count = range(currents.sizes["layer"])
         waters = [Water.of(currents, k) for k in count]
-        flows = [Flow.of(currents, k).repeated() for k in count]
+        flows = [Flow.of(currents, k, diffusivity=diffusivity) for k in count]
+        notices = []
+        if backward:
+            flows = [flow.reversed() for flow in flows]
+            notices.append(
+                "Drifters go backward in time, from the last record on: where they end is where "
+                "those came from that are in a cell then."
+            )
+        flows = [flow.repeated() for flow in flows]
         means = [flow.mean() for flow in flows]
-        by, notices = (means if mean else flows), []
+        by = means if mean else flows
 
         def planned() -> tuple[float, Any]:
             """The duration of a step, and the maps of it where they were made to choose it."""

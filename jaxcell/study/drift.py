@@ -55,6 +55,10 @@ class Drift(Study):
     edge: Literal["uniform", "exit"] | None = None
     """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
     dissertation, or drift like others and may leave the map. By default that of --method."""
+    diffusivity: float = 0.0
+    """Horizontal diffusivity in m2/s, of what the current does not resolve."""
+    backward: bool = False
+    """Whether drifters go back in time, from the last record on: where do they come from?"""
     start: str | None = None
     """Where a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
@@ -73,6 +77,7 @@ class Drift(Study):
         require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
+        require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
         require("search", self.search, "more than 0 seconds", lambda x: x > 0)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
@@ -105,6 +110,8 @@ class Drift(Study):
             reach=self.range,
             seconds=self.search,
             mean=self._mean,
+            backward=self.backward,
+            diffusivity=self.diffusivity,
             say=say,
             rho=self.rho,
             **self._rules(),
