@@ -62,6 +62,11 @@ class Ends(Result):
     def map_left(self) -> float:
         return self._mean([float(one.distance.map_left[-1]) for one in self._layers])
 
+    @derived("", "cells in which drifters that were compared began, of all", kind="count")
+    def compared_cells(self) -> int | None:
+        count = sum(one.distance.cells for one in self._layers)
+        return count if count < self.cells else None
+
     def _mean(self, of_layers: list[float]) -> float:
         """The mean over all cells of what is known of layers."""
         return float(np.average(of_layers, weights=[one.water.cells for one in self._layers]))

@@ -36,6 +36,8 @@ from .water import Water
 _MAX_FOR_CURVE = 20_000
 # The solves for more cells at all phases take minutes.
 _MAX_STATES = 2_500_000
+# So many remarks are for a screen.
+_MAX_REMARKS = 4
 _SQUARES = "layer y x"
 
 
@@ -61,8 +63,9 @@ class SeaDrift(SeaLayers):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("cells", "persistent_groups", "distance_6h", "distance_24h", "drifters_left", "map_left"),
-        *("mean_leaving", "median_hours", "drifter_count", "fewest_count", "step"),
+        *("persistent_groups", "mean_leaving", "median_hours", "drifter_count"),
+        *("distance_6h", "distance_24h", "drifters_left", "map_left", "compared_cells"),
+        *("cells", "fewest_count", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 
@@ -205,6 +208,9 @@ class SeaDrift(SeaLayers):
     @property
     def remarks(self) -> tuple[str, ...]:
         found = [*self.notices, *(remark for layer in self.layers for remark in layer.remarks)]
+        if len(found) > _MAX_REMARKS:
+            more = f"and {len(found) - _MAX_REMARKS} more of that kind, at other depths."
+            found[_MAX_REMARKS:] = [more]
         if self._counts is not None and self._counts[1, 1] > self._counts[1, 0] > 0:
             found.append(
                 f"At {self.depths[0]:g} m: the centres of cells have {self._counts[1, 1]} "

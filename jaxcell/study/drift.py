@@ -40,6 +40,10 @@ class Drift(Study):
     """West, south, east and north of the part to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, where the file leaves it open."""
+    windage: float = 0.0
+    """Share of the speed of the wind that drifters at the surface have too, of a file with wind."""
+    stokes: bool = False
+    """Whether they have the Stokes drift of waves too, of a file that has it."""
     duration: Seconds | None = None
     """Seconds that a step takes; by default what brings the map nearest to drifters, or for the
     source the time in which they drift by one cell on average in the slowest layer."""
@@ -77,6 +81,7 @@ class Drift(Study):
         require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
+        require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
         require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
         require("search", self.search, "more than 0 seconds", lambda x: x > 0)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
@@ -84,7 +89,9 @@ class Drift(Study):
 
     def currents(self) -> "xr.Dataset":
         """Read the currents."""
-        return _currents(self.file, self.grid, self.time, self.depths, self.bounds, self.variables)
+        pushes = self.windage, self.stokes
+        chosen = self.time, self.depths, self.bounds, self.variables
+        return _currents(self.file, self.grid, *chosen, *pushes)
 
     def memory(self) -> float | int:
         from ..base import memory
@@ -190,6 +197,8 @@ def _currents(
     depths: tuple[float, ...],
     bounds: tuple[float, float, float, float] | None,
     variables: tuple[str, str] | None,
+    windage: float,
+    stokes: bool,
 ) -> "xr.Dataset":
     from ..drift import open_currents
     from ..drift.currents.netcdf import TooLargeError
@@ -202,6 +211,8 @@ def _currents(
         depths=depths or None,
         bounds=bounds,
         variables=variables,
+        windage=windage,
+        stokes=stokes,
     )
     try:
         return read()
