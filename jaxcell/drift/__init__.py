@@ -47,6 +47,9 @@ transient ones, `deployment_cells` (Alg. 5.2). `minimum_deployment` has the fewe
 all may be visited, and `coverage_curve` what fewer visit. `visible_deployment` is for cameras that
 see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
 
+**Regions.** `read_regions` has the cells in polygons of a GeoJSON file, and an `Exchange` how
+drifters go from one region to another, and how long they stay.
+
 **Depth.** `Sea` puts layers together. `reachable_by_layer` has the cells that drifters come to that
 go down once (Alg. 5.4), `reachable_at_depth` those of drifters that go up and down at will, and
 `reachable` those of any chain. A *voyage* is a drifter's way to a goal by going up (-1), going down
@@ -118,6 +121,7 @@ from .reachability import (
     reachable_at_depth as reachable_at_depth,
     reachable_by_layer as reachable_by_layer,
 )
+from .regions import Exchange as Exchange, read_regions as read_regions
 from .sea import Sea as Sea
 from .sea_drift import SeaDrift as SeaDrift
 from .sea_voyage import SeaVoyage as SeaVoyage

@@ -26,6 +26,7 @@ from .distance import nearest_maps
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
+from .regions import Exchange
 from .sea_layers import SeaLayers
 from .sea_voyage import SeaVoyage
 from .voyage import Voyage, discounted_voyage, surest_voyage
@@ -79,6 +80,8 @@ class SeaDrift(SeaLayers):
     "The way to a goal, by the discounted policy."
     surest: SeaVoyage | None = None
     "The way that most likely arrives."
+    exchange: Exchange | None = None
+    "How drifters go between regions of the surface."
     notices: tuple[str, ...] = ()
     "What was done otherwise than asked for."
 

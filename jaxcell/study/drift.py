@@ -67,6 +67,10 @@ class Drift(Study):
     """Where a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
     """Where it is to be, "lon,lat,depth" in degrees and metres; it may go up and down."""
+    regions: Path | None = None
+    """GeoJSON file of polygons: how do drifters at the surface go from one to another?"""
+    after: Seconds = 432_000.0
+    """Seconds after which it is asked in which of the regions they are."""
     range: Metres | None = None
     """How far a drifter that looks at the sea bed sees, in metres."""
     search: Seconds | None = None
@@ -79,6 +83,7 @@ class Drift(Study):
     def __post_init__(self) -> None:
         require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
         require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
+        require("after", self.after, "more than 0 seconds", lambda x: x > 0)
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
         require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
@@ -104,12 +109,13 @@ class Drift(Study):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import SeaDrift, Water
+        from ..drift import Exchange, SeaDrift, Water, read_regions
 
         self.memory()
         currents = self.currents()
         waters = [Water.of(currents, layer) for layer in range(currents.sizes["layer"])]
         start, goal = self._start(waters[0]), self._goal(waters)
+        regions = None if self.regions is None else read_regions(self.regions, waters[0])
         found = SeaDrift.of(
             currents,
             self.duration,
@@ -126,6 +132,10 @@ class Drift(Study):
         if self.range is not None:
             say("choosing where to see the sea bed")
             _named("range", lambda: found.views)
+        if regions is not None:
+            say("following drifters between regions")
+            exchange = Exchange.of(found.layers[0].behaviour, *regions, self.after)
+            found = dataclasses.replace(found, exchange=exchange)
         if goal is None:
             return found
         say(f"finding the way to the goal from {found.cells:,} cells")

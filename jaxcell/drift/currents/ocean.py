@@ -13,7 +13,7 @@ from .grid import OceanGrid, read_grid
 from .netcdf import OceanFile
 from .roms import turned
 from .sources import Source, open_source, source_name
-from .surface import read_surface
+from .surface import Push, read_surface
 from .times import When, choose_records, record_times
 from .velocity_names import Velocity, choose_velocity
 
@@ -128,9 +128,10 @@ def open_currents(
         chosen = times.values[records]
         field = read_field(file, velocity, cells, records, chosen, layers, mean)
         _check_positions(file, axes.lon, cells, field)
+        shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
         pushes = [
             (share, *read_surface(file, role, axes, cells, records, field.water[0]))
-            for role, share in (("wind", float(windage)), ("stokes", float(stokes)))
+            for role, share in shares.items()
             if share
         ]
     gridded = f"{axes.lon}, {axes.lat}: from {source_name(grid)}" if grid is not None else ""

@@ -1,6 +1,6 @@
 """What moves drifters at the surface besides the current: the wind, and waves."""
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,14 +12,16 @@ from .netcdf import OceanFile
 from .velocity import metres_per_second, read_cells
 
 
-_WHAT = {"wind": "wind for windage", "stokes": "Stokes drift of waves"}
+Push: TypeAlias = Literal["wind", "stokes"]
+
+_WHAT: dict[Push, str] = {"wind": "wind for windage", "stokes": "Stokes drift of waves"}
 # No wind is faster, and no drift by waves.
-_FASTEST = {"wind": 100.0, "stokes": 10.0}
+_FASTEST: dict[Push, float] = {"wind": 100.0, "stokes": 10.0}
 
 
 def read_surface(
     file: OceanFile,
-    role: Literal["wind", "stokes"],
+    role: Push,
     axes: Axes,
     grid: OceanGrid,
     records: Int[np.ndarray, " records"],
@@ -59,7 +61,7 @@ def read_surface(
     return found, ", ".join(names)
 
 
-def _names(file: OceanFile, role: Literal["wind", "stokes"]) -> list[str]:
+def _names(file: OceanFile, role: Push) -> list[str]:
     """The variables towards the East and North, by standard name and then by name."""
     variables = file.dataset.data_vars.items()
     by_standard = {str(one.attrs.get("standard_name")): str(name) for name, one in variables}
