@@ -37,6 +37,8 @@ edges but for the solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* say in which.
 
+`beaching` adds a beach to the cells of a `coast`, on which drifters strand.
+
 `diagnose` and `group_counts` say whether groups can be trusted; `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
@@ -68,6 +70,7 @@ likely arrives, and of such policies is the quickest. `simulate_voyages` follows
 Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
+from .beaches import beaching as beaching, coast as coast
 from .behaviour import (
     LongTermBehaviour as LongTermBehaviour,
     long_term_behaviour as long_term_behaviour,
