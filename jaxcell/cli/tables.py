@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _MAX_ROWS = 30
 # Columns of a table whose meanings are in its head; beyond, their names are.
 _MAX_LONG = 8
+# Results of one kind that have a column each; more have a row each.
+_MAX_COLUMNS = 3
 
 
 def show(
@@ -89,13 +91,19 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
 
 
 def _side_by_side(several: tuple[Result, ...], title: str) -> None:
-    """Print the numbers of results of one kind, a column for each, and the tables of each."""
+    """Print the numbers of results of one kind, a column for each, or a row for each of more than
+    three; and the tables of each."""
+    across = len(several) <= _MAX_COLUMNS
     rows: dict[str, list[str]] = {}
     for column, one in enumerate(several):
-        for about, value in _brief(one).values():
+        for name, (about, value) in _brief(one).items():
             if is_single(about):
-                rows.setdefault(about.meaning, [""] * len(several))[column] = written(value, about)
-    numbers = map(str, range(len(several)))
-    table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
+                key = about.meaning if across else name.replace("_", " ")
+                rows.setdefault(key, [""] * len(several))[column] = written(value, about)
+    numbers = [*map(str, range(len(several)))]
+    if across:
+        table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
+    else:
+        table(title, ("", *rows), [*zip(numbers, *rows.values(), strict=True)])
     for number, part in enumerate(several):
         _tables(part, f"{title.removesuffix('s')} {number}: ", None)

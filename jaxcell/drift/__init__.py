@@ -37,6 +37,8 @@ edges but for the solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* say in which.
 
+`beaching` adds a beach to the cells of a `coast`, on which drifters strand.
+
 `diagnose` and `group_counts` say whether groups can be trusted; `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
@@ -46,6 +48,9 @@ they reach every cell that any drifter can: one in each persistent group, and mo
 transient ones, `deployment_cells` (Alg. 5.2). `minimum_deployment` has the fewest cells from which
 all may be visited, and `coverage_curve` what fewer visit. `visible_deployment` is for cameras that
 see a disc of the sea bed (Eq. 5.1, 5.8, 5.9, Alg. 5.3).
+
+**Regions.** `read_regions` has the cells in polygons of a GeoJSON file, and an `Exchange` how
+drifters go from one region to another, and how long they stay.
 
 **Depth.** `Sea` puts layers together. `reachable_by_layer` has the cells that drifters come to that
 go down once (Alg. 5.4), `reachable_at_depth` those of drifters that go up and down at will, and

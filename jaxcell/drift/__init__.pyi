@@ -1,3 +1,4 @@
+from .beaches import beaching as beaching, coast as coast
 from .behaviour import (
     LongTermBehaviour as LongTermBehaviour,
     long_term_behaviour as long_term_behaviour,
@@ -51,6 +52,7 @@ from .reachability import (
     reachable_at_depth as reachable_at_depth,
     reachable_by_layer as reachable_by_layer,
 )
+from .regions import Exchange as Exchange, read_regions as read_regions
 from .sea import Sea as Sea
 from .sea_drift import SeaDrift as SeaDrift
 from .sea_voyage import SeaVoyage as SeaVoyage

@@ -1,9 +1,13 @@
+import functools
 import math
+import operator
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import scipy.sparse
+import scipy.special
 from jaxtyping import Float, Int
 
 from ..base import memory
@@ -23,6 +27,8 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
 2018, section 5.4.3, where the grid spreads drifters more than the water does and no edge is open.
 """
 
+# Diffusion reaches so many standard deviations, which are not more than so many cells.
+_TAILS, _MAX_SPREAD = 3.5, 10
 # Stands for no cell at all, where -1 stands for the sink.
 _NONE = -2
 
@@ -58,7 +64,8 @@ def drift_map(
         `"all"`: the eight neighbours of the image; then connected water tends to be one persistent
         group. `"sampled"`: none; instead of the centre, `samples` x `samples` points of the cell
         drift, and the probability of a cell is the share of them that end there (Hsu 1987), so
-        that `rho` does not matter.
+        that `rho` does not matter. Where the flow has a diffusivity they are spread by it at the
+        end of the step, which needs this choice.
     - `samples`: see `spread`.
     - `edge`: `"uniform"`, the rule of the source: cells with fewer than eight neighbours are mapped
         to those and to themselves, all with one probability, and nothing ever leaves the grid.
@@ -84,13 +91,23 @@ def drift_map(
     """
     require_x64("drift_map")
     _check(rho, spread, samples, edge)
+    duration = checked_duration(flow, water, duration, method, steps)
+    if flow.diffusivity and spread != "sampled":
+        raise ValueError(f"diffusivity: expected spread 'sampled' with it, got {spread!r}")
+    far = diffused_cells(water, flow, duration)
+    if (widest := float(far.max())) > _MAX_SPREAD:
+        raise ValueError(
+            f"diffusivity: {flow.diffusivity:g} m²/s spreads drifters over {widest:.3g} cells in "
+            f"a step of {duration:g} s; expected {_MAX_SPREAD:g} at most"
+        )
     branches = {"turned": 3, "all": 9, "sampled": min(9, samples**2)}[spread]
+    if flow.diffusivity:
+        branches = (2 * math.ceil(_TAILS * widest) + 3) ** 2
     memory.check(
         40 * (branches + 1) * water.cells,
         f"a drift map of {water.cells:,} cells of water",
         "read less of the currents",
     )
-    duration = checked_duration(flow, water, duration, method, steps)
 
     def ends(right: float, up: float) -> tuple[np.ndarray, np.ndarray]:
         """Where points of all cells drift, which are off the centres by some parts of a cell."""
@@ -101,12 +118,14 @@ def drift_map(
     exits = edge == "exit"
     if spread == "sampled":
         places = ((np.arange(samples) + 0.5) / samples - 0.5).tolist()
-        landed = (
-            water.landing(*(v[None] for v in ends(right, up)), exits=exits)[0]
-            for up in places
-            for right in places
-        )
-        image, probability = _shares(landed, samples**2, water.cells)
+        drifted = (ends(right, up) for up in places for right in places)
+        if flow.diffusivity:
+            spreads = (_diffused(water, x, y, far, exits) for x, y in drifted)
+            chain = Chain.from_scipy(functools.reduce(operator.add, spreads) / samples**2)
+            image, probability = np.asarray(chain.image), np.asarray(chain.probability)
+        else:
+            landed = (water.landing(x[None], y[None], exits=exits)[0] for x, y in drifted)
+            image, probability = _shares(landed, samples**2, water.cells)
     else:
         x, y = ends(0.0, 0.0)
         if spread == "turned":
@@ -171,6 +190,39 @@ def drift_maps(
 def phases(flow: Flow, duration: float | int) -> int:
     """Number of steps in a period of a flow; 1 if it is steady."""
     return 1 if flow.period is None else max(1, round(float(flow.period) / duration))
+
+
+def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:
+    """The standard deviation of what diffuses from each cell for a time, in cells along x and y."""
+    sides = np.stack([side[water.row, water.column] for side in (water.dx, water.dy)])
+    return math.sqrt(2 * flow.diffusivity * abs(duration)) / sides
+
+
+def _diffused(
+    water: Water,
+    x: Float[np.ndarray, "cells"],
+    y: Float[np.ndarray, "cells"],
+    spread: Float[np.ndarray, "axes cells"],
+    exits: bool,
+) -> scipy.sparse.csr_array:
+    """Where drifters diffuse to from a point for each cell: the normal law over the squares."""
+    reach = math.ceil(_TAILS * float(spread.max()))
+    steps = np.arange(-reach, reach + 1)[:, None]
+    row, column = square(x, y)
+    across, along = (
+        np.diff(
+            scipy.special.ndtr((np.append(steps, [[reach + 1]], 0) - 0.5 + first - v) / far), axis=0
+        )
+        for first, v, far in zip((column, row), (x, y), spread, strict=True)
+    )
+    across, along = across / across.sum(axis=0), along / along.sum(axis=0)
+    right, up = (one.ravel()[:, None] for one in np.meshgrid(steps, steps))
+    image = water.landing(column + right + 0.0, row + up + 0.0, exits=exits)
+    share = (along[:, None] * across).reshape(image.shape)
+    stays = image >= 0
+    origin = np.broadcast_to(np.arange(water.cells), image.shape)[stays]
+    shape = water.cells, water.cells
+    return scipy.sparse.csr_array((share[stays], (origin, image[stays])), shape=shape)
 
 
 def _check(rho: float | int, spread: str, samples: int, edge: str) -> None:

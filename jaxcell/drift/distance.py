@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,8 +13,8 @@ from jaxtyping import Float, Int
 from ..mapping import Chain, ChainSequence
 from ..mapping.section import bucket
 from ..mapping.sequence import as_sequence
-from .chains import drift_maps, phases
-from .drifters import total_variation
+from .chains import diffused_cells, drift_maps, phases
+from .drifters import diffuse, total_variation
 from .flow import Flow, advect, crossing_time
 from .water import Water, on_grid
 
@@ -22,10 +23,13 @@ HOURS = (6.0, 24.0)
 """When drifters and maps are compared, in hours."""
 FAR = 0.2
 """A map with a larger total variation is far from drifters."""
-# So many drifters are followed, if there are not more cells, and so many at most from each cell.
+# So many drifters are followed, if there are not more cells, and from each cell as many at most as
+# so many on either axis, or twice that of those that diffuse, which differ by chance.
 _DRIFTERS = 400_000
 _POINTS = 6
 _MAX_FOR_TRIALS = 100_000
+# No longer steps are tried than in which diffusion spreads drifters over so many cells.
+_MAX_DIFFUSED = 2.0
 # Of more cells than drifters so many are sampled, in square parts of the grid of that side.
 _SAMPLED, _PART = 100_000, 64
 _DAY = 3600 * HOURS[-1]
@@ -64,9 +68,10 @@ def distances(
 ) -> tuple[Distance, ...]:
     """Compare maps with drifters in the flow itself, as it changes with time.
 
-    Drifters begin at an even grid of points in every cell, up to 36 of them, and are followed by
-    the Runge-Kutta method. Of more than 400,000 cells, they begin in some 100,000, which are square
-    parts of the grid apart from each other; and so do the maps.
+    Drifters begin at an even grid of points in every cell, up to 36 of them, or 144 where they
+    diffuse, and are followed by the Runge-Kutta method and the random walk of the flow's
+    diffusivity. Of more than 400,000 cells, they begin in some 100,000, which are square parts of
+    the grid apart from each other; and so do the maps.
 
     **Arguments:**
 
@@ -164,7 +169,8 @@ def nearest_maps(
     - `by`: the flow of each layer that its map is made of; drifters go with that in `flows`.
     """
     crossing = max(map(crossing_time, waters, by))
-    steps = {by[0].fitted(f * crossing) for f in (1, 2, 4, 8) if f == 1 or f * crossing <= _DAY}
+    longest = min(_DAY, *map(longest_step, waters, by))
+    steps = {by[0].fitted(f * crossing) for f in (1, 2, 4, 8) if f == 1 or f * crossing <= longest}
     cells = sum(water.cells for water in waters)
     tried = [step for step in sorted(steps) if cells * phases(by[0], step) <= _MAX_FOR_TRIALS]
     if not tried:
@@ -177,6 +183,12 @@ def nearest_maps(
     worst = [max(one.worst for _, one in layers) for layers in zip(*found, strict=True)]
     best = int(np.argmin(worst))
     return tried[best], [layer[best] for layer in found]
+
+
+def longest_step(water: Water, flow: Flow) -> float:
+    """The longest duration that is tried, in seconds: diffusion may fill the map in longer ones."""
+    in_a_second = float(diffused_cells(water, flow, 1.0).max())
+    return (_MAX_DIFFUSED / in_a_second) ** 2 if in_a_second else math.inf
 
 
 def _begin(water: Water) -> Float[np.ndarray, "cells"]:
@@ -192,7 +204,8 @@ def _shares(
 ) -> dict[float, Float[np.ndarray, "cells"]]:
     """The share of drifters in each cell at some times."""
     cells = np.flatnonzero(begin)
-    points = min(_POINTS, max(1, math.isqrt(_DRIFTERS // cells.size)))
+    most = 2 * _POINTS if flow.diffusivity else _POINTS
+    points = min(most, max(1, math.isqrt(_DRIFTERS // cells.size)))
     places = (np.arange(points) + 0.5) / points - 0.5
     right, up = (np.tile(one.ravel(), cells.size) for one in np.meshgrid(places, places))
     origin = np.repeat(cells, points**2)
@@ -203,6 +216,8 @@ def _shares(
     # Half a cell at a time, and no longer than from one record to the next.
     between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
     longest, found, now = _STEPS * min(crossing_time(water, flow) / 2, between), {}, 0.0
+    sides, wet = jnp.asarray(np.stack([water.dx, water.dy])), jnp.asarray(water.number >= 0)
+    key = jax.random.key(0)
     for time in times:
         moves = math.ceil((time - now) / longest)
         for start in np.linspace(now, time, moves, endpoint=False).tolist():
@@ -216,6 +231,9 @@ def _shares(
                 method="rk4",
                 steps=_STEPS,
             )
+            if flow.diffusivity:
+                key, drawn = jax.random.split(key)
+                after = diffuse(drawn, flow, sides, wet, *after, (time - now) / moves)
             x, y = (np.where(on, moved, here) for moved, here in zip(after, (x, y), strict=True))
         now = time
         cell: Int[np.ndarray, drifters] = water.landing(

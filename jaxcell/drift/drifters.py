@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import Chain
 from ..markov.hitting import cell_mask
@@ -87,9 +87,10 @@ def simulate_drifters(
     there = jnp.asarray(np.flatnonzero(cell_mask(water.cells, cells, "cells")))
     centre = jnp.asarray(np.stack([water.column, water.row]), jnp.float64)[:, there]
     sides = jnp.asarray(np.stack([water.dx, water.dy]))
+    wet = jnp.asarray(water.number >= 0)
     begin = jnp.asarray(start + np.arange(steps) * duration)
     choice, x, y = _release(key, centre, drifters)
-    xs, ys = _paths(key, flow, sides, x, y, begin, duration, float(rho), substeps)
+    xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, float(rho), substeps)
     # A coast that a drifter ran over is the nearest water.
     cell = water.landing(
         np.asarray(xs), np.asarray(ys), origin=np.asarray(there)[choice], exits=True
@@ -108,7 +109,7 @@ def _release(key, centre, drifters):  # type: ignore[no-untyped-def]
 
 
 @functools.partial(jax.jit, static_argnames="substeps")
-def _paths(key, flow, sides, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
+def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
     """The places of drifters at first and after every step."""
     rows, columns = sides.shape[1:]
     keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
@@ -118,9 +119,7 @@ def _paths(key, flow, sides, x, y, begin, duration, rho, substeps):  # type: ign
         key, began = now
         on = on_grid((rows, columns), flow.wraps, x, y)
         end_x, end_y = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
-        row = jnp.clip(jnp.round(y).astype(jnp.int32), 0, rows - 1)
-        column = jnp.round(x).astype(jnp.int32)
-        column = column % columns if flow.wraps else jnp.clip(column, 0, columns - 1)
+        row, column = _square((rows, columns), flow.wraps, x, y)
         dx, dy = sides[:, row, column]
         right, up = (end_x - x) * dx, (end_y - y) * dy
         drawn = jax.random.uniform(key, x.shape, x.dtype)
@@ -129,10 +128,44 @@ def _paths(key, flow, sides, x, y, begin, duration, rho, substeps):  # type: ign
         cos, sin = jnp.cos(angle), jnp.sin(angle)
         moved_x = x + jnp.where(on, (right * cos - up * sin) / dx, 0.0)
         moved_y = y + jnp.where(on, (right * sin + up * cos) / dy, 0.0)
+        if flow.diffusivity:
+            key = jax.random.fold_in(key, 1)
+            moved_x, moved_y = diffuse(key, flow, sides, wet, moved_x, moved_y, duration)
         return (moved_x, moved_y), (moved_x, moved_y)
 
     _, (xs, ys) = jax.lax.scan(step, (x, y), (keys, begin))
     return jnp.concatenate([x[None], xs]), jnp.concatenate([y[None], ys])
+
+
+@jax.jit
+def diffuse(
+    key: jax.Array,
+    flow: Flow,
+    sides: Float[Array, "axes rows columns"],
+    wet: Bool[Array, "rows columns"],
+    x: Float[Array, "points"],
+    y: Float[Array, "points"],
+    duration: Float[Array, ""] | float,
+) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
+    """Where points are after the random walk of the flow's diffusivity for a time.
+
+    None goes ashore: it stays where it was instead.
+    """
+    row, column = _square(wet.shape, flow.wraps, x, y)
+    far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
+    right, up = far * jax.random.normal(key, (2, x.size), x.dtype) / sides[:, row, column]
+    on = on_grid(wet.shape, flow.wraps, x, y)
+    ashore = ~wet[_square(wet.shape, flow.wraps, x + right, y + up)]
+    stays = ~on | (ashore & on_grid(wet.shape, flow.wraps, x + right, y + up))
+    return jnp.where(stays, x, x + right), jnp.where(stays, y, y + up)
+
+
+def _square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
+    """The row and column of the squares that hold points, or are nearest to them."""
+    rows, columns = shape
+    row, column = (jnp.round(one).astype(jnp.int32) for one in (y, x))
+    column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
+    return jnp.clip(row, 0, rows - 1), column
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -41,9 +41,19 @@ class Flow:
     period: Float[Array, ""] | None = None
     """Seconds from the first record to the last, which is the first again; `None` for a current
     that does not repeat."""
+    diffusivity: float = dataclasses.field(default=0.0, metadata={"static": True})
+    """In m²/s: what the current does not resolve spreads drifters over a time `t` by
+    `sqrt(2 diffusivity t)` along each axis."""
 
     @classmethod
-    def of(cls, currents: xr.Dataset, layer: int = 0, record: int | None = None) -> "Flow":
+    def of(
+        cls,
+        currents: xr.Dataset,
+        layer: int = 0,
+        record: int | None = None,
+        *,
+        diffusivity: float | int = 0.0,
+    ) -> "Flow":
         """The flow of one layer.
 
         **Arguments:**
@@ -51,11 +61,14 @@ class Flow:
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `layer`: number of the layer, from 0 at the surface.
         - `record`: number of the record to take as steady; without it, all of them.
+        - `diffusivity`: in m²/s, of what the current does not resolve.
 
-        **Raises:** `ValueError` if there is no such layer or record; `RuntimeError` where JAX is
-        set to 32 bits.
+        **Raises:** `ValueError` if there is no such layer or record, or for a diffusivity below 0;
+        `RuntimeError` where JAX is set to 32 bits.
         """
         require_x64("a flow")
+        if not (np.isfinite(diffusivity) and diffusivity >= 0):
+            raise ValueError(f"diffusivity: expected 0 m²/s or more, got {diffusivity}")
         water = Water.of(currents, layer)
         records = currents.sizes["time"]
         if record is not None and not 0 <= record < records:
@@ -70,7 +83,7 @@ class Flow:
         along_y = (north * cos - east * sin) / water.dy
         since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "s")
         rate = jnp.asarray(np.stack([along_x, along_y], axis=1))
-        return cls(rate, jnp.asarray(since[taken]), water.wraps)
+        return cls(rate, jnp.asarray(since[taken]), water.wraps, diffusivity=float(diffusivity))
 
     @property
     def recorded(self) -> Float[Array, "records axes rows columns"]:
@@ -80,7 +93,17 @@ class Flow:
     def mean(self) -> "Flow":
         """The steady flow that is the mean of the records."""
         mean = jnp.mean(self.recorded, axis=0, keepdims=True)
-        return Flow(mean, self.time[:1], self.wraps)
+        return dataclasses.replace(self, rate=mean, time=self.time[:1], period=None)
+
+    def reversed(self) -> "Flow":
+        """The flow backward in time, from the last record to the first.
+
+        Drifters go back along the ways that brought them: where they end is where they came from.
+        What spreads them goes on to spread them, so that in water that is neither compressed nor
+        drawn apart the chance to come from a place is that to go there.
+        """
+        time = (self.time[0] + self.time[-1] - self.time)[::-1]
+        return dataclasses.replace(self, rate=-self.rate[::-1], time=time)
 
     def repeated(self, period: float | int | None = None) -> "Flow":
         """The flow that begins again after its last record; a steady one is itself.
@@ -102,7 +125,8 @@ class Flow:
                 f"the last, got {length:g} s"
             )
         rate = jnp.concatenate([self.rate, self.rate[:1]])
-        return Flow(rate, jnp.append(self.time, time[0] + length), self.wraps, jnp.float64(length))
+        later = jnp.append(self.time, time[0] + length)
+        return dataclasses.replace(self, rate=rate, time=later, period=jnp.float64(length))
 
     def fitted(self, duration: float | int) -> float:
         """The duration nearest to one of which the period is a whole multiple, or the other way

@@ -13,7 +13,7 @@ from ..markov import Absorption, absorption_probabilities
 from .behaviour import LongTermBehaviour, long_term_behaviour
 from .chains import METHODS, drift_maps
 from .diagnosis import Diagnosis, diagnose
-from .distance import FAR, Distance, distances, mapped
+from .distance import FAR, Distance, distances, longest_step, mapped
 from .flow import Flow
 from .water import Water
 
@@ -61,6 +61,11 @@ class Ends(Result):
     @derived("", "and that left by the map of cells", kind="share")
     def map_left(self) -> float:
         return self._mean([float(one.distance.map_left[-1]) for one in self._layers])
+
+    @derived("", "cells in which drifters that were compared began, of all", kind="count")
+    def compared_cells(self) -> int | None:
+        count = sum(one.distance.cells for one in self._layers)
+        return count if count < self.cells else None
 
     def _mean(self, of_layers: list[float]) -> float:
         """The mean over all cells of what is known of layers."""
@@ -196,9 +201,12 @@ class Layer(Ends):
             return None
         options, step = self.options, self.behaviour.duration
         longer = [self.by.fitted(factor * step) for factor in (2, 4)]
-        tried = {f"a duration of {one:.0f} s": (one, options) for one in longer}
+        most = longest_step(self.water, self.by)
+        tried = {f"a duration of {one:.0f} s": (one, options) for one in longer if one <= most}
         if options.get("spread", "turned") != "sampled":
             tried['the method "drifters"'] = (step, METHODS["drifters"])
+        if not tried:
+            return None
         maps = [(drift_maps(self.water, self.by, d, **with_), d) for d, with_ in tried.values()]
         found = zip(tried, distances(self.water, self.flow, maps), strict=True)
         best = min(found, key=lambda one: one[1].worst)

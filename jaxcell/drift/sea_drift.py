@@ -26,6 +26,7 @@ from .distance import nearest_maps
 from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
+from .regions import Exchange
 from .sea_layers import SeaLayers
 from .sea_voyage import SeaVoyage
 from .voyage import Voyage, discounted_voyage, surest_voyage
@@ -36,6 +37,8 @@ from .water import Water
 _MAX_FOR_CURVE = 20_000
 # The solves for more cells at all phases take minutes.
 _MAX_STATES = 2_500_000
+# So many remarks are for a screen.
+_MAX_REMARKS = 4
 _SQUARES = "layer y x"
 
 
@@ -61,8 +64,9 @@ class SeaDrift(SeaLayers):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("cells", "persistent_groups", "distance_6h", "distance_24h", "drifters_left", "map_left"),
-        *("mean_leaving", "median_hours", "drifter_count", "fewest_count", "step"),
+        *("persistent_groups", "mean_leaving", "median_hours", "drifter_count"),
+        *("distance_6h", "distance_24h", "drifters_left", "map_left", "compared_cells"),
+        *("cells", "fewest_count", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 
@@ -76,6 +80,8 @@ class SeaDrift(SeaLayers):
     "The way to a goal, by the discounted policy."
     surest: SeaVoyage | None = None
     "The way that most likely arrives."
+    exchange: Exchange | None = None
+    "How drifters go between regions of the surface."
     notices: tuple[str, ...] = ()
     "What was done otherwise than asked for."
 
@@ -101,6 +107,8 @@ class SeaDrift(SeaLayers):
         reach: float | None = None,
         seconds: float | int | None = None,
         mean: bool = False,
+        backward: bool = False,
+        diffusivity: float | int = 0.0,
         say: Callable[..., None] = lambda *_: None,
         **options: Any,
     ) -> "SeaDrift":
@@ -122,6 +130,8 @@ class SeaDrift(SeaLayers):
         - `reach`: how far cameras see the sea bed, in metres.
         - `seconds`: for how long to look for the fewest of them; by default they are greedy.
         - `mean`: whether to map by the mean of the records, as if the current did not change.
+        - `backward`: whether drifters go back in time from the last record, by the reversed flow.
+        - `diffusivity`: in m²/s, of what the current does not resolve; for sampled maps.
         - `say`: called with what is being done.
         - `options`: further ones of [`jaxcell.drift.drift_map`][], such as one of
             `jaxcell.drift.METHODS`.
@@ -130,9 +140,17 @@ class SeaDrift(SeaLayers):
         """
         count = range(currents.sizes["layer"])
         waters = [Water.of(currents, k) for k in count]
-        flows = [Flow.of(currents, k).repeated() for k in count]
+        flows = [Flow.of(currents, k, diffusivity=diffusivity) for k in count]
+        notices = []
+        if backward:
+            flows = [flow.reversed() for flow in flows]
+            notices.append(
+                "Drifters go backward in time, from the last record on: where they end is where "
+                "those came from that are in a cell then."
+            )
+        flows = [flow.repeated() for flow in flows]
         means = [flow.mean() for flow in flows]
-        by, notices = (means if mean else flows), []
+        by = means if mean else flows
 
         def planned() -> tuple[float, Any]:
             """The duration of a step, and the maps of it where they were made to choose it."""
@@ -193,6 +211,9 @@ class SeaDrift(SeaLayers):
     @property
     def remarks(self) -> tuple[str, ...]:
         found = [*self.notices, *(remark for layer in self.layers for remark in layer.remarks)]
+        if len(found) > _MAX_REMARKS:
+            more = f"and {len(found) - _MAX_REMARKS} more of that kind, at other depths."
+            found[_MAX_REMARKS:] = [more]
         if self._counts is not None and self._counts[1, 1] > self._counts[1, 0] > 0:
             found.append(
                 f"At {self.depths[0]:g} m: the centres of cells have {self._counts[1, 1]} "

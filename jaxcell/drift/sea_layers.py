@@ -143,7 +143,9 @@ class SeaLayers(Ends):
     @functools.cached_property
     def _counts(self) -> Int[np.ndarray, "steps rhos"] | None:
         surface = self.layers[0]
-        if surface.cells * phases(surface.by, self._other_steps[0]) > _MAX_FOR_COUNTS:
+        states = surface.cells * phases(surface.by, self._other_steps[0])
+        # Diffusion joins all groups but those that are pieces of water.
+        if states > _MAX_FOR_COUNTS or surface.by.diffusivity:
             return None
         options = dict(surface.options)
         rho = options.pop("rho", 0.8)

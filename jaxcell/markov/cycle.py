@@ -1,17 +1,18 @@
 import dataclasses
 import itertools
-from typing import Any
 
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import linalg
 
+from ..base.threads import one_blas_thread
+
 
 # A cycle has no more blocks than so many, and at most this part of its steps lead back.
 _MAX_BLOCKS, _MAX_BACK = 10_000, 0.4
-# Steps of BiCGSTAB, each of which goes through a whole cycle.
-_CYCLES = 600
+# Directions that GMRES keeps before it begins anew, in so many bytes at most, and its rounds.
+_DIRECTIONS, _MAX_BYTES, _ROUNDS = 300, 2**30, 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,16 +54,24 @@ class Cycle:
         return None
 
     def __call__(self, right: Float[np.ndarray, "rows"]) -> tuple[Float[np.ndarray, "rows"], int]:
-        """Solve `x = right + matrix x` by a round of BiCGSTAB; gives the products beside."""
+        """Solve `x = right + matrix x` by GMRES; gives the products beside.
+
+        A product is dear here, and GMRES takes about half as many as BiCGSTAB.
+        """
         wanted, none = right[self.order], np.zeros(right.size)
+        products = 0
 
         def returns(value: Float[np.ndarray, "some"]) -> Float[np.ndarray, "some"]:
+            nonlocal products
+            products += 1
             return value - self._round(value, none)[self.again]
 
         shape = self.again.size, self.again.size
         system = linalg.LinearOperator(shape, returns, dtype=np.float64)
         begin = self._round(np.zeros(self.again.size), wanted)[self.again]
-        value, products = bicgstab(system, begin, _CYCLES)
+        kept = max(1, min(_DIRECTIONS, _MAX_BYTES // (8 * self.again.size), self.again.size))
+        with one_blas_thread():
+            value, _ = linalg.gmres(system, begin, rtol=1e-8, restart=kept, maxiter=_ROUNDS)
         found = np.empty_like(right)
         found[self.order] = self._round(value, wanted)
         return found, products
@@ -77,20 +86,6 @@ class Cycle:
             here = slice(self.bounds[block], self.bounds[block + 1])
             x[here] = right[here] + self.rows[block] @ x
         return x
-
-
-def bicgstab(
-    system: Any, right: Float[np.ndarray, "rows"], steps: int, **options: Any
-) -> tuple[Float[np.ndarray, "rows"], int]:
-    """What BiCGSTAB finds in one round, and the products that it took."""
-    products = 0
-
-    def count(_: Float[np.ndarray, "rows"]) -> None:
-        nonlocal products
-        products += 2
-
-    found, _ = linalg.bicgstab(system, right, rtol=1e-8, maxiter=steps, callback=count, **options)
-    return found, products
 
 
 def _bounds(after: Int[np.ndarray, "rows"]) -> Int[np.ndarray, "bounds"]:

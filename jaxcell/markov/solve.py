@@ -11,7 +11,7 @@ is made, which takes at most 60 bytes an entry of the matrix, and BiCGSTAB does 
 an M-matrix, whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977).
 
 A chain that is unrolled over the phases of a tide fills up however it is factored. It is a *cycle*
-of blocks of states, and by sweeps through all its blocks BiCGSTAB works on one of them.
+of blocks of states, and by sweeps through all its blocks GMRES works on one of them.
 
 A part that is left once in 10^10 steps or less often is beyond all of these: their residuals are
 small and their answers noise. Parts of that kind are eliminated without subtractions, which takes
@@ -27,7 +27,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import linalg
 
 from ..base.threads import one_blas_thread
-from .cycle import Cycle, bicgstab
+from .cycle import Cycle
 from .elimination import Levels, eliminate
 
 
@@ -198,7 +198,25 @@ def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
         system, drop_tol=_DROP, fill_factor=_FILL, permc_spec="NATURAL", diag_pivot_thresh=0.0
     )
     precondition = linalg.LinearOperator(system.shape, factor.solve)
-    return lambda right: bicgstab(system, right, _STEPS, M=precondition)
+    return lambda right: _bicgstab(system, right, precondition)
+
+
+def _bicgstab(
+    system: scipy.sparse.csc_array,
+    right: Float[np.ndarray, "rows"],
+    precondition: linalg.LinearOperator,
+) -> tuple[Float[np.ndarray, "rows"], int]:
+    """What BiCGSTAB finds in one round, and the products that it took."""
+    products = 0
+
+    def count(_: Float[np.ndarray, "rows"]) -> None:
+        nonlocal products
+        products += 2
+
+    found, _ = linalg.bicgstab(
+        system, right, rtol=1e-8, maxiter=_STEPS, callback=count, M=precondition
+    )
+    return found, products
 
 
 def _solve_large(

@@ -40,6 +40,10 @@ class Drift(Study):
     """West, south, east and north of the part to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, where the file leaves it open."""
+    windage: float = 0.0
+    """Share of the speed of the wind that drifters at the surface have too, of a file with wind."""
+    stokes: bool = False
+    """Whether they have the Stokes drift of waves too, of a file that has it."""
     duration: Seconds | None = None
     """Seconds that a step takes; by default what brings the map nearest to drifters, or for the
     source the time in which they drift by one cell on average in the slowest layer."""
@@ -55,10 +59,18 @@ class Drift(Study):
     edge: Literal["uniform", "exit"] | None = None
     """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
     dissertation, or drift like others and may leave the map. By default that of --method."""
+    diffusivity: float = 0.0
+    """Horizontal diffusivity in m2/s, of what the current does not resolve."""
+    backward: bool = False
+    """Whether drifters go back in time, from the last record on: where do they come from?"""
     start: str | None = None
     """Where a drifter is dropped, "lon,lat" in degrees."""
     goal: str | None = None
     """Where it is to be, "lon,lat,depth" in degrees and metres; it may go up and down."""
+    regions: Path | None = None
+    """GeoJSON file of polygons: how do drifters at the surface go from one to another?"""
+    after: Seconds = 432_000.0
+    """Seconds after which it is asked in which of the regions they are."""
     range: Metres | None = None
     """How far a drifter that looks at the sea bed sees, in metres."""
     search: Seconds | None = None
@@ -71,15 +83,20 @@ class Drift(Study):
     def __post_init__(self) -> None:
         require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
         require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
+        require("after", self.after, "more than 0 seconds", lambda x: x > 0)
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
+        require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
+        require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
         require("search", self.search, "more than 0 seconds", lambda x: x > 0)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
 
     def currents(self) -> "xr.Dataset":
         """Read the currents."""
-        return _currents(self.file, self.grid, self.time, self.depths, self.bounds, self.variables)
+        pushes = self.windage, self.stokes
+        chosen = self.time, self.depths, self.bounds, self.variables
+        return _currents(self.file, self.grid, *chosen, *pushes)
 
     def memory(self, written: bool = False) -> float | int:
         from ..base import memory
@@ -92,12 +109,13 @@ class Drift(Study):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import SeaDrift, Water
+        from ..drift import Exchange, SeaDrift, Water, read_regions
 
         self.memory()
         currents = self.currents()
         waters = [Water.of(currents, layer) for layer in range(currents.sizes["layer"])]
         start, goal = self._start(waters[0]), self._goal(waters)
+        regions = None if self.regions is None else read_regions(self.regions, waters[0])
         found = SeaDrift.of(
             currents,
             self.duration,
@@ -105,6 +123,8 @@ class Drift(Study):
             reach=self.range,
             seconds=self.search,
             mean=self._mean,
+            backward=self.backward,
+            diffusivity=self.diffusivity,
             say=say,
             rho=self.rho,
             **self._rules(),
@@ -112,6 +132,10 @@ class Drift(Study):
         if self.range is not None:
             say("choosing where to see the sea bed")
             _named("range", lambda: found.views)
+        if regions is not None:
+            say("following drifters between regions")
+            exchange = Exchange.of(found.layers[0].behaviour, *regions, self.after)
+            found = dataclasses.replace(found, exchange=exchange)
         if goal is None:
             return found
         say(f"finding the way to the goal from {found.cells:,} cells")
@@ -183,6 +207,8 @@ def _currents(
     depths: tuple[float, ...],
     bounds: tuple[float, float, float, float] | None,
     variables: tuple[str, str] | None,
+    windage: float,
+    stokes: bool,
 ) -> "xr.Dataset":
     from ..drift import open_currents
     from ..drift.currents.netcdf import TooLargeError
@@ -195,6 +221,8 @@ def _currents(
         depths=depths or None,
         bounds=bounds,
         variables=variables,
+        windage=windage,
+        stokes=stokes,
     )
     try:
         return read()

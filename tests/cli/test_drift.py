@@ -394,3 +394,38 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     status, found, error = run(capsys, *STEP, "--goal", "-118.1,33.45,5")
     assert (status, found) == (1, None)
     assert error == "jaxcell drift: the residual stayed above the tolerance\n"
+
+
+@pytest.mark.slow
+def test_backward_with_diffusion_between_regions(capsys, stream, tmp_path):
+    box = [[-0.004, -0.01], [0.0405, -0.01], [0.0405, 0.04], [-0.004, 0.04], [-0.004, -0.01]]
+    geometry = {"type": "Polygon", "coordinates": [box]}
+    feature = {"type": "Feature", "properties": {"name": "west"}, "geometry": geometry}
+    path = tmp_path / "regions.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    hour = ("--duration", 3600, "--regions", path, "--after", 3600)
+    _, found, _ = run(capsys, *hour, file=stream)
+    (west,) = found["exchange"]["regions"]
+    # Five columns, a column an hour.
+    assert (west["name"], west["cell_count"]) == ("west", 20)
+    assert west["share"] == pytest.approx([0.8], abs=1e-3)
+    assert west["residence_hours"] == pytest.approx(3.0, abs=0.01)
+    assert west["left"] == pytest.approx(0, abs=1e-9)
+    _, found, error = run(capsys, *hour, "--backward", "--diffusivity", 1, file=stream)
+    (west,) = found["exchange"]["regions"]
+    assert west["share"] == pytest.approx([0.8], abs=0.01)
+    assert west["left"] == pytest.approx(0.2, abs=0.02)
+    assert error.startswith("Drifters go backward in time, from the last record on")
+
+
+@pytest.mark.parametrize("wrong", ["diffusivity=-1", "windage=2", "after=0"])
+def test_physics_out_of_range_is_refused(capsys, stream, wrong):
+    status, _, error = run(capsys, f"--{wrong}", file=stream)
+    assert status == 2
+    assert error.startswith(f"jaxcell drift: --{wrong.split('=')[0]}: expected")
+
+
+def test_wind_that_is_not_there(capsys, stream):
+    status, _, error = run(capsys, "--windage", 0.03, file=stream)
+    assert status == 2
+    assert error.startswith(f"jaxcell drift: {stream}: wind: the file has no wind")

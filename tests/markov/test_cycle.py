@@ -35,6 +35,20 @@ def test_a_cycle_is_solved_by_whole_rounds(adjoint, monkeypatch):
     assert products > 1
 
 
+def test_a_cycle_of_slow_walks_takes_no_more_products_than_it_has_cells():
+    cells = 90
+    walk = scipy.sparse.diags_array([np.full(cells - 1, 0.5)] * 2, offsets=[-1, 1], format="csr")
+    none = scipy.sparse.csr_array((cells, cells))
+    stay = scipy.sparse.eye_array(cells, format="csr")
+    matrix = scipy.sparse.block_array([[none, walk, none], [none, none, stay], [stay, none, none]])
+    cycle = Cycle.of(scipy.sparse.csr_array(matrix))
+    found, products = cycle(np.ones(3 * cells))
+    i = np.arange(cells)
+    # A drifter that leaves does so in the first of three steps.
+    np.testing.assert_allclose(found[:cells], 3 * (i + 1) * (cells - i) - 2, rtol=1e-7)
+    assert products <= cells + 1
+
+
 def test_what_is_and_what_is_no_cycle():
     matrix = tide(2)
     for one in (matrix, matrix.T.tocsr()):

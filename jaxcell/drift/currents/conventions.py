@@ -9,7 +9,20 @@ import xarray as xr
 
 
 Role: TypeAlias = Literal[
-    "velocity", "time", "depth", "y", "x", "lon", "lat", "side", "mask", "bed", "surface", "flag"
+    "velocity",
+    "wind",
+    "stokes",
+    "time",
+    "depth",
+    "y",
+    "x",
+    "lon",
+    "lat",
+    "side",
+    "mask",
+    "bed",
+    "surface",
+    "flag",
 ]
 Along: TypeAlias = Literal["earth", "grid", "dims"]
 
@@ -20,7 +33,8 @@ class Convention:
 
     **Attributes:**
 
-    - `role`: what it is. A `"velocity"` has two names, the first towards the East or along x.
+    - `role`: what it is. A `"velocity"`, a `"wind"` and a drift by waves (`"stokes"`) have two
+        names, the first towards the East or along x.
     - `names`: of the variable or dimension in small letters, the preferred first; in that of a
         flag, `{}` stands for the name of what it is about.
     - `standard_names`: of CF.
@@ -76,6 +90,13 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("velocity", "u_velocity v_velocity"),  # RTOFS
     _row("velocity", "ubar vbar"),  # ROMS
     _row("velocity", "ug vg"),  # OSCAR
+    _row("wind", "", "eastward_wind northward_wind", along="earth"),
+    _row("wind", "eastward_wind northward_wind", along="earth"),
+    _row("wind", "uwnd vwnd", along="earth"),  # NCEP, CCMP
+    _row("wind", "u10 v10", along="earth"),  # ERA5
+    _row("stokes", "", "sea_surface_wave_stokes_drift_eastward_velocity "
+         "sea_surface_wave_stokes_drift_northward_velocity", along="earth"),
+    _row("stokes", "vsdx vsdy", along="earth"),  # CMEMS
     _row("time", "time ocean_time scrum_time time_counter mt t", "time"),
     _row("depth", "depth depthu depthv deptht z lev level s_rho sc_r z_slice", "depth"),
     _row("y", "lat latitude y nj j eta_rho eta_u eta_v y_rho y_v rlat",

@@ -13,6 +13,7 @@ from .grid import OceanGrid, read_grid
 from .netcdf import OceanFile
 from .roms import turned
 from .sources import Source, open_source, source_name
+from .surface import Push, read_surface
 from .times import When, choose_records, record_times
 from .velocity_names import Velocity, choose_velocity
 
@@ -31,6 +32,8 @@ def open_currents(
     bounds: Sequence[float | int] | None = None,
     variables: Sequence[str] | None = None,
     mean: bool = False,
+    windage: float | int = 0.0,
+    stokes: bool = False,
 ) -> xr.Dataset:
     """Read ocean currents (Alam 2018, section 5.4.1).
 
@@ -77,6 +80,10 @@ def open_currents(
         leaves it open.
     - `mean`: whether to read the mean of the records only, as one record at the time of the first;
         any number of them takes the memory of one.
+    - `windage`: the share of the speed of the wind that is added to the current of the first layer,
+        of a file that has the wind on the cells of the currents: some 0.01 to 0.04 for what sticks
+        out of the water.
+    - `stokes`: whether to add the Stokes drift of waves to it, of a file that has that.
 
     **Returns:** a dataset on the dimensions time, layer, y and x, the surface first and, on a grid
     of latitude and longitude, the South and West first:
@@ -90,13 +97,14 @@ def open_currents(
         are and why, `notes`, what else was done, a line each, and `mean_of`, of how many records
         each is the mean.
 
-    **Raises:** `FileNotFoundError`; `ValueError` that names the file, the field and the value for
-    a file that is damaged, truncated or not NetCDF, or an address that cannot be reached; files
-    that do not fit one another; an unstructured grid; no velocity, or one that may be along the
-    grid or not; coordinates out of order, a row at a pole, an `angle` that is not that of the grid
-    in radians or degrees; missing parameters of the levels; times, depths or bounds that the file
-    does not have; no water, or a mask by which all that moves is land; a current above 10 m/s; and
-    more data than 4 GiB; `MemoryError` for more than fits the free memory.
+    **Raises:** `FileNotFoundError`; `ValueError` for a windage below 0 or above 1, and one that
+    names the file, the field and the value for a file that is damaged, truncated or not NetCDF, or
+    an address that cannot be reached; files that do not fit one another; an unstructured grid; no
+    velocity, or one that may be along the grid or not; coordinates out of order, a row at a pole,
+    an `angle` that is not that of the grid in radians or degrees; missing parameters of the levels;
+    times, depths or bounds that the file does not have; no water, or a mask by which all that moves
+    is land; a current above 10 m/s; and more data than 4 GiB; `MemoryError` for more than fits the
+    free memory.
 
     The surface of the bundled sea at its first record:
 
@@ -105,6 +113,8 @@ def open_currents(
         >>> dict(currents.sizes), int(currents.water.sum()), round(float(currents.u.max()), 2)
         ({'time': 1, 'layer': 1, 'y': 21, 'x': 29}, 538, 0.54)
     """
+    if not 0 <= windage <= 1:
+        raise ValueError(f"windage: expected a share from 0 to 1, got {windage}")
     with open_source(path, grid) as file:
         file, velocity = choose_velocity(file, variables)
         axes = velocity.u_axes
@@ -118,12 +128,23 @@ def open_currents(
         chosen = times.values[records]
         field = read_field(file, velocity, cells, records, chosen, layers, mean)
         _check_positions(file, axes.lon, cells, field)
+        shares: dict[Push, float] = {"wind": float(windage), "stokes": float(stokes)}
+        pushes = [
+            (share, *read_surface(file, role, axes, cells, records, field.water[0]))
+            for role, share in shares.items()
+            if share
+        ]
     gridded = f"{axes.lon}, {axes.lat}: from {source_name(grid)}" if grid is not None else ""
     u, v, notes = field.u, field.v, [times.note, layers.note, *field.notes, *cells.notes]
     notes.append(gridded)
     if velocity.along == "grid" and cells.angle_from:
         u, v = turned(u, v, cells.angle)
         notes.append(f"{velocity.u}, {velocity.v}: turned to East and North by {cells.angle_from}")
+    for share, (east, north), names in pushes:
+        if mean:
+            east, north = east.mean(axis=0, keepdims=True), north.mean(axis=0, keepdims=True)
+        u[:, 0], v[:, 0] = u[:, 0] + share * east, v[:, 0] + share * north
+        notes.append(f"{names}: {share:g} of it is added to the current of the first layer")
     attributes: dict[str, str | int] = {
         "source": source_name(path),
         "east_from": _origin(velocity, "East", cells),

@@ -118,10 +118,7 @@ def component(
 
     **Raises:** `ValueError` for an unknown unit, and for a length that does not fit the cells.
     """
-    units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
-    if units.lower() not in _METRES_PER_SECOND:
-        raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
-    factor = _METRES_PER_SECOND[units.lower()]
+    factor = metres_per_second(file, name)
     dims, rho = (axes.y, axes.x), axes.rho
     cells = [grid.rows, grid.columns]
     lengths = [file.dataset.sizes[dim] for dim in rho]
@@ -158,6 +155,17 @@ def component(
     return Component(
         file, name, axes, places, cells[0], cells[1], staggered, inner, mask, factor, flags
     )
+
+
+def metres_per_second(file: OceanFile, name: str) -> float:
+    """How many a unit of a velocity is.
+
+    **Raises:** `ValueError` for an unknown unit.
+    """
+    units = str(file.dataset[name].attrs.get("units", "m/s")).strip()
+    if units.lower() not in _METRES_PER_SECOND:
+        raise file.error(name, f"units: expected m s-1 or cm s-1, got {units!r}")
+    return _METRES_PER_SECOND[units.lower()]
 
 
 def read_cells(

@@ -1,0 +1,190 @@
+"""Regions of the sea: how drifters go from one to another, and how long they stay."""
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+import shapely
+from jaxtyping import Bool, Float, Int
+
+from ..base.quantities import Result, derived, quantity
+from ..mapping import Chain, ChainSequence
+from ..mapping.classes import reaching
+from ..mapping.generalized import leaving_rows
+from ..mapping.sequence import as_sequence
+from ..markov.hitting import leaving_times
+from .behaviour import LongTermBehaviour
+from .water import Water
+
+
+# Longitudes may be any of these turns off.
+_TURNS = (0.0, -360.0, 360.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Exchange(Result):
+    """What drifters that are released in regions of the surface do, anywhere in them alike.
+
+    A strait of six cells, in which water goes one cell a step to the East:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> strait = mapping.Chain.from_scipy(np.eye(6, k=1))
+        >>> west = np.array([True, True, True, False, False, False])
+        >>> names, halves = np.array(["west", "east"]), np.stack([west, ~west])
+        >>> found = drift.Exchange(names, halves, strait, hours=1, steps=2)
+        >>> found.share.round(2).tolist(), found.residence_hours.tolist()
+        ([[0.33, 0.67], [0.0, 0.33]], [2.0, 2.0])
+    """
+
+    tables: ClassVar[dict[str, str]] = {"region": "regions"}
+
+    name: Annotated[np.ndarray, quantity("region", "name", kind="text")]
+    inside: Bool[np.ndarray, "regions cells"]
+    "The cells of each region."
+    chain: Chain | ChainSequence
+    "The map of the surface."
+    hours: float | int
+    "Of a step."
+    steps: int
+    "After which it is asked where they are."
+
+    @classmethod
+    def of(
+        cls,
+        behaviour: LongTermBehaviour,
+        names: npt.ArrayLike,
+        inside: Bool[np.ndarray, "regions cells"],
+        seconds: float | int,
+    ) -> "Exchange":
+        """The exchange by the map of a layer.
+
+        **Arguments:**
+
+        - `behaviour`: of the layer.
+        - `names`, `inside`: as from [`jaxcell.drift.read_regions`][].
+        - `seconds`: after which it is asked where drifters are; the nearest whole step is taken.
+        """
+        steps = max(1, round(seconds / behaviour.duration))
+        return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
+
+    @property
+    def _begin(self) -> Float[np.ndarray, "regions cells"]:
+        return self.inside / self.inside.sum(axis=1, keepdims=True)
+
+    @derived("", "time between release and arrival", "h", kind="time")
+    def after_hours(self) -> float:
+        return float(self.steps * self.hours)
+
+    @derived("region", "cells", kind="count")
+    def cell_count(self) -> Int[np.ndarray, "regions"]:
+        return self.inside.sum(axis=1)
+
+    @derived("region", "mean time until a drifter first leaves it", "h", kind="time")
+    def residence_hours(self) -> Float[np.ndarray, "regions"]:
+        matrix = self.chain.to_scipy()
+        states = np.tile(self.inside, as_sequence(self.chain).phases)
+        times = [
+            _leaving(matrix, of_region)[: here.size][here]
+            for of_region, here in zip(states, self.inside, strict=True)
+        ]
+        return np.array([time.mean() for time in times]) * self.hours
+
+    @derived(
+        "region to_region", "share of its drifters in each region then", kind="share", listed=True
+    )
+    def share(self) -> Float[np.ndarray, "regions regions"]:
+        return self._after @ self.inside.T
+
+    @derived("region", "share of its drifters that are off the map then", kind="share")
+    def left(self) -> Float[np.ndarray, "regions"]:
+        return np.clip(1 - self._after.sum(axis=1), 0, 1)
+
+    @property
+    def _after(self) -> Float[np.ndarray, "regions cells"]:
+        sequence = as_sequence(self.chain)
+        return np.stack(
+            [np.asarray(sequence.push(jnp.asarray(one), self.steps)) for one in self._begin]
+        )
+
+
+def read_regions(
+    path: str | os.PathLike[str], water: Water
+) -> tuple[np.ndarray, Bool[np.ndarray, "regions cells"]]:
+    """Read regions from polygons in a GeoJSON file.
+
+    **Arguments:**
+
+    - `path`: a collection of features, polygons or several each, in degrees.
+    - `water`: the cells; those whose centre is within a polygon are in the region.
+
+    **Returns:** the names, which are the property `name` of the features, or else their numbers;
+    and the cells of each region.
+
+    **Raises:** `ValueError` that names the file and the feature, for one that is no polygon or has
+    no water, for two of one name, and for a file that is no GeoJSON; `OSError` if there is none.
+
+    A square in the middle of the bundled sea:
+
+        >>> import json, pathlib, tempfile
+        >>> from jaxcell import bundled, drift
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water = drift.Water.of(currents)
+        >>> place = float(water.lon.mean()), float(water.lat.mean())
+        >>> import shapely
+        >>> square = shapely.Point(place).buffer(0.05, cap_style="square")
+        >>> feature = {"type": "Feature", "properties": {"name": "middle"},
+        ...            "geometry": shapely.geometry.mapping(square)}
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "regions.geojson"
+        >>> _ = path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+        >>> names, inside = drift.read_regions(path, water)
+        >>> names.tolist(), inside.shape, bool(inside.any())
+        (['middle'], (1, 538), True)
+    """
+    try:
+        features = json.loads(Path(path).read_text(encoding="utf-8"))["features"]
+        named = [
+            (_name(one, k), shapely.geometry.shape(one["geometry"]))
+            for k, one in enumerate(features)
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
+        raise ValueError(
+            f"{path}: expected a GeoJSON FeatureCollection of polygons: {error!r}"
+        ) from None
+    lon, lat = water.lon[water.row, water.column], water.lat[water.row, water.column]
+    inside = []
+    for name, shape in named:
+        if shape.geom_type not in ("Polygon", "MultiPolygon"):
+            raise ValueError(f"{path}: feature {name!r}: expected a polygon, got {shape.geom_type}")
+        here = np.any([shapely.contains_xy(shape, lon + turn, lat) for turn in _TURNS], axis=0)
+        if not here.any():
+            raise ValueError(f"{path}: feature {name!r}: no centre of a water cell is within it")
+        inside.append(here)
+    names = [name for name, _ in named]
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"{path}: features: expected some, of different names, got {names}")
+    return np.array(names), np.stack(inside)
+
+
+def _name(feature: dict[str, Any], number: int) -> str:
+    return str((feature.get("properties") or {}).get("name", number))
+
+
+def _leaving(
+    matrix: scipy.sparse.csr_array, inside: Bool[np.ndarray, "states"]
+) -> Float[np.ndarray, "states"]:
+    """The expected steps until a part is left, `inf` where it may never be."""
+    part = np.flatnonzero(inside)
+    inner = matrix[part][:, part].tocsr()
+    stuck = reaching(inner, ~reaching(inner, leaving_rows(inner) > 0))
+    time = np.where(stuck, np.inf, 0.0)
+    time[~stuck], _ = leaving_times(inner, ~stuck)
+    found = np.zeros(inside.size)
+    found[part] = time
+    return found

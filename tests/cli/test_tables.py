@@ -1,0 +1,32 @@
+"""Results of one kind, side by side or one below the other."""
+
+import dataclasses
+from typing import Annotated, ClassVar
+
+import pytest
+
+from jaxcell.base.quantities import Result, quantity
+from jaxcell.cli.tables import show
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Layer(Result):
+    mean_depth: Annotated[float, quantity("", "depth of the middle of the layer", "m")]
+    cells: Annotated[int, quantity("", "cells of water", kind="count")]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sea(Result):
+    brief: ClassVar[tuple[str, ...]] = ("name",)
+    name: Annotated[str, quantity("", "name")]
+    layers: tuple[Layer, ...]
+
+
+@pytest.mark.parametrize(("count", "lines"), [(3, 2), (6, 6)])
+def test_more_than_three_of_a_kind_have_a_row_each(capsys, count, lines):
+    show(Sea("blue", tuple(Layer(10.0 * k, 100 + k) for k in range(count))), "a sea")
+    below = capsys.readouterr().out.split("Layers")[1]
+    rows = [line for line in below.splitlines() if line.startswith("│")]
+    assert len(rows) == lines
+    assert ("depth of the middle of the layer" in below) == (count == 3)
+    assert ("mean depth" in below) == (count == 6)

@@ -1,0 +1,110 @@
+"""What the current does not resolve, and where drifters come from."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.special import ndtr
+from seas import sea
+
+from jaxcell import drift
+
+
+SIDE, STEP = 31, 3600.0
+# The spread of one step, in cells of a kilometre.
+SPREAD = 0.8
+DIFFUSIVITY = (1000 * SPREAD) ** 2 / (2 * STEP)
+SAMPLED = {"spread": "sampled", "edge": "exit", "samples": 3}
+
+
+@pytest.fixture(scope="module")
+def river():
+    """Still water but for a current of half a cell a step to the East."""
+    currents = sea(np.full((SIDE, SIDE), 500 / STEP), np.zeros((SIDE, SIDE)))
+    return drift.Water.of(currents), drift.Flow.of(currents, diffusivity=DIFFUSIVITY)
+
+
+def heat(steps):
+    """The heat kernel of some steps, over the cells, from all of the cell in the middle."""
+    from_, spread = np.linspace(-0.5, 0.5, 201), SPREAD * np.sqrt(steps)
+
+    def along(shift):
+        sides = np.arange(SIDE + 1) - SIDE // 2 - 0.5
+        over = ndtr((sides[:, None] - from_ - shift) / spread).mean(axis=1)
+        return np.diff(over)
+
+    return np.outer(along(0.0), along(0.5 * steps))
+
+
+def test_drifters_spread_by_the_heat_kernel(river):
+    water, flow = river
+    chain = drift.drift_map(water, flow, STEP, **SAMPLED)
+    middle = int(water.number[SIDE // 2, SIDE // 2])
+    after = np.zeros(water.cells)
+    after[middle] = 1.0
+    once = np.asarray(chain.push(after)).reshape(SIDE, SIDE)
+    place = np.arange(SIDE) - SIDE // 2
+    for axis, mean in ((0, 0.5), (1, 0.0)):
+        over = once.sum(axis=axis)
+        assert over @ place == pytest.approx(mean, abs=0.01)
+        # Of the cell itself, of the walk, and of the cells of the grid.
+        assert over @ (place - mean) ** 2 == pytest.approx(1 / 12 + SPREAD**2 + 1 / 12, rel=0.02)
+    assert np.abs(once - heat(1)).sum() / 2 < 0.02
+
+
+def test_without_diffusion_the_map_is_that_of_the_current(river):
+    water, flow = river
+    still = drift.Flow(flow.rate, flow.time)
+    chain = drift.drift_map(water, still, STEP, **SAMPLED)
+    assert chain.image.shape[0] == 2
+    with pytest.raises(ValueError, match="expected spread 'sampled'"):
+        drift.drift_map(water, flow, STEP)
+    with pytest.raises(ValueError, match="expected 10 at most"):
+        drift.drift_map(water, flow, 1e4 * STEP, **SAMPLED)
+    with pytest.raises(ValueError, match="expected 0 m²/s or more"):
+        drift.Flow.of(sea(np.ones((2, 2)), np.ones((2, 2))), diffusivity=-1)
+
+
+@pytest.mark.slow
+def test_replayed_drifters_diffuse_as_the_map_does(river):
+    water, flow = river
+    middle = int(water.number[SIDE // 2, SIDE // 2])
+    moved = drift.simulate_drifters(
+        jax.random.key(1), water, flow, middle, STEP, 4, drifters=20_000
+    )
+    spread = np.asarray(moved.x)[-1].std(), np.asarray(moved.y)[-1].std()
+    assert spread == pytest.approx(2 * [np.sqrt(1 / 12 + 4 * SPREAD**2)], rel=0.03)
+    assert np.asarray(moved.x)[-1].mean() == pytest.approx(SIDE // 2 + 2, abs=0.05)
+    chain = drift.drift_map(water, flow, STEP, **SAMPLED)
+    (near,) = drift.distances(water, flow, [(chain, STEP)])
+    assert near.total_variation[0] < 0.05
+    assert near.drifters_left[0] == pytest.approx(near.map_left[0], abs=0.02)
+
+
+def test_no_drifter_diffuses_ashore():
+    wet = np.ones((9, 9), bool)
+    wet[:, 4] = False
+    currents = sea(np.zeros((9, 9)), np.zeros((9, 9)), wet)
+    water = drift.Water.of(currents)
+    flow = drift.Flow.of(currents, diffusivity=DIFFUSIVITY)
+    sides = np.stack([water.dx, water.dy])
+    x, y = water.column.astype(float), water.row.astype(float)
+    for key in jax.random.split(jax.random.key(0), 5):
+        x, y = drift.drifters.diffuse(key, flow, sides, wet, x, y, STEP)
+    cell, inside = water.at(*(np.rint(np.asarray(one)).astype(int) for one in (y, x)))
+    assert (cell[inside] >= 0).all()
+    assert not inside.all()
+
+
+def test_drifters_go_back_where_they_came_from():
+    random = np.random.default_rng(2)
+    currents = sea(*random.normal(0, 0.2, (2, 4, 12, 12)))
+    flow = drift.Flow.of(currents)
+    x, y = random.uniform(4, 7, (2, 50))
+    there = drift.advect(flow, x, y, STEP * 3, method="rk4", steps=24)
+    back = drift.advect(flow.reversed(), *there, STEP * 3, method="rk4", steps=24)
+    np.testing.assert_allclose(back, [x, y], atol=1e-3)
+    assert not np.allclose(there, [x, y], atol=0.1)
+    again = flow.repeated().reversed()
+    assert float(again.period) == 4 * STEP
+    np.testing.assert_array_equal(again.rate[0], -flow.rate[0])
+    np.testing.assert_array_equal(again.rate[1], -flow.rate[3])

@@ -1,0 +1,106 @@
+"""Regions of a sea, and how drifters go between them."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+import shapely
+from seas import sea
+
+from jaxcell import drift
+from jaxcell.mapping import Chain, ChainSequence
+
+
+def write(path, polygons):
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": shapely.geometry.mapping(one)}
+        for name, one in polygons.items()
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return path
+
+
+@pytest.fixture
+def currents():
+    east = np.full((9, 12), 0.3)
+    north = 0.2 * np.sin(np.arange(12) / 2) * np.ones((9, 1))
+    return sea(east, north)
+
+
+def halves(water, turn=0.0):
+    west, south = water.lon.min() - 0.005 + turn, water.lat.min() - 0.0045
+    middle = west + 5 * 0.0107
+    north = south + 9 * 0.009
+    return {
+        "west": shapely.box(west, south, middle, north),
+        "east": shapely.box(middle, south, middle + 4 * 0.0107, north),
+    }
+
+
+@pytest.mark.parametrize("turn", [0.0, 360.0])
+def test_cells_are_in_the_polygon_of_their_centre(tmp_path, currents, turn):
+    water = drift.Water.of(currents)
+    path = write(tmp_path / "regions.geojson", halves(water, turn))
+    names, inside = drift.read_regions(path, water)
+    assert names.tolist() == ["west", "east"]
+    np.testing.assert_array_equal(inside[0], water.column < 5)
+    np.testing.assert_array_equal(inside[1], (water.column >= 5) & (water.column < 9))
+
+
+@pytest.mark.slow
+def test_the_exchange_is_that_of_drifters(tmp_path, currents):
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    step, steps = 3 * 3600.0, 1
+    chain = drift.drift_map(water, flow, step, **drift.METHODS["drifters"])
+    inside = np.stack([water.column < 5, (water.column >= 5) & (water.column < 9)])
+    found = drift.Exchange(np.array(["west", "east"]), inside, chain, 3.0, steps)
+    for region, row, left in zip(inside, found.share, found.left, strict=True):
+        moved = drift.simulate_drifters(
+            jax.random.key(3), water, flow, region, step, steps, drifters=4000
+        )
+        last = moved.cell[-1]
+        there = [(one[last] & (last >= 0)).mean() for one in inside]
+        np.testing.assert_allclose(row, there, atol=0.03)
+        assert left == pytest.approx((last < 0).mean(), abs=0.03)
+
+
+def test_residence_times_by_dense_solves():
+    random = np.random.default_rng(5)
+    matrices = [random.dirichlet(np.ones(7), 7) * 0.95 for _ in range(2)]
+    tide = ChainSequence.of([Chain.from_scipy(one) for one in matrices])
+    inside = np.zeros((2, 7), bool)
+    inside[0, :3] = inside[1, 2:6] = True
+    found = drift.Exchange(np.array(["a", "b"]), inside, tide, 2.0, 3)
+    for here, hours in zip(inside, found.residence_hours, strict=True):
+        first, second = (one[here][:, here] for one in matrices)
+        ones = np.ones(here.sum())
+        # A step at each phase, and then again.
+        steps = np.linalg.solve(np.eye(here.sum()) - first @ second, ones + first @ ones)
+        assert hours == pytest.approx(2 * steps.mean())
+    after = matrices[0] @ matrices[1] @ matrices[0]
+    expected = [[after[a][:, b].sum() / a.sum() for b in inside] for a in inside]
+    np.testing.assert_allclose(found.share, expected)
+
+
+def test_a_region_that_is_never_left():
+    matrix = np.array([[1.0, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0, 0, 1], [0, 0, 0, 0]])
+    inside = np.array([[True, True, False, False], [False, False, True, True]])
+    found = drift.Exchange(np.array(["a", "b"]), inside, Chain.from_scipy(matrix), 1.0, 1)
+    assert found.residence_hours.tolist() == [np.inf, 1.5]
+    assert found.left.tolist() == [0.0, 0.5]
+
+
+def test_what_is_wrong_with_regions_is_said(tmp_path, currents):
+    water, path = drift.Water.of(currents), tmp_path / "regions.geojson"
+    far, line = shapely.box(0, 0, 1, 1), shapely.LineString([[0, 0], [1, 1]])
+    for polygons, wrong in (
+        ({"far": far}, "'far': no centre of a water cell"),
+        ({"way": line}, "'way': expected a polygon, got LineString"),
+        ({}, "expected some, of different names"),
+    ):
+        with pytest.raises(ValueError, match=wrong):
+            drift.read_regions(write(path, polygons), water)
+    path.write_text('{"type": "Feature"}')
+    with pytest.raises(ValueError, match="expected a GeoJSON FeatureCollection"):
+        drift.read_regions(path, water)
