@@ -38,12 +38,14 @@ class Cycle:
         """The cycle of a matrix whose states are in order of its blocks, or in the reverse order;
         `None` if it is none."""
         count = matrix.shape[0]
-        for order in (np.arange(count), np.arange(count)[::-1]):
+        tail = np.repeat(np.arange(count), np.diff(matrix.indptr))
+        later, sooner = (np.count_nonzero(f(matrix.indices, tail)) for f in (np.greater, np.less))
+        for order, on in ((np.arange(count), later), (np.arange(count)[::-1], sooner)):
+            if matrix.nnz - on > _MAX_BACK * matrix.nnz:
+                continue
             turned = matrix[order][:, order].tocsr()
             row = np.repeat(np.arange(count), np.diff(turned.indptr))
             back = turned.indices <= row
-            if np.count_nonzero(back) > _MAX_BACK * turned.nnz:
-                continue
             after = np.full(count, count)
             np.minimum.at(after, row[~back], turned.indices[~back])
             bounds = _bounds(after)
@@ -69,7 +71,7 @@ class Cycle:
         shape = self.again.size, self.again.size
         system = linalg.LinearOperator(shape, returns, dtype=np.float64)
         begin = self._round(np.zeros(self.again.size), wanted)[self.again]
-        kept = max(1, min(_DIRECTIONS, _MAX_BYTES // (8 * self.again.size), self.again.size))
+        kept = min(_DIRECTIONS, _MAX_BYTES // (8 * max(1, self.again.size)), self.again.size)
         with one_blas_thread():
             value, _ = linalg.gmres(system, begin, rtol=1e-8, restart=kept, maxiter=_ROUNDS)
         found = np.empty_like(right)
