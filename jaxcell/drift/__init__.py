@@ -37,6 +37,9 @@ edges but for the solves:
     in a persistent group, `(I - Q) a = 1` with `Q` the part of `P` among transient cells (Eq. 5.7).
     Its *absorption probabilities* say in which.
 
+Groups may hang on a single drifter that leaves. `nearly_closed_sets` finds parts of the water that
+drifters hardly leave in a day, with their leakage and its time scale.
+
 `diagnose` and `group_counts` say whether groups can be trusted; `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
@@ -73,6 +76,10 @@ from .chains import (
     METHODS as METHODS,
     drift_map as drift_map,
     drift_maps as drift_maps,
+)
+from .closed_sets import (
+    ClosedSets as ClosedSets,
+    nearly_closed_sets as nearly_closed_sets,
 )
 from .coherent import (
     Agreement as Agreement,

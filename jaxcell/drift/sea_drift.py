@@ -13,6 +13,7 @@ from ..base.quantities import derived
 from ..mapping import Chain
 from ..space import estimates
 from .chains import phases
+from .closed_sets import ClosedSets
 from .deploy import (
     CoverageCurve,
     Deployment,
@@ -76,6 +77,8 @@ class SeaDrift(SeaLayers):
     "The way to a goal, by the discounted policy."
     surest: SeaVoyage | None = None
     "The way that most likely arrives."
+    nearly_closed_sets: ClosedSets | None = None
+    "Parts of the water that drifters hardly leave."
     notices: tuple[str, ...] = ()
     "What was done otherwise than asked for."
 
@@ -185,6 +188,19 @@ class SeaDrift(SeaLayers):
             voyage=on_sea(discounted_voyage(self.sea, goal, discount)),
             surest=on_sea(surest_voyage(self.sea, goal)),
         )
+
+    def nearly_closed(self, count: int) -> "SeaDrift":
+        """The same with nearly closed sets.
+
+        **Arguments:**
+
+        - `count`: how many to look for in each layer.
+
+        **Raises:** as [`jaxcell.drift.nearly_closed_sets`][].
+        """
+        chains = [layer.behaviour.chain for layer in self.layers]
+        found = ClosedSets.of(self.waters, chains, self.step, count)
+        return dataclasses.replace(self, nearly_closed_sets=found)
 
     @property
     def answered(self) -> bool:

@@ -17,6 +17,7 @@ _LEVELS = (0.0, 0.02, 0.05, *(np.arange(1, 10) / 10).tolist())
 _MAX_ROUNDS, _STILL, _SHRINK = 1000, 1e-10, 0.99
 # The share of what stays in a basin that gathers in its attracting region.
 _GATHERED = 0.9
+_TINY = np.finfo(float).tiny
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -216,9 +217,9 @@ class _Search:
             return over * (np.concatenate([there, back]) if moving else (there + back) / 2)
 
         span = leading_subspace(product, len(weight), count, symmetric=True)
-        on_sets = over * _on_sets(span.basis, root)[1]
+        on_sets = over * (span.basis @ _rotation(span.basis, root))
         first, last = (on_sets[:cells], on_sets[cells:]) if moving else (on_sets, on_sets)
-        found = self._thresholded(first, last, self.window.push(self.mass))
+        found = self._thresholded(first, last, after[:, 0])
         values = np.linalg.eigvalsh(span.block)[::-1]
         return self._result(*found, values, span, throw)
 
@@ -234,11 +235,11 @@ class _Search:
         measures = leading_subspace(
             lambda v: over * blurred.push(root * v), cells, count, symmetric=False
         )
-        rotation, on_sets = _on_sets(functions.basis, root)
-        on_sets = over * on_sets
+        turned = functions.basis @ _rotation(functions.basis, root)
+        on_sets = over * turned
         basin, _, leakage = self._thresholded(on_sets, on_sets, self.mass)
         # Each measure gives the function of its basin 1, and those of others 0.
-        inner = np.linalg.pinv((functions.basis @ rotation).T @ measures.basis)
+        inner = np.linalg.pinv(turned.T @ measures.basis)
         gathered = np.where(basin[:, None] == np.arange(count), root * (measures.basis @ inner), 0)
         region = np.where(_densest(np.maximum(gathered, 0)).any(axis=1), basin, -1)
         values = np.sort(np.linalg.eigvals(functions.block).real)[::-1]
@@ -255,22 +256,26 @@ class _Search:
         **Arguments:**
 
         - `first`, `last`: functions that are large on one set each, then and then.
-        - `after`: the mass that there is at the end.
+        - `after`: the mass that there is at the end, as it is while sets are looked for.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
-        high = np.maximum(first.max(axis=0), np.finfo(float).tiny)
+        high = np.maximum(first.max(axis=0), _TINY)
         first, last = first / high, last / high
-        best, leakage, levels = np.zeros(sets.size), np.ones(sets.size), np.ones(sets.size)
+
+        def staying(window: Window, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+            there = (end[:, None] == sets).astype(float)
+            return np.einsum("c,cs,cs->s", mass, begin[:, None] == sets, window.pull(there))
+
+        best, levels = np.zeros(sets.size), np.ones(sets.size)
         for level in _LEVELS:
-            here = _members(first, mass, level)[:, None] == sets
-            there = (_members(last, after, level)[:, None] == sets).astype(float)
-            held = mass @ here
-            stays = np.einsum("c,cs,cs->s", mass, here, self.window.pull(there))
-            score = stays / np.maximum(held + after @ there, np.finfo(float).tiny)
+            begin, end = _members(first, mass, level), _members(last, after, level)
+            most = mass @ (begin[:, None] == sets) + after @ (end[:, None] == sets)
+            score = staying(self.blurred, begin, end) / np.maximum(most, _TINY)
             better = score > best
             best, levels = np.where(better, score, best), np.where(better, level, levels)
-            leakage = np.where(better, 1 - stays / np.maximum(held, stays), leakage)
-        return _members(first, mass, levels), _members(last, after, levels), leakage
+        begin, end = _members(first, mass, levels), _members(last, after, levels)
+        held = np.maximum(mass @ (begin[:, None] == sets), _TINY)
+        return begin, end, (1 - staying(self.window, begin, end) / held).clip(0, 1)
 
     def _result(
         self,
@@ -309,11 +314,10 @@ def _members(
     return np.where(above & (mass > 0), largest, -1)
 
 
-def _on_sets(
+def _rotation(
     basis: Float[np.ndarray, "rows vectors"], root: Float[np.ndarray, "rows 1"]
-) -> tuple[Float[np.ndarray, "vectors vectors"], Float[np.ndarray, "rows vectors"]]:
-    """A rotation after which the vectors of a basis are large on one set of rows each, and these
-    vectors without what is small of them.
+) -> Float[np.ndarray, "vectors vectors"]:
+    """The rotation after which the vectors of a basis are large on one set of rows each.
 
     That is SEBA (Froyland, Rock and Sakellariou 2019) in the space whose rows weigh `root**2`. It
     starts from rows that stand for one set each, by a pivoted factorisation (Damle, Minden and Ying
@@ -332,7 +336,7 @@ def _on_sets(
         if np.abs(rotation - before).max() <= _STILL:
             break
     sign = np.where(np.sum(root * small, axis=0) < 0, -1.0, 1.0)
-    return rotation * sign, small * sign
+    return rotation * sign
 
 
 def _orthogonal(matrix: Float[np.ndarray, "rows rows"]) -> Float[np.ndarray, "rows rows"]:

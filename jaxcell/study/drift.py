@@ -63,6 +63,9 @@ class Drift(Study):
     """How far a drifter that looks at the sea bed sees, in metres."""
     search: Seconds | None = None
     """Seconds to look for the fewest of these views; by default they are chosen greedily."""
+    nearly_closed: int | None = None
+    """How many parts of the water to find in each layer that drifters hardly leave in a day; they
+    change less with the duration of a step than persistent groups."""
     discount: float = 0.99
     """What a step later is worth, for the way to the goal."""
     seed: int = 0
@@ -74,6 +77,7 @@ class Drift(Study):
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
         require("search", self.search, "more than 0 seconds", lambda x: x > 0)
+        require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
 
@@ -112,6 +116,9 @@ class Drift(Study):
         if self.range is not None:
             say("choosing where to see the sea bed")
             _named("range", lambda: found.views)
+        if (count := self.nearly_closed) is not None:
+            say("finding nearly closed sets")
+            found = _named("nearly_closed", lambda: found.nearly_closed(count))
         if goal is None:
             return found
         say(f"finding the way to the goal from {found.cells:,} cells")
