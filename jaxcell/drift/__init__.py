@@ -44,6 +44,11 @@ drifters hardly leave in a day, with their leakage and its time scale.
 without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
 
+**Observed drifters.** `open_trajectories` reads where drifters or particles of a model were, and
+`count_moves` counts how they move in a while between cells, `boxes` of longitude and latitude or
+those of a model. The shares are a chain, of which all of this may be asked; `bootstrap` says how
+far an answer hangs on the drifters that happened to be there.
+
 **Deployment.** A *deployment* is a set of cells to release drifters in, so that in the long term
 they reach every cell that any drifter can: one in each persistent group, and more that cover the
 transient ones, `deployment_cells` (Alg. 5.2). `minimum_deployment` has the fewest cells from which
@@ -87,6 +92,13 @@ from .coherent import (
     ftle as ftle,
     ridges as ridges,
 )
+from .counted import (
+    CountedMoves as CountedMoves,
+    Spread as Spread,
+    bootstrap as bootstrap,
+    boxes as boxes,
+    count_moves as count_moves,
+)
 from .currents.ocean import open_currents as open_currents
 from .deploy import (
     CoverageCurve as CoverageCurve,
@@ -128,6 +140,10 @@ from .reachability import (
 from .sea import Sea as Sea
 from .sea_drift import SeaDrift as SeaDrift
 from .sea_voyage import SeaVoyage as SeaVoyage
+from .trajectories import (
+    Trajectories as Trajectories,
+    open_trajectories as open_trajectories,
+)
 from .voyage import (
     Tracks as Tracks,
     Voyage as Voyage,

@@ -83,7 +83,7 @@ class ClosedSets(Result):
         >>> chain = mapping.Chain.from_scipy(np.array([[0.999, 0.001], [0.001, 0.999]]))
         >>> found = drift.ClosedSets.of([water], [chain], 3600.0, 2)
         >>> found.number.tolist(), found.leakage.round(3).tolist(), found.hours.round().tolist()
-        ([[[0, 1]]], [0.023, 0.023], [1012.0, 1012.0])
+        ([[[0, 1]]], [0.023, 0.023], [1011.0, 1011.0])
     """
 
     tables: ClassVar = {"closed_set": "sets"}

@@ -542,6 +542,8 @@ def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
     file = tmp_path / "drift.rrd"
     record.save_recording(found, file, spec={})
     recorded = read(file)
-    assert "/map/grid/nearly_closed_0" in recorded.entities
-    text = recorded.text("/nearly_closed/text")
+    kinds = recorded.static("/map/grid/nearly_closed_0", "SegmentationImage:buffer")[0]
+    # 0 is land and 1 is in no set.
+    np.testing.assert_array_equal(np.unique(kinds), np.unique(number + 2))
+    text = recorded.static("/nearly_closed/text", "TextDocument:text")[0]
     assert f"after **{sets.window_hours:.3g} hours**" in text
