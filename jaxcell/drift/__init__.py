@@ -39,9 +39,17 @@ edges but for the solves:
 
 `beaching` adds a beach to the cells of a `coast`, on which drifters strand.
 
+Groups may hang on a single drifter that leaves. `nearly_closed_sets` finds parts of the water that
+drifters hardly leave in a day, with their leakage and its time scale.
+
 `diagnose` and `group_counts` say whether groups can be trusted; `simulate_drifters` moves drifters
 without cells, and `compare` compares the chain with them; `ftle` (the finite-time Lyapunov
 exponent), `ridges` and `agreement` compare the borders of groups with coherent structures.
+
+**Observed drifters.** `open_trajectories` reads where drifters or particles of a model were, and
+`count_moves` counts how they move in a while between cells, `boxes` of longitude and latitude or
+those of a model. The shares are a chain, of which all of this may be asked; `bootstrap` says how
+far an answer hangs on the drifters that happened to be there.
 
 **Deployment.** A *deployment* is a set of cells to release drifters in, so that in the long term
 they reach every cell that any drifter can: one in each persistent group, and more that cover the

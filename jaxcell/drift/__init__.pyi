@@ -8,11 +8,22 @@ from .chains import (
     drift_map as drift_map,
     drift_maps as drift_maps,
 )
+from .closed_sets import (
+    ClosedSets as ClosedSets,
+    nearly_closed_sets as nearly_closed_sets,
+)
 from .coherent import (
     Agreement as Agreement,
     agreement as agreement,
     ftle as ftle,
     ridges as ridges,
+)
+from .counted import (
+    CountedMoves as CountedMoves,
+    Spread as Spread,
+    bootstrap as bootstrap,
+    boxes as boxes,
+    count_moves as count_moves,
 )
 from .currents.ocean import open_currents as open_currents
 from .deploy import (
@@ -56,6 +67,10 @@ from .regions import Exchange as Exchange, read_regions as read_regions
 from .sea import Sea as Sea
 from .sea_drift import SeaDrift as SeaDrift
 from .sea_voyage import SeaVoyage as SeaVoyage
+from .trajectories import (
+    Trajectories as Trajectories,
+    open_trajectories as open_trajectories,
+)
 from .voyage import (
     Tracks as Tracks,
     Voyage as Voyage,

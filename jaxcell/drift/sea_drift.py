@@ -13,6 +13,7 @@ from ..base.quantities import derived
 from ..mapping import Chain
 from ..space import estimates
 from .chains import phases
+from .closed_sets import ClosedSets
 from .deploy import (
     CoverageCurve,
     Deployment,
@@ -82,6 +83,8 @@ class SeaDrift(SeaLayers):
     "The way that most likely arrives."
     exchange: Exchange | None = None
     "How drifters go between regions of the surface."
+    nearly_closed_sets: ClosedSets | None = None
+    "Parts of the water that drifters hardly leave."
     notices: tuple[str, ...] = ()
     "What was done otherwise than asked for."
 

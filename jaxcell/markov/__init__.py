@@ -33,6 +33,11 @@ arrived with the product of the probabilities that each has not (section 4.4.6).
 `first_arrival`, `mean_first_arrival`, and `simulate_arrival` by runs (`Distinct` for robots that
 start in different cells); `sample_walks` draws a few walks step by step.
 
+**Nearly closed.** Sets that the chain seldom leaves show in eigenvalues near 1. `leading_modes` has
+eigenvalues and eigenvectors from both sides; `almost_invariant_sets` are hardly left nor
+entered in some steps, `coherent_sets` move meanwhile, and `attracting_regions` gather what is in
+their basins: `NearlyClosedSets`, with what they leak and how fast.
+
 **Between all pairs.** An irreducible chain, one with a single group and no transient cells, has a
 hitting time `H_ij` for every pair of cells, and there and back a *commute time* `H_ij + H_ji` (Eq.
 4.3); *Kemeny's constant* `sum_j pi_j H_ij`, the same for every `i`; the *entropy rate*

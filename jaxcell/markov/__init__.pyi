@@ -26,6 +26,13 @@ from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
 )
+from .modes import Modes as Modes, leading_modes as leading_modes
+from .nearly_closed import (
+    NearlyClosedSets as NearlyClosedSets,
+    almost_invariant_sets as almost_invariant_sets,
+    attracting_regions as attracting_regions,
+    coherent_sets as coherent_sets,
+)
 from .passage import first_passage as first_passage, survival as survival
 from .quantities import (
     PairTimes as PairTimes,

@@ -75,6 +75,9 @@ class Drift(Study):
     """How far a drifter that looks at the sea bed sees, in metres."""
     search: Seconds | None = None
     """Seconds to look for the fewest of these views; by default they are chosen greedily."""
+    nearly_closed: int | None = None
+    """How many parts of the water to find in each layer that drifters hardly leave in a day; they
+    change less with the duration of a step than persistent groups."""
     discount: float = 0.99
     """What a step later is worth, for the way to the goal."""
     seed: int = 0
@@ -89,6 +92,7 @@ class Drift(Study):
         require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
         require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
         require("search", self.search, "more than 0 seconds", lambda x: x > 0)
+        require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
 
@@ -109,7 +113,7 @@ class Drift(Study):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import Exchange, SeaDrift, Water, read_regions
+        from ..drift import ClosedSets, Exchange, SeaDrift, Water, read_regions
 
         self.memory()
         currents = self.currents()
@@ -136,6 +140,12 @@ class Drift(Study):
             say("following drifters between regions")
             exchange = Exchange.of(found.layers[0].behaviour, *regions, self.after)
             found = dataclasses.replace(found, exchange=exchange)
+        if (count := self.nearly_closed) is not None:
+            say("finding nearly closed sets")
+            chains = [layer.behaviour.chain for layer in found.layers]
+            of_layers = found.waters, chains, found.step, count
+            sets = _named("nearly_closed", lambda: ClosedSets.of(*of_layers))
+            found = dataclasses.replace(found, nearly_closed_sets=sets)
         if goal is None:
             return found
         say(f"finding the way to the goal from {found.cells:,} cells")

@@ -524,3 +524,27 @@ def test_names_and_lengths():
     assert place_name(-118.1, 33.456) == "33.46° N, 118.10° W"
     assert place_name(5.0, -0.5) == "0.50° S, 5.00° E"
     assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]
+
+
+def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
+    leaving, tmp_path, read
+):
+    chains = [layer.behaviour.chain for layer in leaving.layers]
+    sets = drift.ClosedSets.of(leaving.waters, chains, leaving.step, 2)
+    found = dataclasses.replace(leaving, nearly_closed_sets=sets)
+    dataset = record.dataset(found)
+    number = dataset.nearly_closed_sets_number.values[0]
+    assert ((number == -2) == ~leaving.currents.water.values[0]).all()
+    for one, size in enumerate(dataset.nearly_closed_sets_size.values):
+        assert (number == one).sum() == size
+    listed = record.summary(found)["nearly_closed_sets"]
+    assert [one["leakage"] for one in listed["sets"]] == sets.leakage.tolist()
+    assert "nearly_closed_sets" not in record.summary(leaving)
+    file = tmp_path / "drift.rrd"
+    record.save_recording(found, file, spec={})
+    recorded = read(file)
+    kinds = recorded.static("/map/grid/nearly_closed_0", "SegmentationImage:buffer")[0]
+    # 0 is land and 1 is in no set.
+    np.testing.assert_array_equal(np.unique(kinds), np.unique(number + 2))
+    text = recorded.static("/nearly_closed/text", "TextDocument:text")[0]
+    assert f"after **{sets.window_hours:.3g} hours**" in text

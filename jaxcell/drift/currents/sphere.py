@@ -47,8 +47,8 @@ def overlapping_columns(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y
     Models that go round the Earth often repeat one column or two.
     """
     most = min(_MAX_REPEATED, lon.shape[1] // 2)
-    first = _on_sphere(lon[:, : most + 1], lat[:, : most + 1])
-    last = _on_sphere(lon[:, -most:], lat[:, -most:])
+    first = on_sphere(lon[:, : most + 1], lat[:, : most + 1])
+    last = on_sphere(lon[:, -most:], lat[:, -most:])
     apart = np.linalg.norm(np.diff(first, axis=2), axis=0).min(axis=1)
     for count in range(most, 0, -1):
         off = np.linalg.norm(last[:, :, -count:] - first[:, :, :count], axis=0).max(axis=1)
@@ -67,7 +67,7 @@ def folded_rows(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) ->
     rows, columns = lon.shape
     if rows < 6 or columns < 3:
         return 0
-    centres = _on_sphere(lon[-3:], lat[-3:])
+    centres = on_sphere(lon[-3:], lat[-3:])
     last = centres[:, -1][:, np.isfinite(centres[:, -1]).all(axis=0)]
     for count, other in ((1, -2), (2, -3)):
         row = centres[:, other]
@@ -95,7 +95,7 @@ def goes_round(lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]) -> 
     turn = wrapped(np.diff(lon, axis=1, append=lon[:, :1])).sum(axis=1)
     near = [-2, -1, 0, 1]
     before, seam, after = np.linalg.norm(
-        np.diff(_on_sphere(lon[:, near], lat[:, near]), axis=2), axis=0
+        np.diff(on_sphere(lon[:, near], lat[:, near]), axis=2), axis=0
     ).T
     least, most = np.minimum(before, after), np.maximum(before, after)
     known = np.isfinite(before + seam + after) & (least > _POLE)
@@ -226,9 +226,9 @@ def curvilinear_sides(
     return EARTH_RADIUS * dx, EARTH_RADIUS * dy, np.arctan2(x_north, x_east), turn
 
 
-def _on_sphere(
-    lon: Float[np.ndarray, "y x"], lat: Float[np.ndarray, "y x"]
-) -> Float[np.ndarray, "3 y x"]:
+def on_sphere(
+    lon: Float[np.ndarray, "*shape"], lat: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "3 *shape"]:
     """The directions from the middle of the Earth, of length 1."""
     east, north = np.radians(lon), np.radians(lat)
     return np.stack([np.cos(north) * np.cos(east), np.cos(north) * np.sin(east), np.sin(north)])

@@ -18,7 +18,7 @@ from .netcdf import OceanFile
 Moment: TypeAlias = int | str | datetime.date | np.datetime64
 When: TypeAlias = Moment | slice | Sequence[Moment | None] | None
 
-_SECONDS = {
+SECONDS = {
     "s": 1, "sec": 1, "second": 1, "seconds": 1,
     "min": 60, "minute": 60, "minutes": 60,
     "h": 3600, "hour": 3600, "hours": 3600,
@@ -90,9 +90,9 @@ def read_times(file: OceanFile, name: str) -> Shaped[np.ndarray, " records"]:
     units = str(variable.attrs.get("units", ""))
     if " since " in units:
         return _decode(file, name)
-    if units.lower() not in _SECONDS:
+    if units.lower() not in SECONDS:
         raise file.error(name, f"units: expected a unit of time since a date, got {units!r}")
-    seconds = file.read(variable).reshape(-1) * _SECONDS[units.lower()]
+    seconds = file.read(variable).reshape(-1) * SECONDS[units.lower()]
     if not np.isfinite(seconds).all():
         raise file.error(name, "a time is missing")
     return seconds

@@ -6,6 +6,7 @@ import rerun as rr
 from ...drift import SeaDrift
 from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
+from .closed_sets import log_closed_sets
 from .currents import log_currents
 from .deployment import log_deployment
 from .groups import log_groups
@@ -19,15 +20,17 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Mapping[str, An
 
     Over a timeline of hours, minutes or seconds from the first record: the current of each layer as
     arrows, drifters that it carries, and drifters that follow the policy to a goal. Without time:
-    the persistent groups and what leads to them; how long that takes; where to drop drifters; what
-    one may reach from the start; and in three dimensions the value function and the policy. The
-    drifters have the `seed` of `spec`.
+    the persistent groups and what leads to them; nearly closed sets; how long that takes; where to
+    drop drifters; what one may reach from the start; and in three dimensions the value function and
+    the policy. The drifters have the `seed` of `spec`.
     """
     seed = int(spec.get("seed", 0))
     maps = log_maps(stream, drift)
     tabs = [log_groups(maps, spec), log_currents(maps, seed), log_deployment(maps[0])]
     if any(drift.layers[map.number].transient_groups for map in maps):
         tabs.insert(2, log_absorption(maps))
+    if drift.nearly_closed_sets is not None:
+        tabs.insert(1, log_closed_sets(maps, drift.nearly_closed_sets))
     if drift.start is not None:
         tabs.append(log_reach(maps))
     if drift.voyage is not None:

@@ -1,0 +1,174 @@
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..base.quantities import Result, derived
+from ..mapping import Chain, ChainSequence
+from ..markov import NearlyClosedSets, almost_invariant_sets, coherent_sets
+from .water import Water
+
+
+_WINDOW = 24.0
+# Smaller pieces of the water are closed sets of their own that nobody asks for.
+_LEAST_PIECE = 0.01
+
+
+def nearly_closed_sets(
+    water: Water,
+    chain: Chain | ChainSequence,
+    duration: float | int,
+    count: int,
+    *,
+    hours: float | int = _WINDOW,
+    moving: bool = False,
+) -> NearlyClosedSets:
+    """Find parts of the water that drifters hardly leave, whether or not any is closed.
+
+    Whether a part is a persistent group hangs on single drifters, and so on the step; what leaves
+    it in a day does not. Drifters are released everywhere alike, as many a square metre. Pieces of
+    water with less than a hundredth of the cells are left out. While parts are looked for drifters
+    are spread over the cells around them at the end of the window, without which single cells in
+    the middles of eddies would be parts.
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `chain`: the map, from [`jaxcell.drift.drift_map`][], or maps that follow on one another,
+        from [`jaxcell.drift.drift_maps`][].
+    - `duration`: seconds that one step of it takes.
+    - `count`: how many parts; there may be fewer in the end.
+    - `hours`: the window, to which the nearest number of steps is taken; of whole periods, if maps
+        follow on one another.
+    - `moving`: whether parts may move meanwhile, as coherent sets; else they are almost invariant.
+
+    **Returns:** [`jaxcell.markov.NearlyClosedSets`][] of drifters that are released at phase 0.
+
+    **Raises:** `ValueError` as [`jaxcell.markov.almost_invariant_sets`][].
+
+    The surface of the bundled sea at its first record has three eddies, two of them side by side:
+
+        >>> from jaxcell import bundled, drift
+        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
+        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> chain = drift.drift_map(water, flow, 3600.0, **drift.METHODS["drifters"])
+        >>> sets = drift.nearly_closed_sets(water, chain, 3600.0, 2)
+        >>> sets.count, sets.steps
+        (2, 24)
+    """
+    phases = chain.phases if isinstance(chain, ChainSequence) else 1
+    steps = phases * max(1, round(hours * 3600 / (duration * phases)))
+    area = (water.dx * water.dy)[water.row, water.column]
+    mass = np.where(np.bincount(water.piece)[water.piece] < _LEAST_PIECE * water.cells, 0.0, area)
+    every = np.arange(water.cells, dtype=np.int32)
+    around = np.vstack([every, np.where(water.neighbor >= 0, water.neighbor, every)])
+    blur = Chain(around, np.full(around.shape, 1 / len(around)))
+    find = coherent_sets if moving else almost_invariant_sets
+    return find(chain, count, mass, steps=steps, blur=blur)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ClosedSets(Result):
+    """Parts of the water that drifters hardly leave, layer after layer.
+
+    Two cells of which drifters leave one for the other seldom, in steps of an hour:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.arange(2, dtype=np.int32).reshape(1, 2), np.full((1, 2), 1000.0)
+        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> chain = mapping.Chain.from_scipy(np.array([[0.999, 0.001], [0.001, 0.999]]))
+        >>> found = drift.ClosedSets.of([water], [chain], 3600.0, 2)
+        >>> found.number.tolist(), found.leakage.round(3).tolist(), found.hours.round().tolist()
+        ([[[0, 1]]], [0.023, 0.023], [1011.0, 1011.0])
+    """
+
+    tables: ClassVar = {"closed_set": "sets"}
+
+    waters: tuple[Water, ...]
+    "The cells of each layer."
+    layers: tuple[NearlyClosedSets, ...]
+    "The parts of each."
+    duration: float | int
+    "Seconds that a step takes."
+
+    @classmethod
+    def of(
+        cls,
+        waters: Sequence[Water],
+        chains: Sequence[Chain | ChainSequence],
+        duration: float | int,
+        count: int,
+    ) -> "ClosedSets":
+        """Find those of each layer.
+
+        **Arguments:**
+
+        - `waters`, `chains`: the cells and the map of each layer.
+        - `duration`, `count`: as for [`nearly_closed_sets`][].
+
+        **Raises:** `ValueError` as [`nearly_closed_sets`][].
+        """
+        both = zip(waters, chains, strict=True)
+        found = [nearly_closed_sets(water, chain, duration, count) for water, chain in both]
+        return cls(tuple(waters), tuple(found), duration)
+
+    @derived("", "window in which they leak", "h", kind="time")
+    def window_hours(self) -> float:
+        return self.layers[0].steps * self.duration / 3600
+
+    @derived("closed_set", "depth", "m")
+    def depth(self) -> Float[np.ndarray, "sets"]:
+        return np.concatenate([np.full(s.count, w.depth) for w, s in self._pairs])
+
+    @derived("closed_set", "cells", kind="count")
+    def size(self) -> Int[np.ndarray, "sets"]:
+        return np.concatenate([np.bincount(s.begin + 1, minlength=1)[1:] for s in self.layers])
+
+    @derived("closed_set", "drifters that leave it in the window", "1", kind="share")
+    def leakage(self) -> Float[np.ndarray, "sets"]:
+        return np.concatenate([s.leakage for s in self.layers])
+
+    @derived("closed_set", "time until 1/e are left at that rate", "h", kind="time")
+    def hours(self) -> Float[np.ndarray, "sets"]:
+        return np.concatenate([s.time for s in self.layers]) * (self.duration / 3600)
+
+    @derived("closed_set", "longitude", "degrees_east", standard_name="longitude")
+    def lon(self) -> Float[np.ndarray, "sets"]:
+        return np.concatenate([w.lon[w.row, w.column][_middles(w, s)] for w, s in self._pairs])
+
+    @derived("closed_set", "latitude", "degrees_north", standard_name="latitude")
+    def lat(self) -> Float[np.ndarray, "sets"]:
+        return np.concatenate([w.lat[w.row, w.column][_middles(w, s)] for w, s in self._pairs])
+
+    @derived("layer y x", "nearly closed set, -1 for none", kind="index", padding="-2: no water")
+    def number(self) -> Int[np.ndarray, "layers rows columns"]:
+        return np.stack(
+            [w.on_grid(one, -2) for w, one in zip(self.waters, self.labels, strict=True)]
+        )
+
+    @functools.cached_property
+    def labels(self) -> list[Int[np.ndarray, "_cells"]]:
+        """The number of the part of each cell of each layer, -1 for none."""
+        first = np.cumsum([0, *(s.count for s in self.layers)])
+        pairs = zip(self.layers, first[:-1].tolist(), strict=True)
+        return [np.where(s.begin < 0, -1, s.begin + before) for s, before in pairs]
+
+    @property
+    def _pairs(self) -> list[tuple[Water, NearlyClosedSets]]:
+        return list(zip(self.waters, self.layers, strict=True))
+
+
+def _middles(water: Water, sets: NearlyClosedSets) -> Int[np.ndarray, "sets"]:
+    """The cell of each set that is nearest to the mean of its rows and columns."""
+    begin, cells = sets.begin, np.flatnonzero(sets.begin >= 0)
+    size = np.maximum(np.bincount(begin[cells], minlength=sets.count), 1)
+    away = [
+        one[cells] - (np.bincount(begin[cells], one[cells], sets.count) / size)[begin[cells]]
+        for one in (water.row, water.column)
+    ]
+    nearest = cells[np.lexsort((np.hypot(*away), begin[cells]))]
+    return nearest[np.searchsorted(begin[nearest], np.arange(sets.count))]

@@ -1,0 +1,72 @@
+"""Parts of the water that drifters hardly leave."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...drift import ClosedSets
+from ..canvas.marks import log_labels
+from ..canvas.palette import CLEAR, FREE, PictureClass
+from ..canvas.prose import described
+from .groups import HOMES, basin_ranks, home_color
+from .map import SeaMap
+
+
+_NONE = PictureClass("in no nearly closed set", FREE)
+
+
+def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
+    """Log the nearly closed sets of each layer."""
+    views = []
+    grids = [map.water.on_grid(label, -1) for map, label in zip(maps, sets.labels, strict=False)]
+    # Numbers go on from layer to layer, while ranks are of the sets of one.
+    firsts = np.cumsum([0, *(one.count for one in sets.layers)]).tolist()
+    ranks = basin_ranks(
+        [np.where(grid < 0, -1, grid - first) for grid, first in zip(grids, firsts, strict=False)]
+    )
+    for map, first, rank in zip(maps, firsts, ranks, strict=False):
+        label = sets.labels[map.number]
+        classes = [PictureClass("land", CLEAR), _NONE]
+        for number, place in enumerate(rank.tolist(), first):
+            classes.append(
+                PictureClass(f"set {number}: {_leaves(sets, number)}", home_color(place))
+            )
+        kind = np.where(label < 0, 1, label - first + 2)
+        picture = map.picture(f"nearly_closed_{map.number}", classes, kind)
+        _log_numbers(map, sets, range(first, first + rank.size))
+        shown = [picture, f"nearly_closed_numbers_{map.number}", f"drifters_{map.number}/here"]
+        views.append(map.view(map.title, shown))
+    most = max(int(rank.max(initial=-1)) + 1 for rank in ranks)
+    names = [f"{place} set" for place in ("largest", "second", "third", "fourth", "fifth")][:most]
+    legend = [*zip(names, HOMES, strict=False), _NONE]
+    return maps[0].tab("nearly_closed", "Nearly closed sets", views, _text(sets), legend)
+
+
+def _leaves(sets: ClosedSets, number: int) -> str:
+    return f"{sets.leakage[number]:.3g} leave in {sets.window_hours:.3g} h"
+
+
+def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
+    """Log the time scale of each set over its cells."""
+    centres, label = map.xy(), sets.labels[map.number]
+    labels = []
+    for number in numbers:
+        x, y = np.median(centres[label == number], axis=0).tolist()
+        hours = sets.hours[number]
+        labels.append((f"set {number}: {hours:{',.0f' if hours >= 100 else '.3g'}} h", x, y))
+    log_labels(map.stream, f"map/nearly_closed_numbers_{map.number}", labels)
+
+
+def _text(sets: ClosedSets) -> str:
+    columns = "depth", "size", "leakage", "hours", "lon", "lat"
+    return f"""# Parts that drifters hardly leave
+
+Whether a part of the sea is a persistent group hangs on single drifters. These parts are *nearly
+closed*: of the drifters that are released in one everywhere alike, only a small share is outside
+of it after **{sets.window_hours:.3g} hours**, and few come in. At that rate 1/e of them are left
+after the time that stands on the map. They come from the leading eigenvectors of the Markov chain
+and of its reversal in time.
+
+{described(sets, *columns, first={"set": range(sets.size.size)})}
+"""

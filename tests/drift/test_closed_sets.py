@@ -1,0 +1,82 @@
+"""Parts of the sea that drifters hardly leave."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from seas import double_gyre, sea
+
+from jaxcell import drift, mapping
+
+
+@pytest.fixture(scope="module")
+def gyres():
+    """Two gyres side by side, and their maps by steps of 1 to 4 cells."""
+    currents = double_gyre(12, 24)
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    steps = [factor * drift.crossing_time(water, flow) for factor in (1, 2, 4)]
+    method = drift.METHODS["drifters"]
+    return water, {step: drift.drift_map(water, flow, step, **method) for step in steps}
+
+
+@pytest.mark.slow
+def test_each_gyre_is_nearly_closed_whatever_the_step(gyres):
+    water, maps = gyres
+    left, groups = water.column < 12, []
+    for step, chain in maps.items():
+        sets = drift.nearly_closed_sets(water, chain, step, 2)
+        assert abs(sets.steps * step - 24 * 3600) <= step / 2
+        assert np.mean(np.where(left, 0, 1) == sets.begin) > 0.95
+        assert 0 < sets.leakage.max() < 0.05
+        groups.append(mapping.persistent_groups(chain).count)
+    # The groups, meanwhile, are those of the step.
+    assert len(set(groups)) > 1
+
+
+@pytest.mark.slow
+def test_moving_parts_are_coherent_sets(gyres):
+    water, maps = gyres
+    step, chain = next(iter(maps.items()))
+    found = drift.nearly_closed_sets(water, chain, step, 3, hours=2 * step / 3600, moving=True)
+    assert found.steps == 2
+    assert (found.begin != found.end).any()
+    P = chain.to_scipy()
+    for number in range(found.count):
+        inside = found.begin == number
+        stays = (inside.astype(float) @ P @ P)[found.end == number].sum() / inside.sum()
+        assert found.leakage[number] == pytest.approx(1 - stays)
+
+
+def test_whole_periods_make_a_window_and_small_pieces_are_left_out():
+    wet = np.ones((1, 102), bool)
+    wet[0, 100] = False
+    water = drift.Water.of(sea(0.0 * wet, 0.0 * wet, wet))
+    image = np.arange(101, dtype=np.int32)[None]
+    still = mapping.Chain(image, np.ones((1, 101)))
+    image = np.where(image < 100, image // 50 * 50 + (image + 1) % 50, image)
+    turn = mapping.Chain(image, np.ones((1, 101)))
+    tide = mapping.ChainSequence.of([still, turn, turn, turn, turn])
+    found = drift.nearly_closed_sets(water, tide, 3600.0, 2)
+    assert found.steps == 25
+    assert found.begin.tolist() == [0] * 50 + [1] * 50 + [-1]
+
+
+def test_sets_are_numbered_from_layer_to_layer():
+    waters = [drift.Water.of(sea(np.zeros((3, 8)), np.zeros((3, 8))))] * 2
+    waters[1] = dataclasses.replace(waters[1], depth=5.0)
+    # A step leads to any cell of the half, but in one of so many.
+    half = np.arange(24) % 8 // 4
+    same = (half[:, None] == half) / 12
+    chains = [mapping.Chain.from_scipy((1 - e) * same + e * same[::-1]) for e in (0.001, 0.01)]
+    found = drift.ClosedSets.of(waters, chains, 12 * 3600.0, 2)
+    assert found.number[:, 0].tolist() == [[0] * 4 + [1] * 4, [2] * 4 + [3] * 4]
+    assert found.size.tolist() == [12] * 4
+    assert found.depth.tolist() == [0, 0, 5, 5]
+    assert found.window_hours == 24
+    leaves = 1 - np.repeat([0.999**2 + 0.001**2, 0.99**2 + 0.01**2], 2)
+    np.testing.assert_allclose(found.leakage, leaves)
+    np.testing.assert_allclose(found.hours, -24 / np.log(1 - leaves))
+    lon, lat = waters[0].lon, waters[0].lat
+    np.testing.assert_allclose(found.lat, lat[1, 0])
+    assert set(found.lon[[0, 2]]) <= set(lon[0, 1:3])
+    assert set(found.lon[[1, 3]]) <= set(lon[0, 5:7])

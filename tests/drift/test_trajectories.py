@@ -1,0 +1,256 @@
+"""Files of trajectories in the layouts of real products, and the chains that they give."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, strategies as st
+
+from jaxcell import drift, mapping, markov
+
+
+# Three drifters of 4, 2 and 3 observations, the first of which crosses the date line.
+LON = [[179.6, 179.8, -179.9, -179.5], [10.0, 10.25], [-30.0, -30.5, -31.0]]
+LAT = [[0.5, 0.5, 0.75, 1.0], [50.0, 50.5], [-60.0, -60.0, -60.25]]
+HOURS = [[0, 6, 12, 18], [6, 12], [0, 6, 18]]
+SINCE = "hours since 2020-01-01"
+
+
+def padded(rows, width, fill):
+    return np.array([[*row, *[fill] * (width - len(row))] for row in rows])
+
+
+def global_drifter_program():
+    """A ragged array with the number of observations of each drifter."""
+    flat = {"longitude": np.concatenate(LON), "latitude": np.concatenate(LAT)}
+    data = {name: ("obs", values) for name, values in flat.items()}
+    data["rowsize"] = ("traj", [4, 2, 3], {"sample_dimension": "obs"})
+    data["start_lon"] = ("traj", [row[0] for row in LON], {"standard_name": "longitude"})
+    seconds = 3600 * np.concatenate(HOURS)
+    time = ("obs", seconds, {"units": "seconds since 2020-01-01 00:00:00"})
+    return xr.Dataset({**data, "ID": ("traj", [101, 77, 300])}, {"time": time})
+
+
+def labelled():
+    """Observations in any order, each with its drifter."""
+    order = np.random.default_rng(0).permutation(9)
+    data = {
+        "LON": ("obs", np.concatenate(LON)[order]),
+        "LAT": ("obs", np.concatenate(LAT)[order]),
+        "TIME": ("obs", np.concatenate(HOURS)[order], {"units": "hour"}),
+        "ID": ("obs", np.repeat([5, 80, 200], [4, 2, 3])[order]),
+    }
+    return xr.Dataset(data)
+
+
+def opendrift():
+    """A matrix by time, with longitudes from 0 to 360, empty before and after."""
+    place = {"lon": np.full((3, 4), np.nan), "lat": np.full((3, 4), np.nan)}
+    for number, (lon, lat, hours) in enumerate(zip(LON, LAT, HOURS, strict=True)):
+        at = np.array(hours) // 6
+        place["lon"][number, at], place["lat"][number, at] = np.array(lon) % 360, lat
+    dims = "trajectory", "time"
+    data = {name: (dims, values, {"_FillValue": 9.96921e36}) for name, values in place.items()}
+    data["lon"][2]["standard_name"] = "longitude"
+    return xr.Dataset(data, {"time": ("time", [0, 6, 12, 18], {"units": SINCE})})
+
+
+def parcels():
+    """A matrix by observation, each with its time."""
+    data = {
+        "lon": (("traj", "obs"), padded(LON, 4, np.nan)),
+        "lat": (("traj", "obs"), padded(LAT, 4, np.nan)),
+        "time": (("traj", "obs"), padded(HOURS, 4, np.nan), {"units": SINCE}),
+        "z": (("traj", "obs"), padded(LAT, 4, np.nan)),
+    }
+    return xr.Dataset(data)
+
+
+def same(seen):
+    assert seen.drifters == 3
+    np.testing.assert_allclose(seen.lon, np.concatenate(LON), atol=1e-9)
+    np.testing.assert_allclose(seen.lat, np.concatenate(LAT))
+    np.testing.assert_array_equal(seen.time, 3600 * np.concatenate(HOURS))
+    np.testing.assert_array_equal(seen.drifter, np.repeat([0, 1, 2], [4, 2, 3]))
+
+
+@pytest.mark.parametrize("made", [global_drifter_program, labelled, opendrift, parcels])
+def test_products_are_read(made, tmp_path):
+    path = tmp_path / "drifters.nc"
+    made().to_netcdf(path)
+    found = drift.open_trajectories(path)
+    same(found)
+    assert found.source == "drifters.nc"
+
+
+def test_a_zarr_store_is_read(tmp_path):
+    parcels().rename(traj="trajectory").to_zarr(tmp_path / "particles.zarr", consolidated=False)
+    same(drift.open_trajectories(tmp_path / "particles.zarr"))
+
+
+def test_decoded_times_of_a_dataset_in_hand_are_read():
+    found = drift.open_trajectories(xr.decode_cf(parcels()))
+    same(drift.Trajectories(found.lon, found.lat, found.time - found.time[0], found.drifter))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude; there"),
+        (lambda d: d.assign(rowsize=d.rowsize + 1), "rowsize: expected 9 observations of all drif"),
+        (lambda d: d.drop_vars("rowsize"), "longitude: nothing says which drifter is meant along"),
+        (
+            lambda d: d.assign(latitude=d.start_lon),
+            "latitude: expected dimensions of .'obs',., got",
+        ),
+    ],
+)
+def test_other_files_are_refused(change, message, tmp_path):
+    file = global_drifter_program().drop_vars("start_lon" if "longitude;" in message else "ID")
+    change(file).to_netcdf(tmp_path / "odd.nc")
+    with pytest.raises(ValueError, match=f"odd.nc: {message}"):
+        drift.open_trajectories(tmp_path / "odd.nc")
+
+
+def test_boxes_go_on_beyond_the_date_line():
+    seen = drift.open_trajectories(parcels())
+    first = drift.Trajectories.of(seen.lon[:4], seen.lat[:4], seen.time[:4], seen.drifter[:4])
+    water = drift.boxes(first, 0.5)
+    assert water.number.tolist() == [[0, 1, -1], [-1, -1, 2]]
+    np.testing.assert_allclose(water.lon[0], [179.75, -179.75, -179.25])
+    # All of them go round the Earth, and so do the columns; the moves are the same.
+    whole = drift.boxes(seen, 1.0, (-180, -90, 180, 90))
+    assert whole.wraps
+    moves = drift.count_moves(first, whole, 6 * 3600.0)
+    lon = moves.water.lon[moves.water.row, moves.water.column]
+    assert lon[moves.begin].tolist() == [179.5, 179.5, -179.5]
+    with pytest.raises(ValueError, match="bounds: no drifter was there"):
+        drift.boxes(first, 1.0, (0, 0, 10, 10))
+
+
+def test_moves_are_between_observations_a_lag_apart():
+    seen = drift.open_trajectories(parcels())
+    water = drift.boxes(seen, 0.25)
+    assert drift.count_moves(seen, water, 6 * 3600.0).drifter.tolist() == [0, 0, 0, 1, 2]
+    assert drift.count_moves(seen, water, 12 * 3600.0).drifter.tolist() == [0, 0, 2]
+    with pytest.raises(ValueError, match="least: no cell has 2 moves in 21600 s; the most has 1"):
+        drift.count_moves(seen, water, 6 * 3600.0, least=2)
+
+
+def walks(random, matrix, drifters, steps):
+    """Drifters of a chain over cells of a degree from 170 degrees East on; off the end is gone."""
+    cells = len(matrix)
+    rows = np.cumsum(np.column_stack([matrix, 1 - matrix.sum(axis=1)]), axis=1)
+    place = np.full((drifters, steps + 1), cells)
+    place[:, 0] = random.integers(0, cells, drifters)
+    for n in range(steps):
+        here = place[:, n] < cells
+        draw = random.random(here.sum())[:, None]
+        place[here, n + 1] = (draw > rows[place[here, n]]).sum(axis=1)
+    gone = place == cells
+    # What is gone is seen once more, far away.
+    seen = ~gone | (np.cumsum(gone, axis=1) == 1)
+    number, time = np.nonzero(seen)
+    lon = np.where(gone, 50.0, 170 + place)[seen] + random.uniform(0.1, 0.9, seen.sum())
+    lat = random.uniform(0.1, 0.9, seen.sum())
+    return drift.Trajectories.of(lon, lat, 3600.0 * time, number)
+
+
+@pytest.fixture(scope="module")
+def known():
+    """A chain of 20 cells in two halves that leak, and moves of 1500 drifters of it."""
+    random = np.random.default_rng(8)
+    matrix = np.zeros((20, 20))
+    for cell in range(20):
+        half = cell // 10 * 10
+        to = half + (cell - half + random.permutation(10)[:4]) % 10
+        matrix[cell, to] = 0.96 * random.dirichlet(np.ones(4))
+        matrix[cell, (cell + 10) % 20] = 0.02
+    seen = walks(random, matrix, 1500, 12)
+    water = drift.boxes(seen, 1.0, (170, 0, 190, 1))
+    return matrix, drift.count_moves(seen, water, 3600.0)
+
+
+def test_the_chain_of_trajectories_is_given_back_within_the_errors(known):
+    matrix, moves = known
+    found = drift.bootstrap(moves, lambda chain: chain.to_scipy().toarray(), samples=200)
+    np.testing.assert_allclose(found.value, moves.chain.to_scipy().toarray())
+    often = matrix > 0.01
+    off = np.abs(found.value - matrix)[often] / found.error[often]
+    # As of a normal law: two thirds are within one error, and few beyond three.
+    assert 0.55 < np.mean(off < 1) < 0.8
+    assert np.mean(off < 3) > 0.98
+    assert not moves.chain.to_scipy().toarray()[matrix == 0].any()
+    # Moves are as good as independent here.
+    share = matrix * (1 - matrix) / moves.count[:, None]
+    ratio = (found.error / np.sqrt(np.maximum(share, 1e-12)))[matrix > 0.1]
+    assert 0.85 < np.median(ratio) < 1.15
+
+
+@pytest.mark.slow
+def test_what_is_asked_of_it_has_errors(known):
+    matrix, moves = known
+    half = np.arange(20) < 10
+
+    def time(chain):
+        groups = mapping.persistent_groups(chain)
+        return markov.absorption_times(chain, groups).value
+
+    found = drift.bootstrap(moves, time, samples=30)
+    expected = np.linalg.solve(np.eye(20) - matrix, np.ones(20))
+    assert np.abs((found.value - expected) / found.error).max() < 4
+    assert (found.low < found.high).all()
+    sets = drift.nearly_closed_sets(moves.water, moves.chain, 3600.0, 2, hours=1)
+    np.testing.assert_array_equal(sets.begin[half], 0)
+    np.testing.assert_array_equal(sets.begin[~half], 1)
+    np.testing.assert_allclose(sets.leakage, 0.04, atol=0.01)
+
+
+@pytest.mark.slow
+@given(st.integers(0, 2**32 - 1))
+def test_counts_are_those_of_every_pair(seed):
+    random = np.random.default_rng(seed)
+    number = random.integers(0, 3, 12)
+    hours = random.choice(np.array([0.0, 1.0, 1.5, 2.0, 3.0]), 12)
+    lon, lat = random.uniform(-182, -178, 12), random.uniform(0, 2, 12)
+    seen = drift.Trajectories.of(lon, lat, 3600 * hours, number)
+    water = drift.boxes(seen, 1.0)
+    pairs = [
+        (i, j)
+        for i in range(seen.lon.size)
+        for j in range(seen.lon.size)
+        if seen.drifter[i] == seen.drifter[j] and seen.time[j] - seen.time[i] == 3600
+    ]
+    if not pairs:
+        return
+    moves = drift.count_moves(seen, water, 3600.0)
+    box = np.stack([np.floor(seen.lon) % 360, np.floor(seen.lat)], axis=1)
+    cells = moves.water
+    square = np.stack([(cells.lon - 0.5) % 360, cells.lat - 0.5], axis=-1)[cells.row, cells.column]
+    began = {tuple(box[i]) for i, _ in pairs}
+    assert {tuple(one) for one in square.round(6)} == began
+    ends = [tuple(box[j]) if tuple(box[j]) in began else None for _, j in pairs]
+    named = [*map(tuple, square.round(6)), None]
+    assert sorted((named.index(tuple(box[i])), named.index(end)) for (i, _), end in
+                  zip(pairs, ends, strict=True)) == sorted(
+        (b, e if e >= 0 else len(named) - 1) for b, e in zip(moves.begin, moves.end, strict=True)
+    )  # fmt: skip
+
+
+def test_bad_input_is_refused():
+    seen = drift.open_trajectories(parcels())
+    water = drift.boxes(seen, 1.0)
+    with pytest.raises(
+        ValueError, match="cell: expected more than 0 and at most 90 degrees, got 0"
+    ):
+        drift.boxes(seen, 0)
+    with pytest.raises(ValueError, match="bounds: expected West, South, East and North, got"):
+        drift.boxes(seen, 1.0, (0, 10, 5, 5))
+    with pytest.raises(ValueError, match="lag: expected a positive number of seconds, got 0"):
+        drift.count_moves(seen, water, 0)
+    with pytest.raises(ValueError, match="least: expected 1 or more, got 0"):
+        drift.count_moves(seen, water, 3600.0, least=0)
+    with pytest.raises(ValueError, match="number 2 does not"):
+        drift.Trajectories(np.zeros(3), np.zeros(3), np.array([0.0, 1, 1]), np.zeros(3, int))
+    moves = drift.count_moves(seen, water, 6 * 3600.0)
+    with pytest.raises(ValueError, match="samples: expected 2 or more, got 1"):
+        drift.bootstrap(moves, lambda chain: 0.0, samples=1)
