@@ -2,7 +2,6 @@ import json
 
 import pytest
 
-from jaxcell.base.bundled import found
 from jaxcell.cli import main
 from jaxcell.cli.app import read
 from jaxcell.cli.demo import STOPS
@@ -14,9 +13,8 @@ MAX_LINES = 45
 def test_stops_are_commands_that_exist():
     for stop in STOPS:
         name, command = read(stop.line.split()[1:])
-        assert type(command) is stop.command
+        assert isinstance(command, stop.command)
         assert name == stop.command.called
-        assert [found(word) for word in stop.words] != stop.words
 
 
 @pytest.mark.slow
