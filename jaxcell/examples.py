@@ -86,9 +86,10 @@ def sea() -> "Sea":
     from .mapping import Chain
 
     number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-    layers = [Water(number, side, side, *[0 * side] * 3, depth) for depth in (0.0, 5.0)]
+    still = 0 * side
+    layers = [Water(number, side, side, still, still, still, depth) for depth in (0.0, 5.0)]
     ends = [1, 2, 2], [0, 0, 1]
-    return Sea.of(layers, [Chain(np.int32([to]), np.ones((1, 3))) for to in ends])
+    return Sea.of(layers, [Chain(np.array([to], np.int32), np.ones((1, 3))) for to in ends])
 
 
 def gyres() -> "tuple[Water, Flow]":

@@ -85,7 +85,7 @@ def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
     """What the colours mean: every fourth level, which begins at a power of four."""
     begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
     levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
-    return [*levels[::-1], *reversed(scale.special.items())]
+    return [*levels[::-1], *reversed([*scale.special.items()])]
 
 
 def _shares(power_of_two: float) -> str:
