@@ -94,7 +94,8 @@ def _covered(result: Any) -> list[str]:
     import numpy as np
 
     shares = ", ".join(f"{one:.0%}" for one in np.asarray(result.alpha).tolist())
-    alone = np.abs(result.coverage - result.target).sum(axis=1).min() / 2
+    apart = np.asarray(result.coverage) - np.asarray(result.target)
+    alone = np.abs(apart).sum(axis=1).min() / 2
     return [
         f"Shares of time: {shares}.",
         f"Time spent elsewhere than wanted: {result.total_variation:.0%}; with the best angle "
