@@ -16,6 +16,7 @@ MODULES = (
     "base/certificate.py",
     "base/quantities.py",
     "dynamics/systems.py",
+    "examples.py",
     "markov/dense.py",
     "robot/ros",
 )

@@ -31,8 +31,8 @@ the examples do.
 Packages are imported on first use: `import jaxcell` alone does not import JAX.
 
     >>> import math
-    >>> from jaxcell import bounce, bundled, mapping, space
-    >>> cells = space.CellSpace.load(bundled("maps/lab_a.json"))
+    >>> from jaxcell import bounce, examples, mapping
+    >>> cells = examples.lab()
     >>> found = bounce.bounce_map(cells, math.pi / 4)
     >>> groups = mapping.periodic_groups(found.image)
     >>> cells.size, int(groups.count), groups.group_period[:1].tolist()
@@ -47,11 +47,12 @@ from .base.bundled import bundled as bundled
 
 __version__ = "0.1.0"
 
-_PACKAGES = (
+_MODULES = (
     "automata",
     "bounce",
     "drift",
     "dynamics",
+    "examples",
     "mapping",
     "markov",
     "optimize",
@@ -64,11 +65,11 @@ _PACKAGES = (
     "verify",
 )
 
-__all__ = ["__version__", "bundled", *_PACKAGES]
+__all__ = ["__version__", "bundled", *_MODULES]
 
 
 def __getattr__(name: str) -> ModuleType:
-    if name in _PACKAGES:
+    if name in _MODULES:
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

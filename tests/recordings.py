@@ -1,5 +1,7 @@
 """Recordings, read back from their files."""
 
+import re
+
 import numpy as np
 from rerun.chunk import RrdReader
 
@@ -15,7 +17,11 @@ class Recording:
         self.timelines = {name for chunk in self.chunks for name in chunk.timeline_names}
 
     def static(self, entity, column):
-        """The one value of a column that has no time."""
+        """The one value of a column that has no time; a text is in parts under its entity."""
+        if column == "TextDocument:text":
+            parts = sorted(one for one in self.entities if re.fullmatch(rf"{entity}/\d+", one))
+            found = [next(self._columns(one, column, None))[0][0] for one in parts]
+            return ["\n\n".join(found)]
         ((value,),) = self._columns(entity, column, None)
         return value
 

@@ -16,10 +16,8 @@ def fastest_localization(filter: Filter, uncertainty: int | None = None) -> str 
 
     In a ring of three cells with one bump, the bump tells the cell:
 
-        >>> import numpy as np
-        >>> from jaxcell import automata
-        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
-        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> from jaxcell import automata, examples
+        >>> filter = examples.ring()
         >>> automata.fastest_localization(filter)
         '1'
     """

@@ -129,8 +129,8 @@ def coverage_target(cells: CellSpace, target: Target = None) -> Float[np.ndarray
     The last of three squares is worth twice as much as the others:
 
         >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> bounce.coverage_target(cells, np.array([1, 1, 2])).tolist()
         [0.25, 0.25, 0.5]
     """

@@ -59,9 +59,8 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
 
     A corridor of three squares, with the directions East and West:
 
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> moves = bounce.moves(cells)
         >>> moves.target[moves.way].tolist()
         [[1, 2, 2], [0, 0, 1]]
@@ -270,9 +269,8 @@ def bounce_map(
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> there_and_back = bounce.bounce_map(cells, math.pi)
         >>> there_and_back.image.tolist(), there_and_back.bumped.astype(int).tolist()
         ([1, 2, 5, 0, 3, 4], [0, 0, 1, 1, 0, 0])
@@ -303,9 +301,8 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
 
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> bounce.bounce_image(bounce.moves(cells), 1).image.tolist()
         [1, 2, 5, 0, 3, 4]
     """

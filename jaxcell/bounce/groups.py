@@ -227,9 +227,8 @@ def bounce_groups(
     A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> groups = bounce.bounce_groups(cells, math.pi)
         >>> int(groups.count), groups.period.tolist()
         (1, [6, 6, 6, 6, 6, 6])
@@ -261,9 +260,8 @@ def group_summary(
     A corridor of three squares, in which a robot goes there and back:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> found = bounce.group_summary(cells, math.pi)
         >>> int(found.count), found.period[:1].tolist(), found.basin[:1].tolist()
         (1, [6], [6])

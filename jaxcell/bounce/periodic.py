@@ -86,9 +86,8 @@ class BounceGroups(Result):
         A corridor of three squares; cells 0, 1, 2 look East and 3, 4, 5 West:
 
             >>> import math
-            >>> import numpy as np
-            >>> from jaxcell import bounce, space
-            >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+            >>> from jaxcell import bounce, examples
+            >>> cells = examples.corridor()
             >>> groups = bounce.BounceGroups.of(cells, math.pi)
             >>> groups.longest_period.tolist(), groups.step.tolist()
             ([6], [[[0, 0, 0], [0, 0, 0]]])

@@ -65,9 +65,8 @@ def team_trajectory(
     been at their ends before, so one of them is turned, and the middle is reached:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> found = bounce.team_trajectory(cells, [0, 5], math.pi)
         >>> found.cell.tolist(), found.outcome.name
         ([[0, 5], [3, 2], [0, 5], [3, 5], [0, 4]], 'COVERED')
@@ -110,8 +109,8 @@ def team_trajectories(
 
         >>> import math
         >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> found = bounce.team_trajectories(cells, np.array([[0, 5], [1, 5]]), math.pi)
         >>> [run.steps for run in found]
         [4, 2]

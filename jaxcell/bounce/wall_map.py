@@ -113,9 +113,8 @@ def cell_walls(
 
     A corridor of three squares, with the directions East and West:
 
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> bounce.cell_walls(cells).behind[0, :, 0].tolist()
         [2, 2]
     """

@@ -1,85 +1,185 @@
 import dataclasses
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..base.bundled import bundled
-from .studies import Cover, Drift, Localize, Navigate, PatrolMap, Team
-from .terminal import note, note_results
+from ..base.bundled import found
+from .help import parsed
+from .options import starting, write_text
+from .studies import Cover, Drift, Groups, Localize, Navigate, PatrolGraph, Team
+from .terminal import note, note_results, stdout_on_stderr
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Tour localization, navigation, coverage, patrolling and drifters on bundled data."""
+    """Tour groups, localization, navigation, coverage, patrols and drifters on bundled data."""
 
     out: Path = Path("runs/demo")
     """Directory for the results, a folder for each stop of the tour."""
 
     def run(self) -> int:
-        stops = tour(self.out)
-        began = time.perf_counter()
-        for number, (title, command) in enumerate(stops, start=1):
-            note(f"\n{number}/{len(stops)} {title}")
-            status = command.run()
-            if status != 0:
-                return int(status)
+        began, pages = time.perf_counter(), ["# What the tour shows"]
+        with starting():
+            from .. import record  # noqa: F401
+        for number, stop in enumerate(STOPS, start=1):
+            note(f"{number}/{len(STOPS)} {stop.title}\n    {stop.line}")
+            command = parsed(stop.command, stop.command.called, list(map(found, stop.words)))
+            with stdout_on_stderr():
+                result, summary = command.answer()
+                said = stop.said(result)
+                command.write(result, summary, self.out / stop.folder)
+            note("".join(f"    {one}\n" for one in said))
+            files = sorted(path.name for path in (self.out / stop.folder).iterdir())
+            links = ", ".join(f"[{name}]({stop.folder}/{name})" for name in files)
+            pages += [f"## {stop.title}", f"    {stop.line}", " ".join(said), f"Files: {links}"]
+        write_text(self.out / "index.md", "\n\n".join(pages) + "\n")
         seconds = time.perf_counter() - began
-        note(
-            f"\n{len(stops)} stops in {seconds:.0f} s. Each has a folder in {self.out}, with a "
-            "Rerun recording, NetCDF files and summary.json."
-        )
+        note(f"{len(STOPS)} stops in {seconds:.0f} s; {self.out / 'index.md'} lists what to open.")
         note_results(self.out)
         return 0
 
 
-def tour(out: Path) -> list[tuple[str, Any]]:
-    """The stops of the demo: what is shown, and the command that shows it."""
-    lab, room = bundled("maps/lab_a.json"), bundled("maps/complex.json")
+@dataclasses.dataclass(frozen=True)
+class Stop:
+    """One command of the tour."""
+
+    folder: str
+    title: str
+    command: Any
+    options: str
+    said: Callable[[Any], Sequence[str]]
+    "What is worth saying about its result, in lines."
+
+    @property
+    def words(self) -> list[str]:
+        return self.options.split()
+
+    @property
+    def line(self) -> str:
+        return f"jaxcell {self.command.called} {self.options}"
+
+
+def _groups(result: Any) -> list[str]:
+    (count,), (short,), (long,) = result.count, result.shortest_period, result.longest_period
+    (largest,), (away,) = result.largest_basin, result.longest_transient
+    cells = result.cells.size
     return [
-        (
-            "A robot with a bump sensor and a clock finds out where it is (chapter 2)",
-            Localize(map=lab, collision="endpoint", bounce=135.0, out=out / "localize"),
-        ),
-        (
-            "With another bouncing angle it ends in one of three knowledge cycles",
-            Localize(map=lab, collision="endpoint", bounce=45.0, out=out / "localize_45"),
-        ),
-        (
-            "It chooses an angle at each bump to get from one pose to another (chapter 3)",
-            Navigate(
-                map=room,
-                directions=8,
-                bounces=(45.0, 90.0, 135.0),
-                start="0.5,1.5,0",
-                goal="12.5,9.5,0",
-                out=out / "navigate",
-            ),
-        ),
-        (
-            "It divides its time among imprecise bounces to cover a room",
-            Cover(
-                map=room,
-                bounces=(30.0, 75.0, 315.0),
-                error=5.0,
-                reliability=0.8,
-                out=out / "cover",
-            ),
-        ),
-        (
-            "Four robots cover a room together",
-            Team(map=room, robots=4, bounce=(135.0,), out=out / "team"),
-        ),
-        (
-            "Two robots that see 6 m patrol a depot against an adversary (chapter 4)",
-            PatrolMap(map=bundled("maps/depot.json"), robots=2, range=6.0, out=out / "patrol"),
-        ),
-        (
-            "Where a current carries drifters, and how to steer one by its depth (chapter 5)",
-            Drift(
-                file=(bundled("ocean/gyres.nc"),),
-                start="-117.93,33.5",
-                goal="-118.1,33.45,5",
-                out=out / "drift",
-            ),
-        ),
+        f"All {cells:,} cells lead to {count} periodic groups, with periods of {short} to {long}.",
+        f"The largest basin has {largest / cells:.0%} of the cells, and no way in is longer than "
+        f"{away} mappings.",
     ]
+
+
+def _localized(result: Any) -> list[str]:
+    return [
+        f"From any of {result.cells.size} cells one is left after at most {result.worst_bumps} "
+        f"bumps, {result.mean_bumps:.1f} in the mean.",
+        "No choice of angles does it in fewer."
+        if result.optimal
+        else f"None does it in fewer than {result.least:g}.",
+    ]
+
+
+def _navigated(result: Any) -> list[str]:
+    reach, cells = result.cells_that_reach_the_goal, result.cells.size
+    return [
+        f"{result.steps} steps, {result.bumps} bumps, another angle than before at "
+        f"{result.changes} of them.",
+        f"The goal is reached from {reach:,} of {cells:,} cells; from the others no plan exists.",
+    ]
+
+
+def _covered(result: Any) -> list[str]:
+    import numpy as np
+
+    shares = ", ".join(f"{one:.0%}" for one in np.asarray(result.alpha).tolist())
+    apart = np.asarray(result.coverage) - np.asarray(result.target)
+    alone = np.abs(apart).sum(axis=1).min() / 2
+    return [
+        f"Shares of time: {shares}.",
+        f"Time spent elsewhere than wanted: {result.total_variation:.0%}; with the best angle "
+        f"alone {alone:.0%}.",
+    ]
+
+
+def _team(result: Any) -> list[str]:
+    return [
+        f"Half of the {result.cells.positions} positions are visited after "
+        f"{result.steps_to_50_percent:.0f} steps, all after {result.steps}.",
+        f"Robots meet {result.collisions_in_all} times on the way.",
+    ]
+
+
+def _game(result: Any) -> list[str]:
+    game = result.game
+    shares = zip(game.strategy, game.share.tolist(), strict=True)
+    mixed = ", ".join(f"{share:.0%} {name}" for name, share in shares if share > 1e-6)
+    return [
+        f"The best mixture of walks: {mixed}.",
+        f"It pays the patroller {game.value:.2f}, the best walk alone {game.alone:.2f}.",
+    ]
+
+
+def _drifted(result: Any) -> list[str]:
+    curve = result.curve_covered.tolist()
+    few = [count for count in (1, 5, 20, 80) if count < len(curve)]
+    rising = ", ".join(f"{curve[count - 1]} from {count}" for count in few)
+    return [
+        f"Drifters gather in {result.persistent_groups} groups of the {result.cells} cells, after "
+        f"{result.median_hours:.1f} hours (median).",
+        f"Cells that drifters visit: {rising}, and {curve[-1]} from {len(curve)}.",
+    ]
+
+
+STOPS = (
+    Stop(
+        "groups",
+        "Where a robot ends that turns by one angle at each wall",
+        Groups,
+        "@complex --bounce 90",
+        _groups,
+    ),
+    Stop(
+        "localize",
+        "A robot with a bump sensor and a clock finds out where it is",
+        Localize,
+        "@lab_a --bounces 45 135 --collision endpoint",
+        _localized,
+    ),
+    Stop(
+        "navigate",
+        "It chooses an angle at each bump to get to a goal",
+        Navigate,
+        "@complex --bounces 90 180 --start 0.5,1.5,0 --goal 15.5,12.5,90",
+        _navigated,
+    ),
+    Stop(
+        "cover",
+        "It divides its time among imprecise bounces to cover a room evenly",
+        Cover,
+        "@complex --directions 72 --bounces 80 125 335 --error 5 --reliability 0.8",
+        _covered,
+    ),
+    Stop(
+        "team",
+        "Four robots cover the room together",
+        Team,
+        "@complex --robots 4 --bounce 135",
+        _team,
+    ),
+    Stop(
+        "patrol",
+        "A patroller mixes walks against an adversary who knows the mixture",
+        PatrolGraph,
+        "@eight --game",
+        _game,
+    ),
+    Stop(
+        "drift",
+        "Where a current carries drifters, and where to drop them",
+        Drift,
+        "@gyres --depths 0 --duration 7200 --current mean",
+        _drifted,
+    ),
+)

@@ -11,6 +11,7 @@ import tyro
 
 from ..base.extras import has_module, missing_module
 from ..study import Study
+from ..study.study import Say, silent
 from .options import say_memory, starting, write_text
 from .terminal import note, note_results, progress, say as print_line, status, stdout_on_stderr
 
@@ -33,45 +34,65 @@ class Command:
     verify: bool = False
     """Compute small parts of the result again by another route; exit with 1 if they differ."""
 
-    def run(self) -> int:
-        asked = self.study(
+    @property
+    def asked(self) -> Study:
+        """The study with the parameters that are given as options."""
+        return self.study(
             **{field.name: getattr(self, field.name) for field in dataclasses.fields(self.study)}
         )
+
+    def answer(self, say: Say = silent) -> tuple["Result", dict[str, Any]]:
+        """The result, and the object that is printed for `--json`."""
+        from .. import record
+
+        asked, began = self.asked, time.perf_counter()
+        result = asked.run(say)
+        say("summing up")
+        found = record.summary(result)
+        seconds = round(time.perf_counter() - began, 3)
+        spec = asked.spec(result)
+        return result, {"command": f"jaxcell {self.called}", **spec, **found, "seconds": seconds}
+
+    def write(self, result: "Result", summary: dict[str, Any], out: Path) -> None:
+        """Write the files of a result to a folder."""
+        from .. import record
+
+        asked = self.asked
+        spec = asked.spec(result)
+        out.mkdir(parents=True, exist_ok=True)
+        dataset = record.dataset(result, spec=spec)
+        record.save_dataset(dataset, out / f"{asked.name}.nc")
+        if has_module("rerun"):
+            record.save_recording(result, out / f"{asked.name}.rrd", spec=spec)
+        asked.write(result, out)
+        _write_summary(summary, out)
+
+    def run(self) -> int:
+        asked = self.asked
         try:
             with status(f"reading for {self.called}"):
                 say_memory(asked.memory(written=self.out is not None), self.called)
             with starting():
-                from .. import record
-            began = time.perf_counter()
+                from .. import record  # noqa: F401
             with stdout_on_stderr(), progress(self.called) as say:
-                result = asked.run(say)
-                say("summing up")
-                found = record.summary(result)
+                result, summary = self.answer(say)
         except RuntimeError as error:
             note(f"jaxcell {self.called}: {error}")
             return 1
-        seconds = round(time.perf_counter() - began, 3)
-        spec = asked.spec(result)
-        summary = {"command": f"jaxcell {self.called}", **spec, **found, "seconds": seconds}
         if self.out is not None:
             with status(f"writing {self.out}"):
-                self.out.mkdir(parents=True, exist_ok=True)
-                dataset = record.dataset(result, spec=spec)
-                record.save_dataset(dataset, self.out / f"{asked.name}.nc")
-                if has_module("rerun"):
-                    record.save_recording(result, self.out / f"{asked.name}.rrd", spec=spec)
-                asked.write(result, self.out)
+                self.write(result, summary, self.out)
         verified = _verified(asked, result) if self.verify else None
         if verified is not None:
             summary["verified"] = verified
-        if self.out is not None:
-            write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+            if self.out is not None:
+                _write_summary(summary, self.out)
         if self.json:
             print_line(json.dumps(summary))
         else:
             from .tables import show
 
-            show(result, asked.heading(spec), seconds)
+            show(result, asked.heading(asked.spec(result)), summary["seconds"])
             if self.out is not None:
                 note_results(self.out)
         if self.out is not None and not has_module("rerun"):
@@ -80,6 +101,10 @@ class Command:
             note(remark)
         agrees = verified is None or _report(self.called, verified, quiet=self.json)
         return 0 if agrees and result.answered else 1
+
+
+def _write_summary(summary: dict[str, Any], out: Path) -> None:
+    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def command(study: type[Study], called: str | None = None) -> Any:

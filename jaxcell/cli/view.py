@@ -1,6 +1,11 @@
 import dataclasses
+import os
+import socket
 import subprocess
 import sys
+import time
+import urllib.parse
+import webbrowser
 from pathlib import Path
 
 import tyro
@@ -12,6 +17,10 @@ from .terminal import note, own_command
 
 # The viewer's own default is three quarters of all memory.
 _MEMORY = "2GB"
+_HERE = "127.0.0.1"
+# Those of Rerun itself: of the page, and of the recordings that it reads.
+_PAGE_PORT, _DATA_PORT = 9090, 9876
+_MAX_WAIT = 60.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -21,7 +30,7 @@ class View:
     results: tyro.conf.Positional[Path]
     """A directory that a command wrote with --out, or one recording (.rrd)."""
     web: bool = False
-    """Serve them to a browser on this machine instead."""
+    """Show them in a browser on this machine instead, until Ctrl-C."""
 
     def run(self) -> int:
         if not has_module("rerun"):
@@ -29,7 +38,7 @@ class View:
         recordings = [str(path) for path in recordings_in(self.results)]
         viewer = [sys.executable, "-m", "rerun", "--memory-limit", _MEMORY]
         if self.web:
-            return subprocess.call([*viewer, "--bind", "127.0.0.1", "--serve-web", *recordings])
+            return _serve(viewer, recordings)
         if not has_display():
             web = f"{own_command('jaxcell')} view --web {self.results}"
             copied = " ".join(recordings)
@@ -39,6 +48,43 @@ class View:
             )
             return 1
         return subprocess.call([*viewer, *recordings])
+
+
+def _serve(viewer: list[str], recordings: list[str]) -> int:
+    """Serve recordings to a browser, which is opened if there is a display."""
+    page, data = _free_port(_PAGE_PORT), _free_port(_DATA_PORT)
+    ports = ["--web-viewer-port", str(page), "--port", str(data)]
+    served = urllib.parse.quote(f"rerun+http://{_HERE}:{data}/proxy", safe="")
+    address = f"http://{_HERE}:{page}?url={served}"
+    command = [*viewer, "--bind", _HERE, *ports, "--serve-web", *recordings]
+    # Its log has addresses too, of which one does not work and one is for another viewer.
+    with subprocess.Popen(command, env={"RUST_LOG": "error", **os.environ}) as server:
+        until = time.monotonic() + _MAX_WAIT
+        while server.poll() is None and not _answers(page) and time.monotonic() < until:
+            time.sleep(0.1)
+        if server.poll() is None:
+            note(address)
+            if has_display():
+                webbrowser.open(address)
+        return server.wait()
+
+
+def _free_port(wanted: int) -> int:
+    """A port on which nobody listens, if possible the one that is wanted."""
+    for port in (wanted, 0):
+        with socket.socket() as one:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                one.bind((_HERE, port))
+            except OSError:
+                continue
+            return int(one.getsockname()[1])
+    raise OSError(f"view: there is no free port on {_HERE}")
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as one:
+        return one.connect_ex((_HERE, port)) == 0
 
 
 def recordings_in(results: Path) -> list[Path]:

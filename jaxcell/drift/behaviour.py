@@ -131,10 +131,8 @@ def long_term_behaviour(
 
     From cell 0 drifters go on half of the time, to cell 1, and from there to 2 or 3:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> from jaxcell import drift, examples
+        >>> chain = examples.stream()
         >>> behaviour = drift.long_term_behaviour(chain, duration=3600)
         >>> behaviour.groups.group.tolist(), behaviour.basin.tolist()
         ([-1, -1, 0, 1], [-1, -1, 0, 1])

@@ -81,9 +81,8 @@ def drift_map(
 
     The surface of the bundled sea; most cells have an image and two disturbances:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> chain = drift.drift_map(water, flow)
         >>> matrix = chain.to_scipy()
         >>> matrix.shape, round(float(matrix.max()), 2), round(float(matrix.sum(axis=1).min()), 6)

@@ -73,10 +73,8 @@ def deployment_cells(behaviour: LongTermBehaviour) -> Deployment:
 
     Two cells for the persistent groups, and one that leads to all of the others:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> from jaxcell import drift, examples
+        >>> chain = examples.stream()
         >>> found = drift.deployment_cells(drift.long_term_behaviour(chain, duration=3600))
         >>> found.cells.tolist(), found.group.tolist(), found.transient_group.tolist()
         ([2, 3, 0], [0, 1, -1], [-1, -1, 0])
@@ -163,10 +161,8 @@ def minimum_deployment(chain: Chain) -> Int[np.ndarray, "drifters"]:
 
     From cell 0 a drifter may come anywhere:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> from jaxcell import drift, examples
+        >>> chain = examples.stream()
         >>> drift.minimum_deployment(chain).tolist()
         [0]
     """
@@ -264,9 +260,8 @@ def visible_deployment(
 
     The surface of the bundled sea, with cameras that see 3 km:
 
-        >>> from jaxcell import bundled, drift, mapping
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water, flow = examples.gyres()
         >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))
         >>> found = drift.visible_deployment(water, 3000, groups)
         >>> len(found.cover), len(found.cells)

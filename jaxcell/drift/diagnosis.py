@@ -98,9 +98,8 @@ def diagnose(
 
     The surface of the bundled sea, where the flow makes the groups:
 
-        >>> from jaxcell import bundled, drift, mapping
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples, mapping
+        >>> water, flow = examples.gyres()
         >>> groups = mapping.persistent_groups(drift.drift_map(water, flow))
         >>> found = drift.diagnose(water, flow, groups)
         >>> found.groups, found.locked, round(found.mean_shift, 2), found.warning
@@ -168,9 +167,8 @@ def group_counts(
 
     The surface of the bundled sea, with steps of half an hour and an hour:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> drift.group_counts(water, flow, [1800, 3600], [1.0, 0.8]).tolist()
         [[3, 3], [3, 1]]
     """

@@ -83,9 +83,8 @@ def distances(
     The surface of the bundled sea at its first record. The rules of the dissertation spread
     drifters over the grid more than the water does:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> maps = [
         ...     (drift.drift_map(water, flow, 7200.0, **drift.METHODS[name]), 7200.0)
         ...     for name in ("source", "drifters")
@@ -144,9 +143,8 @@ def nearest_step(waters: Sequence[Water], flows: Sequence[Flow], **options: Any)
 
     The surface of the bundled sea at its first record, which is steady:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> step = drift.nearest_step([water], [flow], **drift.METHODS["drifters"])
         >>> round(step / drift.crossing_time(water, flow))
         4

@@ -69,9 +69,8 @@ def simulate_drifters(
     A step takes time:
 
         >>> import jax
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> drift.simulate_drifters(jax.random.key(0), water, flow, 100, 0, 2)
         Traceback (most recent call last):
             ...

@@ -26,8 +26,7 @@ class Flow:
     The surface of the bundled sea at its first record:
 
         >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> flow = drift.Flow.of(drift.open_currents(bundled("gyres"), time=0, depths=0))
         >>> flow.rate.shape, flow.time.tolist()
         ((1, 2, 21, 29), [0.0])
     """
@@ -282,9 +281,8 @@ def flow_map(
 
     In the time to cross a cell, cells drift by one on average:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> shift = drift.flow_map(water, flow)
         >>> shift.shape, round(float(((shift**2).sum(axis=0) ** 0.5).mean()), 6)
         ((2, 538), 1.0)
@@ -315,9 +313,8 @@ def crossing_time(water: Water, flow: Flow) -> float:
 
     At some 0.54 m/s it takes half an hour to cross a kilometre:
 
-        >>> from jaxcell import bundled, drift
-        >>> currents = drift.open_currents(bundled("ocean/gyres.nc"), time=0, depths=0)
-        >>> water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
         >>> round(drift.crossing_time(water, flow) / 60)
         31
     """

@@ -24,10 +24,8 @@ def reachable(chain: Chain, start: npt.ArrayLike | int) -> Bool[np.ndarray, "cel
 
     From cell 1 drifters come to 2 or 3, and not back:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> matrix = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(matrix)
+        >>> from jaxcell import drift, examples
+        >>> chain = examples.stream()
         >>> drift.reachable(chain, 1).tolist()
         [False, True, True, True]
     """
@@ -51,14 +49,8 @@ def reachable_by_layer(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
 
     Two layers of three cells; at the surface everything drifts East, below it West:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
-        >>> east, west = ([1, 2, 2], [0, 0, 1])
-        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
-        >>> sea = drift.Sea.of(layers, chains)
+        >>> from jaxcell import drift, examples
+        >>> sea = examples.sea()
         >>> drift.reachable_by_layer(sea, 1).tolist()
         [False, True, True, True, True, False]
     """
@@ -86,14 +78,8 @@ def reachable_at_depth(sea: Sea, start: int) -> Bool[np.ndarray, "cells"]:
     Two layers of three cells: at the surface everything drifts East, below it West.
     Drifters that go up and down come anywhere:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
-        >>> east, west = ([1, 2, 2], [0, 0, 1])
-        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
-        >>> sea = drift.Sea.of(layers, chains)
+        >>> from jaxcell import drift, examples
+        >>> sea = examples.sea()
         >>> bool(drift.reachable_at_depth(sea, 1).all())
         True
     """

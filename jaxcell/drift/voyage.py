@@ -96,14 +96,8 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     Two layers of three cells: at the surface everything drifts East, below it West.
     The goal is cell 0; from cell 3, below it, going up gains 100:
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
-        >>> east, west = ([1, 2, 2], [0, 0, 1])
-        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
-        >>> sea = drift.Sea.of(layers, chains)
+        >>> from jaxcell import drift, examples
+        >>> sea = examples.sea()
         >>> model = drift.voyage_model(sea, 0, discount=0.9)
         >>> round(float(model.reward[:, 3].max()), 6)
         100.0
@@ -152,14 +146,8 @@ def discounted_voyage(
     Two layers of three cells: at the surface everything drifts East, below it West.
     To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
-        >>> east, west = ([1, 2, 2], [0, 0, 1])
-        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
-        >>> sea = drift.Sea.of(layers, chains)
+        >>> from jaxcell import drift, examples
+        >>> sea = examples.sea()
         >>> voyage = drift.discounted_voyage(sea, 0)
         >>> voyage.action.tolist(), voyage.time.round(6).tolist()
         ([0, 1, 1, -1, 0, 0], [0.0, 3.0, 4.0, 1.0, 2.0, 3.0])
@@ -189,14 +177,8 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -
     Two layers of three cells: at the surface everything drifts East, below it West.
     To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
 
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
-        >>> east, west = ([1, 2, 2], [0, 0, 1])
-        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
-        >>> sea = drift.Sea.of(layers, chains)
+        >>> from jaxcell import drift, examples
+        >>> sea = examples.sea()
         >>> voyage = drift.surest_voyage(sea, 0)
         >>> voyage.action.tolist(), voyage.time.round(6).tolist()
         ([0, 1, 1, -1, 0, 0], [0.0, 3.0, 4.0, 1.0, 2.0, 3.0])
@@ -233,14 +215,8 @@ def simulate_voyages(
     A drifter from cell 2 to cell 0 goes down, West twice, and up:
 
         >>> import jax
-        >>> import numpy as np
-        >>> from jaxcell import drift, mapping
-        >>> number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
-        >>> sides = side, side, *[0 * side] * 3
-        >>> layers = [drift.Water(number, *sides, depth) for depth in (0.0, 5.0)]
-        >>> east, west = ([1, 2, 2], [0, 0, 1])
-        >>> chains = [mapping.Chain(np.int32([to]), np.ones((1, 3))) for to in (east, west)]
-        >>> sea = drift.Sea.of(layers, chains)
+        >>> from jaxcell import drift, examples
+        >>> sea = examples.sea()
         >>> voyage = drift.surest_voyage(sea, 0)
         >>> tracks = drift.simulate_voyages(jax.random.key(0), voyage, 2, drifters=1, steps=5)
         >>> tracks.cell[:, 0].tolist(), tracks.time.tolist()

@@ -30,10 +30,8 @@ def basin_stability(
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[8])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins()
         >>> dynamics.basin_stability(found, lambda x: x[:, 0] > 0.25).round(3).tolist()
         [0.333, 0.667]
     """
@@ -58,10 +56,8 @@ def convergence_pace(found: Basins) -> Float[np.ndarray, "attractors"]:
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[4])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins(cells=4)
         >>> dynamics.convergence_pace(found).tolist()
         [2.0, 2.0]
     """
@@ -86,10 +82,8 @@ def noncritical_shocks(
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[4])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins(cells=4)
         >>> [lengths.tolist() for lengths in dynamics.noncritical_shocks(found)]
         [[0.125, 0.125], [0.25, 0.25]]
     """
@@ -120,10 +114,8 @@ def minimal_critical_shock(found: Basins) -> Float[np.ndarray, "attractors"]:
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[8])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins()
         >>> dynamics.minimal_critical_shock(found).round(3).tolist()
         [0.5, 0.125]
     """
@@ -161,10 +153,8 @@ def basin_entropy(found: Basins, side: int) -> tuple[float, float]:
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[8])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins()
         >>> dynamics.basin_entropy(found, side=2)
         (0.0, 0.0)
     """
@@ -197,10 +187,8 @@ def uncertainty_exponent(
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[8])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins()
         >>> dynamics.uncertainty_exponent(found, (1, 2))[1].tolist()
         [0.25, 0.5]
     """
@@ -266,10 +254,8 @@ def overlap(one: Basins, other: Basins) -> Float[np.ndarray, "attractors others"
 
     Cells to the right of the middle stay, the others go to the left end:
 
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import dynamics, space
-        >>> box = space.Box([0], [1], cells=[8])
-        >>> found = dynamics.basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), box)
+        >>> from jaxcell import dynamics, examples
+        >>> found = examples.basins()
         >>> dynamics.overlap(found, found).tolist()
         [[1.0, 0.0], [0.0, 1.0]]
     """

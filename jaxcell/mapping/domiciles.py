@@ -72,10 +72,8 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
 
     A random walk that ends at either end of a line of four cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping
-        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(P)
+        >>> from jaxcell import examples, mapping
+        >>> chain = examples.ruin()
         >>> found = mapping.transient_groups(chain, mapping.persistent_groups(chain))
         >>> found.group.tolist(), found.domiciles
         ([-1, 0, 0, -1], ((0, 1),))

@@ -161,9 +161,8 @@ def first_arrival(
 
     Two random walks on a line of three cells, from its middle to its right end:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> markov.first_arrival([chain, chain], [1, 1], target=2, steps=4).tolist()
         [0.0, 0.75, 0.0, 0.1875, 0.0]
     """
@@ -206,9 +205,8 @@ def mean_first_arrival(
     Two random walks on a line of three cells, from its middle to its right end, where one of them
     arrives with probability 3/4 every other step:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> round(markov.mean_first_arrival([chain, chain], [1, 1], target=2).value, 6)
         1.666667
     """

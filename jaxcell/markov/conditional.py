@@ -36,10 +36,8 @@ def arrival_probabilities(
 
     A random walk between two ends, where it stays:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(P)
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.ruin()
         >>> (3 * markov.arrival_probabilities(chain, target=3).value).round(6).tolist()
         [0.0, 1.0, 2.0, 3.0]
     """
@@ -72,10 +70,8 @@ def conditional_hitting_times(
 
     A random walk between two ends, where it stays:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(P)
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.ruin()
         >>> (3 * markov.conditional_hitting_times(chain, target=3).value).round(6).tolist()
         [inf, 8.0, 5.0, 0.0]
     """

@@ -51,10 +51,8 @@ def absorption_probabilities(
 
     A random walk between two ends, where it stays:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(P)
+        >>> from jaxcell import examples, mapping, markov
+        >>> chain = examples.ruin()
         >>> groups = mapping.persistent_groups(chain)
         >>> (3 * markov.absorption_probabilities(chain, groups).value).round(6).tolist()
         [[3.0, 2.0, 1.0, 0.0], [0.0, 1.0, 2.0, 3.0]]
@@ -144,10 +142,8 @@ def absorption_times(chain: Chain, groups: PersistentGroups, *, throw: bool = Tr
 
     A random walk between two ends, where it stays:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> P = np.array([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
-        >>> chain = mapping.Chain.from_scipy(P)
+        >>> from jaxcell import examples, mapping, markov
+        >>> chain = examples.ruin()
         >>> groups = mapping.persistent_groups(chain)
         >>> markov.absorption_times(chain, groups).value.round(6).tolist()
         [0.0, 2.0, 2.0, 0.0]
@@ -180,9 +176,8 @@ def hitting_times(
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> markov.hitting_times(chain, target=2).value.round(6).tolist()
         [4.0, 3.0, 0.0]
     """

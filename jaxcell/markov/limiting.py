@@ -60,9 +60,8 @@ def limiting_distribution(
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, mapping, markov
+        >>> chain = examples.walk()
         >>> groups = mapping.persistent_groups(chain)
         >>> markov.limiting_distribution(chain, groups).value.round(6).tolist()
         [0.25, 0.5, 0.25]

@@ -38,9 +38,8 @@ def first_passage(
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> markov.first_passage(chain, start=0, target=2, steps=5).tolist()
         [0.0, 0.0, 0.5, 0.0, 0.25, 0.0]
     """
@@ -70,9 +69,8 @@ def survival(
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> markov.survival(chain, target=2, steps=2).tolist()
         [[1.0, 1.0, 0.0], [1.0, 0.5, 0.0], [0.5, 0.5, 0.0]]
     """

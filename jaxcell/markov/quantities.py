@@ -51,9 +51,8 @@ def hitting_matrix(chain: Chain, *, throw: bool = True) -> PairTimes:
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> markov.hitting_matrix(chain).value.round(6).tolist()
         [[0.0, 1.0, 4.0], [3.0, 0.0, 3.0], [4.0, 1.0, 0.0]]
     """
@@ -76,9 +75,8 @@ def commute_times(chain: Chain, *, throw: bool = True) -> PairTimes:
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> markov.commute_times(chain).value.round(6).tolist()
         [[0.0, 4.0, 8.0], [4.0, 0.0, 4.0], [8.0, 4.0, 0.0]]
     """
@@ -103,9 +101,8 @@ def kemeny_constant(chain: Chain) -> float:
 
     A random walk on a line of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import mapping, markov
-        >>> chain = mapping.Chain.from_scipy(np.array([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]))
+        >>> from jaxcell import examples, markov
+        >>> chain = examples.walk()
         >>> round(markov.kemeny_constant(chain), 6)
         1.5
     """

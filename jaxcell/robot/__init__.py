@@ -59,7 +59,7 @@ program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by t
 `bounce_sketch` (section 3.5.4).
 
 `jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,
-`jaxcell.robot.emulation.simulated` the driver and that robot on one clock, a hundred times as fast.
+`jaxcell.robot.emulation.simulated` the driver and that robot on one clock.
 """
 
 from .believer import replay_belief as replay_belief, run_belief as run_belief

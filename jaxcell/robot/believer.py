@@ -35,14 +35,9 @@ def run_belief(
     A point robot in a corridor of three cells, without a serial line, and a map of robots that go
     West in it and bump at the end:
 
-        >>> import math
         >>> import numpy as np
-        >>> from jaxcell import automata, robot, space
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0)
+        >>> from jaxcell import automata, examples, robot
+        >>> walker = examples.walker()
         >>> never = automata.HiddenMap.of(np.zeros((6, 6)), np.eye(6), np.arange(6), np.ones(6) / 6)
         >>> robot.run_belief(walker, automata.Belief(never), [0.0]).result
         'refuted'

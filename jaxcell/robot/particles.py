@@ -34,9 +34,8 @@ class Particles:
     In a corridor of three cells, after a bump at the East end and three steps:
 
         >>> import math
-        >>> from jaxcell import robot, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 2)
+        >>> from jaxcell import examples, robot, space
+        >>> cells = examples.corridor()
         >>> cloud = robot.Particles(cells, math.pi, space.Slip.of(0.01), count=200)
         >>> state = cloud.start()
         >>> for observation in (0, 0, 1):

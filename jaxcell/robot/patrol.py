@@ -38,8 +38,8 @@ class Patrol:
 
         >>> import pathlib, tempfile
         >>> import numpy as np
-        >>> from jaxcell import robot, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import examples, robot, space
+        >>> room = examples.corridor().workspace
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")
@@ -203,12 +203,10 @@ def run_patrol(
 
     A point robot that goes to and fro between the ends of a corridor, without a serial line:
 
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
         >>> import pathlib, tempfile
         >>> import numpy as np
-        >>> from jaxcell import robot, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import examples, robot, space
+        >>> room = examples.corridor().workspace
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")
@@ -216,8 +214,7 @@ def run_patrol(
         ...     task = robot.load_task(path)
         >>> settings = {"start": 0, "facing": 0, "seed": 0, "visits": 2}
         >>> patrol = robot.Patrol(task, **settings, most_bumps=9, limit=99)
-        >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=task.strides)
+        >>> walker = examples.walker()
         >>> robot.run_patrol(walker, patrol).observations
         '0000'
     """
@@ -262,8 +259,8 @@ def replay_patrol(run: LoggedRun, task: PatrolTask) -> PatrolOutcome:
 
         >>> import pathlib, tempfile
         >>> import numpy as np
-        >>> from jaxcell import robot, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import examples, robot, space
+        >>> room = examples.corridor().workspace
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")

@@ -34,13 +34,9 @@ def run_policy(
 
         >>> import math
         >>> import numpy as np
-        >>> from jaxcell import robot, space
+        >>> from jaxcell import examples, robot
         >>> from jaxcell.automata import Policy
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> body = Body(room, (1.5, 0.5, 0.0))
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0)
+        >>> walker = examples.walker(x=1.5)
         >>> policy = Policy(
         ...     turn=np.int32([-1, 0, -1]), first=np.int32([0, 1, 2, 2]),
         ...     steps=np.int32([1, 2]), target=np.int32([1, 2]),

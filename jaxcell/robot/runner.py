@@ -29,14 +29,8 @@ def run_filter(
     A point robot in a corridor of three cells, without a serial line, and a filter for robots that
     go West in it and stay at the end:
 
-        >>> import math
-        >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> body = Body(room, (2.5, 0.5, math.pi))
-        >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides, direction=2)
+        >>> from jaxcell import examples, robot
+        >>> walker = examples.walker(x=2.5, direction=2)
         >>> import numpy as np
         >>> from jaxcell.automata import Filter, subset_construction
         >>> image, bumped = np.int32([0, 0, 1]), np.array([True, False, False])
@@ -66,13 +60,8 @@ def run_plan(
     A point robot in a corridor of three cells, without a serial line; it goes to the end and turns:
 
         >>> import math
-        >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides)
+        >>> from jaxcell import examples, robot
+        >>> walker = examples.walker()
         >>> outcome = robot.run_plan(walker, [0.0, 0.0, math.pi / 2])
         >>> outcome.result, outcome.observations
         ('arrived', '001')

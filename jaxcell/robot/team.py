@@ -250,13 +250,8 @@ def run_member(
     A point robot in a corridor of three cells, without a serial line:
 
         >>> import math, pathlib, tempfile
-        >>> from jaxcell import robot, space
-        >>> from jaxcell.robot.emulation.body import Body
-        >>> from jaxcell.robot.emulation.simulated import SimulatedCreate
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> body = Body(room, (0.5, 0.5, 0.0))
-        >>> strides = robot.cell_strides(4, 1.0, 1.0)
-        >>> walker = robot.Walker(SimulatedCreate(body), 1.0, strides=strides)
+        >>> from jaxcell import examples, robot
+        >>> walker = examples.walker()
         >>> common = {"cell_m": 1.0, "directions": 4, "step_m": 1.0, "robot_radius_m": 0.0}
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "team.json")

@@ -19,9 +19,8 @@ def nearest_cell(cells: CellSpace, x: Any, y: Any, theta: Any) -> Int[np.ndarray
 
     A robot that has slipped a little off a map of three squares:
 
-        >>> import numpy as np
-        >>> from jaxcell import space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
         >>> int(space.nearest_cell(cells, 2.5, 1.01, 0.0))
         2
     """

@@ -31,9 +31,8 @@ def free_steps(
 
     In a corridor of three squares, with the directions East and West:
 
-        >>> from jaxcell import space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
         >>> space.free_steps(cells, 1.0, "swept").tolist()
         [[1, 2, 2], [0, 0, 1]]
     """

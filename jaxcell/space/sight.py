@@ -59,9 +59,8 @@ def visible_cells(
 
     In a corridor of three squares; the far corners of the next one are 1.58 m away:
 
-        >>> from jaxcell import space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
         >>> space.visible_cells(cells, reach=1.6).astype(int).tolist()
         [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """
@@ -115,9 +114,8 @@ def visible_centres(
 
     In a corridor of three squares:
 
-        >>> from jaxcell import space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, cell=1.0, directions=2)
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
         >>> space.visible_centres(cells, reach=1.0).astype(int).tolist()
         [[1, 1, 0], [1, 1, 1], [0, 1, 1]]
     """

@@ -72,8 +72,8 @@ def felt_walls(workspace: Workspace, give: float) -> Float[np.ndarray, "walls 2 
 
     A room whose walls give 2 cm:
 
-        >>> from jaxcell import space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import examples, space
+        >>> room = examples.corridor().workspace
         >>> sorted({abs(x) for x in space.felt_walls(room, 0.02)[:, 0, 0].round(6).tolist()})
         [0.02, 3.02]
     """
@@ -101,8 +101,8 @@ def free_ahead(
     In a room of 3 m, from its middle to the East:
 
         >>> import numpy as np
-        >>> from jaxcell import space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import examples, space
+        >>> room = examples.corridor().workspace
         >>> walls = space.felt_walls(room, 0.0)
         >>> space.free_ahead(walls, np.array([1.5, 0.5]), np.array(0.0)).tolist()
         1.5
@@ -166,8 +166,8 @@ def slipping_step(
 
         >>> import math
         >>> import numpy as np
-        >>> from jaxcell import space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import examples, space
+        >>> room = examples.corridor().workspace
         >>> walls, exact = space.felt_walls(room, 0.0), space.Slip()
         >>> start, leg = np.array([[1.5, 0.5, 0.0], [2.5, 0.5, 0.0]]), np.array([[1.0, 0, 0]] * 2)
         >>> after, bumped = space.slipping_step(

@@ -48,7 +48,7 @@ class Workspace:
         >>> room.environment.area, room.pieces
         (31.0, 1)
         >>> room.describe()
-        'hall: 8 x 4 m, 1 obstacle, free space 31 m2 in one piece'
+        'hall: 8 x 4 m, 1 obstacle, free space 31 m² in one piece'
     """
 
     boundary: Float[np.ndarray, "vertices 2"] = dataclasses.field(repr=False)
@@ -166,7 +166,7 @@ class Workspace:
         text += f"{width:g} x {height:g} m, {obstacles}, "
         if self.robot_radius > 0:
             text += f"robot of radius {self.robot_radius:g} m, "
-        text += f"free space {self.free_space.area:.6g} m2 "
+        text += f"free space {self.free_space.area:.6g} m² "
         if self.pieces == 1:
             return text + "in one piece"
         return text + f"in {self.pieces} pieces that the robot cannot cross between"

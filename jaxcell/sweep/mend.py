@@ -80,13 +80,10 @@ def verify_sweep(
     A byte of a result is changed:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     out = pathlib.Path(folder, "out")
+        ...     _ = sweep.run_sweep(examples.angles(), out)
         ...     chunk = out / "sweep.zarr" / "count" / "c" / "0"
         ...     _ = chunk.write_bytes(b"?" + chunk.read_bytes()[1:])
         ...     found = sweep.verify_sweep(out)

@@ -101,13 +101,10 @@ def run_sweep(
     The periodic groups of two angles on one map:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     found = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     out = pathlib.Path(folder, "out")
+        ...     found = sweep.run_sweep(examples.angles(), out)
         >>> found.complete, found.members, found.done
         (True, 2, 1)
     """
@@ -171,13 +168,10 @@ def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
     A sweep that is done:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     out = pathlib.Path(folder, "out")
+        ...     _ = sweep.run_sweep(examples.angles(), out)
         ...     found = sweep.sweep_status(out)
         >>> found.task, found.dimensions, found.complete, found.running
         ('groups', {'bounce': 2}, True, None)
@@ -221,13 +215,10 @@ def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
     The number of periodic groups for two angles on one map:
 
         >>> import pathlib, tempfile
-        >>> from jaxcell import bundled, sweep
-        >>> lab = bundled("maps/lab_a.json")
-        >>> lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", f'map = "{lab}"'
+        >>> from jaxcell import examples, sweep
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path, out = pathlib.Path(folder, "spec.toml"), pathlib.Path(folder, "out")
-        ...     _ = path.write_text("\\n".join(lines))
-        ...     _ = sweep.run_sweep(sweep.Spec.load(path), out)
+        ...     out = pathlib.Path(folder, "out")
+        ...     _ = sweep.run_sweep(examples.angles(), out)
         ...     with sweep.open_sweep(out) as dataset:
         ...         print(dataset["count"].values.tolist(), dataset.status.values.tolist())
         [1, 1] [1, 1]

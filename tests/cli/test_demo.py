@@ -3,25 +3,47 @@ import json
 import pytest
 
 from jaxcell.cli import main
+from jaxcell.cli.app import read
+from jaxcell.cli.demo import STOPS
 
 
-pytestmark = pytest.mark.slow
+MAX_LINES = 45
 
 
-def test_the_tour_shows_every_family(tmp_path, capsys):
+def test_stops_are_commands_that_exist():
+    for stop in STOPS:
+        name, command = read(stop.line.split()[1:])
+        assert isinstance(command, stop.command)
+        assert name == stop.command.called
+
+
+@pytest.mark.slow
+def test_the_tour_shows_strengths(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path)]) == 0
-    recordings = {path.parent.name: path.name for path in tmp_path.rglob("*.rrd")}
-    assert recordings == {
-        "localize": "localization.rrd",
-        "localize_45": "localization.rrd",
-        "navigate": "navigation.rrd",
-        "cover": "coverage.rrd",
-        "team": "team.rrd",
-        "patrol": "patrol_map.rrd",
-        "drift": "drift.rrd",
+    out = {
+        stop.folder: json.loads((tmp_path / stop.folder / "summary.json").read_text())
+        for stop in STOPS
     }
-    for folder in recordings:
-        assert json.loads((tmp_path / folder / "summary.json").read_text())
-    told = capsys.readouterr().err
-    assert "7/7" in told
-    assert f"view {tmp_path}" in told.splitlines()[-1]
+    (groups,) = out["groups"]["groups"]
+    assert groups["count"] > 2
+    assert groups["largest_basin"] < out["groups"]["cells"] / 2
+    assert out["localize"]["localized_to_one"] == 1
+    navigated = out["navigate"]
+    assert navigated["found"]
+    assert navigated["cells_that_reach_the_goal"] < navigated["cells"]
+    assert all(one["alpha"] > 0.1 for one in out["cover"]["policies"])
+    assert out["team"]["uncovered"] == 0
+    game = out["patrol"]["game"]
+    assert sum(one["share"] > 0.01 for one in game["strategies"]) > 1
+    assert game["value"] > 2 * game["alone"]
+    assert out["drift"]["fewest_count"] > 20
+
+    said = capsys.readouterr().err
+    assert said.count("\n") <= MAX_LINES
+    assert f"view {tmp_path}" in said.splitlines()[-1]
+    index = (tmp_path / "index.md").read_text()
+    for stop in STOPS:
+        assert stop.line in said
+        assert stop.line in index
+        (recording,) = (tmp_path / stop.folder).glob("*.rrd")
+        assert f"({stop.folder}/{recording.name})" in index

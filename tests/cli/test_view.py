@@ -1,5 +1,7 @@
+import socket
 import subprocess
 import sys
+import webbrowser
 
 import pytest
 
@@ -30,10 +32,41 @@ def test_all_recordings_of_a_directory_are_opened(results, calls, monkeypatch):
     assert command[-2:] == [str(results / "b.rrd"), str(results / "one" / "a.rrd")]
 
 
-def test_a_browser_is_served_from_this_machine_only(results, calls):
-    assert main(["view", "--web", str(results / "b.rrd")]) == 0
-    [command] = calls
-    assert command[-4:] == ["--bind", "127.0.0.1", "--serve-web", str(results / "b.rrd")]
+SERVER = """
+import socket, sys
+place = (sys.argv[sys.argv.index(one) + 1] for one in ("--bind", "--web-viewer-port"))
+with socket.create_server((next(place), int(next(place)))) as server:
+    server.accept()
+"""
+
+
+@pytest.mark.parametrize("display", [True, False])
+@pytest.mark.parametrize("taken", [True, False])
+def test_a_browser_is_opened_at_the_one_address_that_is_printed(
+    results, monkeypatch, capsys, display, taken
+):
+    opened, started = [], []
+    popen = subprocess.Popen
+
+    def start(command, **options):
+        started.append(command)
+        return popen([sys.executable, "-c", SERVER, *command], **options)
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr(view, "has_display", lambda: display)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        if taken:
+            monkeypatch.setattr(view, "_PAGE_PORT", other.getsockname()[1])
+        assert main(["view", "--web", str(results / "b.rrd")]) == 0
+    [command] = started
+    assert command[-2:] == ["--serve-web", str(results / "b.rrd")]
+    page, data = (command[command.index(one) + 1] for one in ("--web-viewer-port", "--port"))
+    said = capsys.readouterr().err
+    assert said.split() == [
+        f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
+    ]
+    assert opened == said.split() * display
 
 
 def test_without_a_display_it_says_how(results, calls, monkeypatch, capsys):

@@ -102,8 +102,9 @@ def test_the_robot_and_its_trail(case, request):
 
 def test_observations_and_colors(lab, lab_run):
     run, recorded = lab_run
-    bumped = recorded.over("step", "/robot/bumped", "Scalars:scalars")
-    assert [value for (value,) in bumped.values()] == [0, *run.observations.tolist()]
+    bumps = recorded.over("step", "/robot/bumps", "Scalars:scalars")
+    counted = np.cumsum([0, *run.observations.tolist()])
+    assert [value for (value,) in bumps.values()] == counted.tolist()
     color = recorded.over("step", "/filter/color", "Scalars:scalars")
     assert [value for (value,) in color.values()] == lab.filter.color[run.states].tolist()
     assert color[len(run.observations)][0] > 1

@@ -104,9 +104,9 @@ def test_a_margin_may_cut_the_free_space():
 def test_describe():
     room = Workspace(ROOM, [box(1, 1, 2, 2)], robot_radius=0.25, name="Den")
     assert room.describe() == (
-        "Den: 6 x 5 m, 1 obstacle, robot of radius 0.25 m, free space 22.554 m2 in one piece"
+        "Den: 6 x 5 m, 1 obstacle, robot of radius 0.25 m, free space 22.554 m² in one piece"
     )
-    assert Workspace(ROOM).describe() == "6 x 5 m, no obstacles, free space 30 m2 in one piece"
+    assert Workspace(ROOM).describe() == "6 x 5 m, no obstacles, free space 30 m² in one piece"
 
 
 @given(

@@ -95,10 +95,8 @@ def to_c_header(filter: Filter, *, name: str = "filter") -> str:
 
     The filter of a ring of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import automata
-        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
-        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> from jaxcell import automata, examples
+        >>> filter = examples.ring()
         >>> [line for line in automata.to_c_header(filter).splitlines() if "STATES" in line][0]
         '#define FILTER_STATES 5u'
     """

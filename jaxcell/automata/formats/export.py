@@ -18,10 +18,8 @@ def to_dot(filter: Filter, *, name: str = "filter") -> str:
 
     The last edge of the filter of a ring of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import automata
-        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
-        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> from jaxcell import automata, examples
+        >>> filter = examples.ring()
         >>> print(automata.to_dot(filter).splitlines()[-2])
           4 -> 3 [label="0"];
     """
@@ -68,10 +66,8 @@ def to_json(filter: Filter) -> str:
     The filter of a ring of three cells:
 
         >>> import json
-        >>> import numpy as np
-        >>> from jaxcell import automata
-        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
-        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> from jaxcell import automata, examples
+        >>> filter = examples.ring()
         >>> json.loads(automata.to_json(filter))["transition"]
         [[1, 2], [3, 2], [4, -1], [-1, 2], [3, -1]]
     """

@@ -34,10 +34,8 @@ def to_jflap(
 
     The filter of a ring of three cells:
 
-        >>> import numpy as np
-        >>> from jaxcell import automata
-        >>> image, bumped = np.array([1, 2, 0]), np.array([False, False, True])
-        >>> filter = automata.Filter.of(automata.subset_construction(image, bumped))
+        >>> from jaxcell import automata, examples
+        >>> filter = examples.ring()
         >>> automata.to_jflap(filter).count("<transition>")
         7
     """

@@ -254,9 +254,8 @@ def localization_policy(
     four cells. One that may also turn by 135 degrees is always localized:
 
         >>> import numpy as np
-        >>> from jaxcell import bounce, bundled, space
-        >>> room = space.Workspace.load(bundled("maps/lab_a.json"))
-        >>> cells = space.CellSpace.of(room, cell=1.0, directions=8)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.lab()
         >>> policy = bounce.localization_policy(cells, np.radians([45, 135]), collision="endpoint")
         >>> policy.largest_uncertainty, policy.worst_bumps, policy.optimal, policy.fixed_bumps
         (1, 11, True, 12)

@@ -33,9 +33,8 @@ def localization_filter(
     Tables 2.1 and 2.2:
 
         >>> import math
-        >>> from jaxcell import bounce, bundled, space
-        >>> room = space.Workspace.load(bundled("maps/lab_a.json"))
-        >>> cells = space.CellSpace.of(room, cell=1.0, directions=8)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.lab()
         >>> bounces = bounce.bounce_map(cells, math.radians(45), collision="endpoint")
         >>> filter = bounce.localization_filter(bounces)
         >>> len(filter.transition), sorted(cycle.uncertainty for cycle in filter.cycles)
@@ -106,9 +105,8 @@ def localize(simple_map: SimpleMap, filter: Filter, start: int) -> Localization:
     A corridor of three squares looks the same from its other end, so two configurations remain:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> bounces = bounce.bounce_map(cells, math.pi)
         >>> run = bounce.localize(bounces, bounce.localization_filter(bounces), start=0)
         >>> run.observations.tolist(), run.candidates.tolist()

@@ -215,8 +215,8 @@ def all_plans(
 
         >>> import math
         >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> plans = bounce.all_plans(cells, [math.pi])
         >>> plans.costs(np.array([0])).ravel().tolist()
         [0, 5, 4, 1, 2, 3]

@@ -188,9 +188,8 @@ def plan(
     bump:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> found = bounce.plan(cells, [math.pi], start=0, goal=4)
         >>> found.cost, found.visited.tolist()
         (4, [0, 1, 2, 5, 4])
@@ -267,9 +266,8 @@ def replay(
     To the end of a corridor of three squares, right about, and one step back:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> bounce.replay(cells, 0, [0.0, 0.0, math.pi, 0.0]).tolist()
         [0, 1, 2, 5, 4]
     """

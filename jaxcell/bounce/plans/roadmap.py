@@ -35,9 +35,8 @@ class Roadmap:
     A corridor of three squares; the robot bumps in cell 2 looking East and in cell 3 looking West:
 
         >>> import math
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> cells = space.CellSpace.of_grid(np.ones((1, 3), bool), directions=2)
+        >>> from jaxcell import bounce, examples
+        >>> cells = examples.corridor()
         >>> roadmap = bounce.Roadmap.of(cells, [math.pi])
         >>> roadmap.wall_cell.tolist(), roadmap.entry.tolist()
         ([2, 3], [0, 5])

@@ -47,10 +47,8 @@ def bounded_matrices(
     A robot without errors in a corridor of three cells may go from anywhere in the first to the
     edge of that, or to the next:
 
-        >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> from jaxcell import bounce, examples, space
+        >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=1, directions=9, reach=0)
         >>> moves, bumps = bounce.bounded_matrices(cells, 0.0, space.Slip())
         >>> sorted((moves[0] @ moves[1])[[0]].indices.tolist())

@@ -43,9 +43,8 @@ class FineCells:
     side of a cell, so that its centre is that of one.
 
         >>> import numpy as np
-        >>> from jaxcell import bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> from jaxcell import bounce, examples
+        >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=3, directions=2, reach=1)
         >>> cells.size, int(np.count_nonzero(cells.centres))
         (324, 12)
@@ -193,9 +192,8 @@ def slip_map(
 
     In a corridor of three cells, a robot in the middle that looks East moves on:
 
-        >>> from jaxcell import bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> from jaxcell import bounce, examples, space
+        >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
         >>> model = bounce.slip_map(cells, 0.0, space.Slip())
         >>> moves, bumps = model.to_scipy()
@@ -218,9 +216,8 @@ def slip_matrices(
 
     **Raises:** as [`slip_map`][].
 
-        >>> from jaxcell import bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> from jaxcell import bounce, examples, space
+        >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
         >>> moves, bumps = bounce.slip_matrices(cells, 0.0, space.Slip.of(0.02))
         >>> (moves + bumps).sum(axis=1).round(6).tolist()
@@ -243,9 +240,8 @@ def slip_choices(
 
     **Raises:** as [`slip_map`][].
 
-        >>> from jaxcell import bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> corridor = space.CellSpace.of(room, 1.0, 4)
+        >>> from jaxcell import bounce, examples, space
+        >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
         >>> len(bounce.slip_choices(cells, [1.5707963267948966, 0.0], space.Slip()))
         2

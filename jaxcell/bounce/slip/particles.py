@@ -43,8 +43,8 @@ def particle_run(
 
         >>> import jax
         >>> import jax.numpy as jnp
-        >>> from jaxcell import bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
+        >>> from jaxcell import bounce, examples, space
+        >>> room = examples.corridor().workspace
         >>> walls, legs = space.felt_walls(room, 0.0), space.stride_legs(2, 1.0, 1.0)
         >>> pose, east = jnp.tile(jnp.array([1.5, 0.5, 0.0]), (5, 1)), jnp.zeros(5, int)
         >>> after, matched = bounce.particle_run(

@@ -160,9 +160,8 @@ def slipping_run(
     A corridor of three cells looks the same from its other end:
 
         >>> import math
-        >>> from jaxcell import automata, bounce, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells, slip = space.CellSpace.of(room, 1.0, 2), space.Slip.of(0.01)
+        >>> from jaxcell import automata, bounce, examples, space
+        >>> cells, slip = examples.corridor(), space.Slip.of(0.01)
         >>> fine = bounce.FineCells.of(cells, squares=3, directions=9, reach=3)
         >>> matrices = bounce.slip_matrices(fine, math.pi, slip)
         >>> hidden = automata.HiddenMap.of(*matrices, fine.coarse, fine.centres)

@@ -35,10 +35,8 @@ def boundary(
     In a corridor of five cells, cell 0 is seen from itself and from cell 1, and a robot from
     outside comes by cell 1:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> patrol.boundary(graph, visible[:, 0]).nonzero()[0].tolist()
         [1]
     """
@@ -60,10 +58,8 @@ def outside(
 
     In a corridor of five cells, cell 0 is out of view of a robot in cells 2 to 4:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> policies = patrol.distributed_policies(graph, visible, 1)
         >>> patrol.outside(policies, visible[:, 0]).tolist()
         [[False, False, True, True, True]]
@@ -94,10 +90,8 @@ def contested(
     The base station in the middle of a corridor of five cells sees 1 to 3, and only the ends are
     contested:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
         >>> policies = patrol.centralized_policies(graph, visible, regions)
         >>> patrol.contested(visible, policies, regions).tolist()
@@ -143,10 +137,8 @@ def capture_probabilities(
 
     One robot in a corridor of five cells, against attacks of one and of six steps:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> policies = patrol.distributed_policies(graph, visible, 1)
         >>> patrol.capture_probabilities(graph, visible, policies, [1, 6]).round(3).tolist()
         [[0.167, 0.4, 1.0, 0.4, 0.167], [0.748, 0.992, 1.0, 0.992, 0.748]]

@@ -133,10 +133,8 @@ def capture_policies(
 
     One robot in a corridor of five cells, each of which sees its neighbours:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> found = patrol.capture_policies(graph, visible, 1, 4)
         >>> commuting = patrol.distributed_policies(graph, visible, 1, 0.0)
         >>> before = patrol.capture_probabilities(graph, visible, commuting, [4]).min()
@@ -175,10 +173,8 @@ def capture_frontier(
 
     A robot in a corridor of five cells that may not be predictable is worse at both ends:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> found = patrol.capture_frontier(graph, visible, 1, 4, [0.6, 0.0])
         >>> found.floor.tolist(), bool(found.least_capture[0] > found.least_capture[1])
         ([0.0, 0.6], True)

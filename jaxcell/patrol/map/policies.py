@@ -78,10 +78,8 @@ def distributed_policies(
 
     A corridor of five cells, each of which sees its neighbours; all are seen from cells 1 and 3:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> (policy,) = patrol.distributed_policies(graph, visible, 1)
         >>> policy.cover.tolist(), policy.tour.tolist(), policy.weights.round(3).tolist()
         ([1, 3], [1, 2, 3, 2], [0.1, 0.4, 0.4, 0.1])
@@ -121,10 +119,8 @@ def centralized_policies(
     A corridor of five cells with the base station in the middle. Each robot has two cells, sees
     both from one of them, and reports at 3 or at 1:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
         >>> policies = patrol.centralized_policies(graph, visible, regions)
         >>> [(policy.contact, policy.cells.tolist(), policy.cover.tolist()) for policy in policies]

@@ -71,10 +71,8 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
 
     A robot that goes to and fro between two cells reports every other step:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
         >>> policies = patrol.centralized_policies(graph, visible, regions)
         >>> patrol.silence_limit(policies[0])

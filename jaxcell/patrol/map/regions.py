@@ -64,10 +64,8 @@ def base_station(
 
     A corridor of five cells, each of which sees its neighbours:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> patrol.base_station(graph, visible)
         2
     """
@@ -121,10 +119,8 @@ def angular_regions(
     A corridor of five cells, each of which sees its neighbours. Robots report at 1 and 3, which the
     base station in the middle sees:
 
-        >>> import numpy as np
-        >>> from jaxcell import patrol
-        >>> graph = patrol.Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
-        >>> visible = np.abs(np.subtract.outer(range(5), range(5))) <= 1
+        >>> from jaxcell import examples, patrol
+        >>> graph, visible = examples.patrol()
         >>> regions = patrol.angular_regions(graph, 2, visible[2], 2)
         >>> regions.region.tolist(), regions.cells(0).tolist()
         ([1, 1, -1, 0, 0], [3, 4])

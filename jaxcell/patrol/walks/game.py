@@ -74,6 +74,13 @@ class StrategyGame(Result):
     def value(self) -> float:
         return self.commitment.value
 
+    @derived("", "what the best strategy alone pays the patroller")
+    def alone(self) -> float:
+        # Of vertices that are alike to the adversary it attacks the one that the patroller likes.
+        most = self.adversary_payoff.max(axis=1, keepdims=True)
+        answers = np.isclose(self.adversary_payoff, most, rtol=0, atol=1e-9)
+        return float(self.patroller_payoff.max(where=answers, initial=-np.inf, axis=1).max())
+
     @derived("", "what the adversary is paid")
     def adversary_value(self) -> float:
         return float(self.commitment.follower_value[0])

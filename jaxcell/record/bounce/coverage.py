@@ -10,7 +10,17 @@ from jaxtyping import Float, Int, UInt8
 from ...bounce import CoveragePolicy
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, CATEGORIES, FREE, NOT_FREE, Color, PictureClass, mix, ranks
+from ..canvas.palette import (
+    BELIEF,
+    CATEGORIES,
+    FREE,
+    NOT_FREE,
+    Color,
+    Level,
+    PictureClass,
+    mix,
+    ranks,
+)
 from ..canvas.prose import counted, describe, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
@@ -72,10 +82,10 @@ def heat_levels(scale: Scale, heat: Float[np.ndarray, "*shape"]) -> UInt8[np.nda
 
 
 def heat_legend(scale: Scale) -> list[tuple[str, Color]]:
-    """What the colours mean: every second level, those that begin at a power of two."""
-    begins = zip(scale.bounds[:-1:2].tolist(), scale.colors[::2], strict=True)
-    levels = [(f"from {_shares(low)}", color) for low, color in begins]
-    return [*scale.special.items(), *levels]
+    """What the colours mean: every fourth level, which begins at a power of four."""
+    begins = zip(scale.bounds[:-1:4].tolist(), scale.colors[::4], strict=True)
+    levels = [Level(f"from {_shares(low)}", color) for low, color in begins]
+    return [*levels[::-1], *reversed([*scale.special.items()])]
 
 
 def _shares(power_of_two: float) -> str:

@@ -12,7 +12,7 @@ from ...bounce import BounceGroups
 from ...space import CellSpace
 from ..canvas import palette
 from ..canvas.map import CellMap, log_classes, on_squares, send_pictures
-from ..canvas.page import legend_view, log_legends, log_text, text_view
+from ..canvas.page import legend_view, log_legends, log_text
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import bouncing, counted, describe, made_with
 from ..canvas.stream import send_blueprint, send_changing
@@ -74,7 +74,7 @@ def log_group_tab(
         arrows = {"origins": middle - vector, "vectors": 2 * vector}
         path = f"{name}/legend/heading"
         send_changing(stream, path, rr.Arrows2D, times, None, timeline, style=style, **arrows)
-    log_text(stream, f"{name}/text", _text(groups, angle, spec))
+    text = log_text(stream, f"{name}/text", _text(groups, angle, spec))
     path = f"grid/{name}"
     return rrb.Horizontal(
         rrb.Grid(
@@ -84,7 +84,7 @@ def log_group_tab(
             legend_view(f"{name}/legend", _LEGEND_ROWS),
             grid_columns=2,
         ),
-        text_view(f"{name}/text"),
+        text,
         column_shares=[7, 3],
         name=title,
     )

@@ -13,7 +13,7 @@ from ..canvas.belief import MAX_ARROWS, log_beliefs
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
-from ..canvas.page import log_text, text_view
+from ..canvas.page import log_text
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, TEXT, TRAIL, cycle_color
 from ..canvas.prose import bouncing, counted, degrees, describe, made_with, table
 from ..canvas.stream import send_blueprint
@@ -63,9 +63,9 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
         _log_numbers(stream, found),
         row_shares=[7, 3],
     )
-    log_text(stream, "text", _text(found, drawing, spec))
+    text = log_text(stream, "text", _text(found, drawing, spec))
     graph = _log_graph(stream, found, drawing)
-    beside = rrb.Vertical(text_view("text"), graph, row_shares=[1, 1])
+    beside = rrb.Vertical(text, graph, row_shares=[1, 1])
     tabs = [
         rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
         log_group_tab(map, found.groups, 0, "Groups", shown, spec),
@@ -158,14 +158,14 @@ def _log_numbers(stream: rr.RecordingStream, found: Localized) -> rrb.Container:
     log_curve(stream, "filter/uncertainty", size, shape="Linear")
     log_curve(stream, "filter/bits", np.log2(np.maximum(size, 1)), shape="Linear")
     # A step ends with its observation, so what follows from it is drawn from the step before.
-    bumped = np.append(0, found.run.observations)
-    log_curve(stream, "robot/bumped", bumped, color=ROBOT, shape="StepBefore")
+    bumps = np.append(0, np.cumsum(found.run.observations))
+    log_curve(stream, "robot/bumps", bumps, color=ROBOT, shape="StepBefore")
     log_curve(stream, "filter/color", found.belief_color, color=KNOWN, shape="StepBefore")
     return rrb.Horizontal(
-        curve_view("filter/uncertainty", "Cells where it may be", last),
-        curve_view("filter/bits", "The same in bits (log2)", last),
-        curve_view("robot/bumped", "Bumps (1) and steps (0)", last),
-        curve_view("filter/color", "Colour of the filter", last),
+        curve_view("filter/uncertainty", "Cells left", last, int(size.max())),
+        curve_view("filter/bits", "The same, log2", last),
+        curve_view("robot/bumps", "Bumps so far", last, int(bumps[-1])),
+        curve_view("filter/color", "Filter's colour", last, int(found.belief_color.max())),
     )
 
 

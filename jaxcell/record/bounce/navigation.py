@@ -100,7 +100,7 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
         happens[1:][plan.actions != 0] = turns
         log_curve(map.stream, f"plan/{name}", np.cumsum(happens), color=color)
         last = len(plan.visited) - 1
-        views.append(curve_view(f"plan/{name}", title, last, float(happens.sum())))
+        views.append(curve_view(f"plan/{name}", title, last, int(happens.sum())))
     shown = ["plan/**", *_ENDS, "trail", "robot", "turn"]
     left = rrb.Vertical(map.view("The plan", shown), rrb.Horizontal(*views), row_shares=[3, 1])
     return log_tab(map.stream, "", "Plan", left, text, legend, shares=(3, 2), rows=(2, 1))
@@ -178,13 +178,13 @@ def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Contain
     for timeline, (when, headings) in shown.items():
         legends = [_reaching_legend(cells, classes, k) for k in headings.tolist()]
         log_legends(map.stream, f"{below}legend", timeline, when, legends)
-    log_text(map.stream, f"{below}text", text)
+    about = log_text(map.stream, f"{below}text", text)
     views = rrb.Vertical(
         map.view("From where the goal can be reached", [pictures[0], *_ENDS]),
         map.view("The same for one heading", [pictures[1], *_ENDS]),
     )
     rows = len(classes) + 2
-    return lay_out_tab(path, "Reaching the goal", views, rows, shares=(3, 2))
+    return lay_out_tab(path, "Reaching the goal", views, rows, about, shares=(3, 2))
 
 
 def _reaching_legend(

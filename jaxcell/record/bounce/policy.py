@@ -12,7 +12,7 @@ from ..canvas.belief import MAX_ARROWS, log_beliefs
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, log_pictures, on_squares
 from ..canvas.marks import log_robot
-from ..canvas.page import lay_out_tab, log_legend, log_text, text_view
+from ..canvas.page import lay_out_tab, log_legend, log_text
 from ..canvas.palette import (
     CATEGORIES,
     CURRENT,
@@ -21,6 +21,7 @@ from ..canvas.palette import (
     ROBOT,
     TRAIL,
     Color,
+    Level,
 )
 from ..canvas.prose import counted, degrees, describe, made_with, pose, table, times
 from ..canvas.scale import Scale
@@ -34,6 +35,7 @@ _ANGLES = [
 ]
 _MAX_DRAWN = 300
 _MAX_CORNERS = 100
+_LEGEND_ROWS = 5
 _ACROSS, _DOWN = 26.0, 30.0
 
 
@@ -75,9 +77,9 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
     log_curve(stream, "policy/bumps", bumps, color=ROBOT)
     marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", "turn"]
     numbers = rrb.Horizontal(
-        curve_view("policy/uncertainty", "Cells where it may be", last),
-        curve_view("policy/bits", "The same in bits (log2)", last),
-        curve_view("policy/bumps", "Bumps so far", last),
+        curve_view("policy/uncertainty", "Cells left", last, int(found.belief_size.max())),
+        curve_view("policy/bits", "The same, log2", last),
+        curve_view("policy/bumps", "Bumps so far", last, int(bumps[-1])),
     )
     left = rrb.Vertical(
         map.view("Where the robot is, and where it may be", marks), numbers, row_shares=[7, 3]
@@ -90,9 +92,9 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
         ("the state of the robot", CURRENT),
     ]
     log_legend(stream, "tree/legend", legend)
-    log_text(stream, "text", _text(found, drawn, spec))
-    side = lay_out_tab("tree", "Policy", [tree], len(legend), text=False, shares=(3, 1))
-    about = rrb.Vertical(text_view("text"), side, row_shares=[1, 1])
+    text = log_text(stream, "text", _text(found, drawn, spec))
+    side = lay_out_tab("tree", "Policy", [tree], len(legend), None, shares=(3, 1))
+    about = rrb.Vertical(text, side, row_shares=[1, 1])
     return rrb.Horizontal(left, about, column_shares=[1, 1], name="Localization")
 
 
@@ -223,12 +225,14 @@ def _log_needed(map: CellMap, found: AdaptivelyLocalized) -> rrb.Container:
         map.view("Bumps until it is localized, from the worst heading", [worst]),
         map.view("The same for one heading", [one]),
     )
+    shown = np.unique(np.linspace(most, least, min(most - least + 1, _LEGEND_ROWS)).round())
     legend = [
-        (counted(least + i, "bump"), color) for i, color in reversed(list(enumerate(scale.colors)))
+        Level(counted(bumps, "bump"), scale.colors[bumps - least])
+        for bumps in shown[::-1].astype(int).tolist()
     ]
     log_legend(map.stream, "needed/legend", legend)
-    log_text(map.stream, "needed/text", _needed_text(found))
-    return lay_out_tab("needed", "Bumps needed", views, len(legend), shares=(3, 2))
+    text = log_text(map.stream, "needed/text", _needed_text(found))
+    return lay_out_tab("needed", "Bumps needed", views, len(legend), text, shares=(3, 2))
 
 
 def _needed_text(found: AdaptivelyLocalized) -> str:

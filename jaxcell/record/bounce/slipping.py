@@ -10,7 +10,7 @@ from ..canvas.belief import arrows, belief_length, heat, heat_scale, log_belief_
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
-from ..canvas.page import legend_view, log_legend, log_text, text_view
+from ..canvas.page import legend_view, log_legend, log_text
 from ..canvas.palette import CATEGORIES, KNOWN, ROBOT, TRAIL
 from ..canvas.prose import bouncing, counted, degrees, describe, made_with
 from ..canvas.stream import send_blueprint
@@ -52,14 +52,14 @@ def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Mapping[str, Any]
         marks.append("turn")
     legend = scale.legend(_ROWS, shown=[])
     log_legend(stream, "legend", legend)
-    log_text(stream, "text", _text(found, spec))
+    about = log_text(stream, "text", _text(found, spec))
     views: list[rrb.View | rrb.Container] = [
         rrb.Vertical(_view(map, marks), _curves(stream, found, last), row_shares=[7, 3])
     ]
     if len(found.smoothed):
         after = map.picture("smoothed", scale.classes, heat(found.smoothed), "step", steps)
         views.append(map.view("Where it was, by the whole run", [after, "trail", "robot"]))
-    beside = rrb.Vertical(text_view("text"), legend_view("legend", len(legend)), row_shares=[4, 1])
+    beside = rrb.Vertical(about, legend_view("legend", len(legend)), row_shares=[4, 1])
     tabs = [
         rrb.Horizontal(view, beside, column_shares=[3, 2], name=name)
         for view, name in zip(views, ("Belief", "Looking back"), strict=False)
@@ -101,15 +101,16 @@ def _curves(stream: rr.RecordingStream, found: Slipped, last: int) -> rrb.Contai
     log_curve(stream, "belief/nowhere", found.nowhere, color=CATEGORIES["pink"])
     log_curve(
         stream,
-        "robot/bumped",
-        np.append(0, found.observations),
+        "robot/bumps",
+        np.append(0, np.cumsum(found.observations)),
         color=ROBOT,
         shape="StepBefore",
     )
+    most = int(found.credible.max())
     return rrb.Horizontal(
-        curve_view("belief/credible", "Cells of the credible set, 95 %", last),
+        curve_view("belief/credible", "Cells of the credible set, 95 %", last, most),
         curve_view("belief/nowhere", "Probability that it is nowhere", last, 1.0),
-        curve_view("robot/bumped", "Bumps (1) and steps (0)", last),
+        curve_view("robot/bumps", "Bumps so far", last, int(np.sum(found.observations))),
     )
 
 

@@ -10,6 +10,8 @@ from jaxtyping import Int, Num
 from .palette import BELIEF, Color
 
 
+_MIN_COUNT = 10
+
 Shape: TypeAlias = Literal["Linear", "StepAfter", "StepBefore"]
 
 
@@ -51,16 +53,18 @@ def curve_view(
     **Arguments:**
 
     - `last`: the last time; `None` while the recording grows.
-    - `most`: the largest number, if the axis is to begin at 0 and end there.
+    - `most`: the largest number, if the axis is to begin at 0 and end there. That of a count is an
+        `int`, and its axis is so long that the viewer puts ticks at whole numbers only.
     - `legend`: whether to name the curves.
     """
     boundary = rrb.TimeRangeBoundary
     end = boundary.infinite() if last is None else boundary.absolute(seq=max(last, 1))
     whole = rrb.TimeRange(start=boundary.absolute(seq=0), end=end)
+    least = _MIN_COUNT if isinstance(most, int) else 1
     return rrb.TimeSeriesView(
         origin=path,
         name=title,
         axis_x=rrb.TimeAxis(view_range=whole),
-        axis_y=None if most is None else rrb.ScalarAxis(range=(0, 1.05 * max(most, 1))),
+        axis_y=None if most is None else rrb.ScalarAxis(range=(0, 1.05 * max(most, least))),
         plot_legend=rrb.PlotLegend(visible=legend),
     )

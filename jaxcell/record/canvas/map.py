@@ -92,7 +92,7 @@ class CellMap:
         margin = 0.04 * self.extent
         box = left - margin, -top - margin, right + margin, margin - bottom
         shown = [f"/map/{one}" for one in ("walls", "grid/free", *contents)]
-        return plane("/", title, box, shown)
+        return plane("/", title, box, shown, OBSTACLE)
 
 
 def on_squares(

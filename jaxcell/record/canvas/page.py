@@ -1,20 +1,26 @@
 """A tab of a recording: its views, a legend of their colours, and a text."""
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Int
+from jaxtyping import Float, Int, UInt8
 
 from .marks import LABEL
-from .palette import Color
+from .palette import Color, Level
 from .stream import plane
 
 
 _ONCE = np.zeros(1, np.int64)
+_SECTION = re.compile(r"\n+(?=## )")
+# Lines in a row of a colour bar.
+_STRIPES = 8
+# Points of the screen: a letter of a label, a row of a legend at most, and a legend.
+_LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
 """What colours mean, row by row; classes of pictures are entries too."""
@@ -40,11 +46,10 @@ def log_tab(
     - `timeline`: one that the recording has.
     """
     below = f"{path}/" if path else ""
-    if text:
-        log_text(stream, f"{below}text", text)
+    about = log_text(stream, f"{below}text", text) if text else None
     if legend:
         log_legend(stream, f"{below}legend", legend, timeline)
-    return lay_out_tab(path, name, views, len(legend), text=bool(text), **layout)
+    return lay_out_tab(path, name, views, len(legend), about, **layout)
 
 
 def lay_out_tab(
@@ -52,8 +57,8 @@ def lay_out_tab(
     name: str,
     views: rrb.Container | rrb.View | Sequence[rrb.View],
     legend: int,
+    text: rrb.View | rrb.Container | None,
     *,
-    text: bool = True,
     shares: tuple[int, int] = (7, 3),
     rows: tuple[int, int] = (3, 2),
 ) -> rrb.Container:
@@ -61,20 +66,20 @@ def lay_out_tab(
 
     **Arguments:**
 
-    - `path`: what the text and the legend are under; empty for the recording as a whole.
+    - `path`: what the legend is under; empty for the recording as a whole.
     - `name`: what the tab is called.
     - `views`: what is on its left; several make a grid, and the legend fills a hole in it.
-    - `text`: whether it has a text; without one it has a legend.
     - `legend`: how many rows the legend has; 0 for no legend.
+    - `text`: the view of its text that [`log_text`][] gives; without one it has a legend.
     - `shares`: how much of the width the views and the rest have.
     - `rows`: how much of the height the text and the legend have.
     """
     below = f"{path}/" if path else ""
-    about: list[rrb.View] = [text_view(f"{below}text")] if text else []
+    about = [text] if text is not None else []
     key = [legend_view(f"{below}legend", legend)] if legend else []
     if isinstance(views, Sequence):
         columns = math.ceil(math.sqrt(len(views)))
-        if text and len(views) % columns:
+        if about and len(views) % columns:
             views, key = rrb.Grid(*views, *key, grid_columns=columns), []
         else:
             views = rrb.Grid(*views, grid_columns=columns)
@@ -83,14 +88,16 @@ def lay_out_tab(
     return rrb.Horizontal(views, side, column_shares=list(shares), name=name)
 
 
-def log_text(stream: rr.RecordingStream, path: str, text: str) -> None:
-    """Log a text in Markdown."""
-    stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
-
-
-def text_view(path: str) -> rrb.TextDocumentView:
-    """A view of a text."""
-    return rrb.TextDocumentView(origin=path, name="What you see")
+def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb.Container:
+    """Log a text in Markdown, and give a view of it: a tab for each of its sections."""
+    views = []
+    for i, part in enumerate(_SECTION.split(text)):
+        heading, _, _ = part.partition("\n")
+        where = f"{path}/{i}"
+        stream.log(where, rr.TextDocument(part, media_type="text/markdown"), static=True)
+        name = heading.removeprefix("## ") if i else "What you see"
+        views.append(rrb.TextDocumentView(origin=where, name=name))
+    return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
 
 
 def log_legend(
@@ -108,19 +115,45 @@ def log_legends(
     legends: Sequence[Legend],
 ) -> None:
     """Log a column of swatches with their meanings for each time, or once without a timeline."""
-    stream.log(f"{path}/swatch", rr.LineStrips2D.from_fields(radii=0.32), static=True)
     stream.log(f"{path}/text", rr.Points2D.from_fields(**LABEL), static=True)
     index = [] if timeline is None else [rr.TimeColumn(timeline, sequence=times)]
     lengths = [len(legend) for legend in legends]
-    row = np.concatenate([np.arange(length) for length in lengths]).astype(float)
-    left = np.stack([np.zeros_like(row), row], axis=-1)
-    right = left + np.array([0.5, 0])
-    labels, colors = zip(*(entry for legend in legends for entry in legend), strict=True)
-    swatch = rr.LineStrips2D.columns(strips=np.stack([left, right], axis=1), colors=colors)
-    stream.send_columns(f"{path}/swatch", index, swatch.partition(lengths))
-    # The viewer writes a label centred under its point.
-    text = rr.Points2D.columns(positions=right + np.array([5, -0.4]), labels=labels)
+    drawn = [_swatches(legend) for legend in legends]
+    ends, colors, radii = (np.concatenate(one) for one in zip(*drawn, strict=True))
+    swatch = rr.LineStrips2D.columns(strips=ends, colors=colors, radii=radii)
+    stream.send_columns(
+        f"{path}/swatch", index, swatch.partition([len(one) for one, _, _ in drawn])
+    )
+    labels = [label for legend in legends for label, _ in legend]
+    # The viewer writes a label centred under its point, so many points wide whatever the scale.
+    unit = min(_MAX_UNIT, _HEIGHT / (max(lengths) + 0.6))
+    middle = 0.9 + np.array([len(label) for label in labels]) * _LETTER / unit / 2
+    row = np.concatenate([np.arange(length) for length in lengths])
+    text = rr.Points2D.columns(positions=np.stack([middle, row - 0.4], axis=1), labels=labels)
     stream.send_columns(f"{path}/text", index, text.partition(lengths))
+
+
+def _swatches(
+    legend: Legend,
+) -> tuple[
+    Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
+]:
+    """The lines that are drawn for a legend: one for a meaning, many for a part of a colour bar."""
+    color = np.array([(*one, 255)[:4] for _, one in legend], float)
+    is_level = np.array([isinstance(one, Level) for one in legend])
+    lines: list[tuple[float, np.ndarray, float]] = []
+    for row in range(len(legend)):
+        if not is_level[row]:
+            lines.append((row, color[row], 0.32))
+            continue
+        for away in (np.arange(_STRIPES) + 0.5) / _STRIPES - 0.5:
+            other = row + int(np.sign(away))
+            other = other if 0 <= other < len(legend) and is_level[other] else row
+            shade = color[row] + abs(away) * (color[other] - color[row])
+            lines.append((row + away, shade, 0.6 / _STRIPES))
+    at, shades, radii = (np.array(one, float) for one in zip(*lines, strict=True))
+    ends = np.stack([np.zeros_like(at), at, np.full_like(at, 0.5), at], axis=1).reshape(-1, 2, 2)
+    return ends, shades.round().astype(np.uint8), radii
 
 
 def legend_view(path: str, rows: int) -> rrb.Spatial2DView:

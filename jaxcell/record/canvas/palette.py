@@ -13,6 +13,7 @@ from jaxtyping import Float, Int, Num, UInt8
 
 Color: TypeAlias = tuple[int, int, int] | tuple[int, int, int, int]
 
+BLACK: Color = (0, 0, 0)
 OBSTACLE: Color = (52, 54, 58)
 CLEAR: Color = (0, 0, 0, 0)
 FREE: Color = (236, 236, 232)
@@ -86,6 +87,13 @@ def tint(color: Color, share: float) -> Color:
 
 class PictureClass(NamedTuple):
     """What squares of one class in a picture have in common: an entry of a legend."""
+
+    label: str
+    color: Color
+
+
+class Level(NamedTuple):
+    """An entry of a legend that is part of a colour bar with those beside it."""
 
     label: str
     color: Color

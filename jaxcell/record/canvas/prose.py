@@ -23,9 +23,8 @@ def describe(cells: CellSpace) -> str:
         rows, columns = cells.free.shape
         place = f"a grid of {columns} x {rows} squares"
     return (
-        f"The map is {place}. Squares of {cells.cell:g} m make {cells.positions:,} free positions; "
-        f"with {cells.directions} directions these are **{cells.size:,} cells**. A step leads from "
-        "the centre of a square to that of another, so paths follow the grid more than the heading."
+        f"{place[:1].upper()}{place[1:]}: {cells.positions:,} squares of {cells.cell:g} m, "
+        f"{cells.directions} directions, **{cells.size:,} cells**."
     )
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from .palette import CLEAR, Color, PictureClass, ramp
+from .palette import CLEAR, Color, Level, PictureClass, ramp
 
 
 LEVELS = 32
-_LEGEND_ROWS = 8
+_LEGEND_ROWS = 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -124,7 +124,8 @@ class Scale:
             for i in at
         }
         names = self.special if shown is None else shown
-        return list(entries.items()) + [(name, self.special[name]) for name in names]
+        levels = [Level(*entry) for entry in entries.items()]
+        return levels + [(name, self.special[name]) for name in names]
 
     def _or_more(self, value: float) -> str:
         return f"{self.label(self._written(float(value)))} or more"
@@ -148,4 +149,6 @@ def ramp_legend(label: str, most: float, rows: int) -> list[tuple[str, Color]]:
     """
     shares = np.linspace(1, 0, rows)
     colors = zip(shares.tolist(), ramp(shares).tolist(), strict=True)
-    return [(label.format(most * one), (red, green, blue)) for one, (red, green, blue) in colors]
+    return [
+        Level(label.format(most * one), (red, green, blue)) for one, (red, green, blue) in colors
+    ]

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Int
 
 from ...base.files import replacing
-from .palette import OBSTACLE
+from .palette import BLACK, Color
 
 
 @contextlib.contextmanager
@@ -99,14 +99,19 @@ def plane(
     title: str,
     box: Sequence[float | int],
     contents: Sequence[str] | None = None,
+    ground: Color = BLACK,
 ) -> rrb.Spatial2DView:
-    """A view of a box in a plane: left, top, right, bottom, as the viewer has them, y down."""
+    """A view of a box in a plane: left, top, right, bottom, as the viewer has them, y down.
+
+    The ground is that of white labels, which have a veil behind them: black in the dark theme of
+    the viewer, white in the light one.
+    """
     left, top, right, bottom = box
     return rrb.Spatial2DView(
         origin=origin,
         name=title,
         contents="$origin/**" if contents is None else [f"+ {one}" for one in contents],
-        background=OBSTACLE,
+        background=ground,
         visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
     )
 

@@ -14,7 +14,7 @@ from .map import SeaMap
 
 _PERSISTENT = "in a persistent group"
 _LATE = f"almost for ever: over {ALMOST_FOR_EVER:,} steps"
-_LEGEND_ROWS = 7
+_LEGEND_ROWS = 5
 
 
 def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:

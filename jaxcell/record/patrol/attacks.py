@@ -46,7 +46,7 @@ def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Mapping[str, Any]) -> 
         name = end.name.lower()
         log_curve(stream, f"attacks/{name}", values, color=_STATES[end][1], name=name)
     seen = ["grid/seen", "sight/**", "robots/**", "target", "attack", "attack_label", "base"]
-    most = float(max(attacks.caught[-1], attacks.succeeded[-1]))
+    most = int(max(attacks.caught[-1], attacks.succeeded[-1]))
     views = rrb.Vertical(
         map.view("The patrol", seen),
         curve_view("attacks", "Attacks so far", int(times[-1]), most, legend=True),

@@ -15,7 +15,7 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_walker, points
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, ramp, robot_color
+from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Level, ramp, robot_color
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import counted, described, made_with, numbers
 from ..canvas.scale import ramp_legend
@@ -214,8 +214,10 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         plot.bars("interval", charged.interval, every, BELIEF)
         charts.append(plot.view("Steps between charges"))
     texts, shades = zip(*ramp_legend(f"{{:.3g}} {units}", most, _SHADES), strict=True)
-    legend = [*zip(texts, shades[::-1], strict=True)]
-    legend += [] if finite.all() else [("never", PLAIN)]
+    legend = [
+        *map(Level, texts, shades[::-1]),
+        *([] if finite.all() else [("never", PLAIN)]),
+    ]
     rows: list[Any] = [rrb.Horizontal(*views), *([rrb.Horizontal(*charts)] if charts else [])]
     return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(5, 1))
 

@@ -14,7 +14,7 @@ from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, only_some, robot_table
 
 
-_SHADES = 6
+_SHADES = 5
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:

@@ -24,7 +24,7 @@ from ..canvas.belief import (
 from ..canvas.curves import curve_view, log_curve_style
 from ..canvas.map import CellMap, on_squares
 from ..canvas.marks import points
-from ..canvas.page import log_text, text_view
+from ..canvas.page import log_text
 from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
 from ..canvas.prose import counted, describe, made_with
 from ..canvas.stream import fixed, new_stream, recording_name
@@ -133,7 +133,6 @@ class RobotRecording:
         )
         self._stream.send_blueprint(fixed(self._layout(), time))
         self._log_styles()
-        log_text(self._stream, "text", self._text())
         self._set_time(0.0, 0)
         if self._filter is not None:
             self._log_filter(self._robots[0], 0, self._filter.uncertainty[0], self._filter.color[0])
@@ -349,7 +348,7 @@ class RobotRecording:
         observed = rrb.TextLogView(origin="log", name="What it observed")
         return rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views), rrb.Horizontal(*curves), row_shares=[7, 3]),
-            rrb.Vertical(text_view("text"), observed),
+            rrb.Vertical(log_text(self._stream, "text", self._text()), observed),
             column_shares=[3, 2],
             name="A run of a robot",
         )

@@ -12,7 +12,7 @@ _TICK, _TURN = 0.05, math.radians(15)
 class DirectBody:
     """The body of an emulated robot, driven without commands, frames, speeds or rounding.
 
-    It is what a walker needs of a robot, and a hundred times as fast as the driver.
+    It is what a walker needs of a robot, without the time that the driver takes.
     """
 
     def __init__(self, body: Body) -> None:

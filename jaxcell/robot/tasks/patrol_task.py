@@ -78,9 +78,8 @@ def save_patrols(
 
         >>> import pathlib, tempfile
         >>> import numpy as np
-        >>> from jaxcell import robot, space
-        >>> room = space.Workspace([(0, 0), (3, 0), (3, 1), (0, 1)])
-        >>> cells = space.CellSpace.of(room, 1.0, 4)
+        >>> from jaxcell import examples, robot
+        >>> cells = examples.corridor(directions=4)
         >>> walk = np.int32([[2, 1, 0]]), np.ones((1, 3))
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "patrol.json")

@@ -1,0 +1,129 @@
+"""Small cases for examples: a corridor, a lab, a sea, a patrol, and what else is short to say.
+
+>>> from jaxcell import examples
+>>> examples.corridor().size, examples.lab().size
+(6, 152)
+"""
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool
+
+from .base.bundled import bundled
+
+
+if TYPE_CHECKING:
+    from .automata import Filter
+    from .drift import Flow, Sea, Water
+    from .dynamics import Basins
+    from .mapping import Chain
+    from .patrol import Graph
+    from .robot import Walker
+    from .space import CellSpace
+    from .sweep import Spec
+
+
+def corridor(directions: int = 2) -> "CellSpace":
+    """Three cells of 1 m in a row from West to East, with a wall around them."""
+    from .space import CellSpace, Workspace
+
+    return CellSpace.of(Workspace([(0, 0), (3, 0), (3, 1), (0, 1)]), 1.0, directions)
+
+
+def lab(directions: int = 8) -> "CellSpace":
+    """The dissertation's Lab A: 19 positions in a room of 8 m x 4 m with two obstacles."""
+    from .space import CellSpace
+
+    return CellSpace.load(bundled("lab_a"), directions=directions)
+
+
+def ring() -> "Filter":
+    """The filter of three cells that a robot goes round, of which the last has a bump."""
+    from .automata import Filter, subset_construction
+
+    return Filter.of(subset_construction(np.array([1, 2, 0]), np.array([False, False, True])))
+
+
+def walker(x: float = 0.5, direction: int = 0) -> "Walker":
+    """An emulated robot in the middle of the corridor, in one of 4 directions."""
+    from .robot import Walker, cell_strides
+    from .robot.emulation.body import Body
+    from .robot.emulation.simulated import SimulatedCreate
+
+    workspace = corridor().workspace
+    assert workspace is not None
+    robot = SimulatedCreate(Body(workspace, (x, 0.5, direction * np.pi / 2)))
+    return Walker(robot, 1.0, strides=cell_strides(4, 1.0, 1.0), direction=direction)
+
+
+def walk() -> "Chain":
+    """A walk to and fro on three cells in a row."""
+    return _chain([[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]])
+
+
+def ruin() -> "Chain":
+    """A walk on four cells in a row that ends at either end."""
+    return _chain([[1, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0.5, 0, 0.5], [0, 0, 0, 1]])
+
+
+def stream() -> "Chain":
+    """Four cells of water: the first flows into the second, which flows into the others."""
+    return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def _chain(matrix: list[list[float]]) -> "Chain":
+    from .mapping import Chain
+
+    return Chain.from_scipy(np.array(matrix))
+
+
+def sea() -> "Sea":
+    """Two layers of three cells in a row, the upper flowing to the East, the lower to the West."""
+    from .drift import Sea, Water
+    from .mapping import Chain
+
+    number, side = np.arange(3, dtype=np.int32).reshape(1, 3), np.full((1, 3), 1000.0)
+    still = 0 * side
+    layers = [Water(number, side, side, still, still, still, depth) for depth in (0.0, 5.0)]
+    ends = [1, 2, 2], [0, 0, 1]
+    return Sea.of(layers, [Chain(np.array([to], np.int32), np.ones((1, 3))) for to in ends])
+
+
+def gyres() -> "tuple[Water, Flow]":
+    """The surface of the bundled sea, and its current in the first hour."""
+    from .drift import Flow, Water, open_currents
+
+    currents = open_currents(bundled("gyres"), time=0, depths=0)
+    return Water.of(currents), Flow.of(currents)
+
+
+def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
+    """Five vertices in a row, 1 m apart, and which sees which: itself and its neighbours."""
+    from .patrol import Graph
+
+    graph = Graph([(i, i + 1) for i in range(4)], xy=[(i, 0) for i in range(5)])
+    return graph, np.abs(np.subtract.outer(range(5), range(5))) <= 1
+
+
+def basins(cells: int = 8) -> "Basins":
+    """The basins of a map of numbers from 0 to 1: those above 1/2 go to 0.6, the others to 0.1."""
+    import jax.numpy as jnp
+
+    from .dynamics import basins
+    from .space import Box
+
+    return basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), Box([0], [1], cells=[cells]))
+
+
+def angles() -> "Spec":
+    """The sweep of the groups of Lab A over two angles."""
+    from .sweep import Spec
+
+    lines = 'task = "groups"', "[grid]", "bounce = [45, 135]", "[fixed]", 'map = "@lab_a"'
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "angles.toml")
+        path.write_text("\n".join(lines))
+        return Spec.load(path)

@@ -1,0 +1,77 @@
+"""Legends, texts and axes, of which all recordings are made."""
+
+import numpy as np
+import pytest
+import rerun as rr
+from recordings import Recording
+
+from jaxcell.record.canvas.curves import curve_view
+from jaxcell.record.canvas.page import log_legend, log_tab, log_text
+from jaxcell.record.canvas.palette import FREE, Level
+from jaxcell.record.canvas.scale import Scale
+from jaxcell.record.canvas.stream import recording
+
+
+@pytest.fixture
+def logged(tmp_path):
+    """What a function logs, read back."""
+
+    def read(log):
+        path = tmp_path / "page.rrd"
+        with recording(path, "page") as stream:
+            log(stream)
+        return Recording(path)
+
+    return read
+
+
+def test_a_label_stands_beside_its_color_however_long_it_is(logged):
+    names = "sea", "a vertex, larger with more time there"
+    found = logged(lambda stream: log_legend(stream, "legend", [(one, FREE) for one in names]))
+    at = np.array(found.static("/legend/text", "Points2D:positions"))[:, 0]
+    lines = np.array(found.static("/legend/swatch", "LineStrips2D:strips"))
+    assert len(lines) == 2
+    # The viewer centres a label, with letters some 6 points wide and a row 40 points high at most.
+    begins = at - np.array([len(one) for one in names]) * 6 / 40 / 2
+    np.testing.assert_allclose(begins, lines[:, 1, 0] + 0.4, atol=1e-6)
+
+
+def test_levels_of_a_scale_make_one_bar_of_colors(logged):
+    scale = Scale.over(np.array([0.0, 8.0]), "{} h".format, special={"never": FREE})
+    legend = scale.legend()
+    assert [label for label, _ in legend] == ["8 h", "6 h", "4 h", "2 h", "0 h", "never"]
+    assert [isinstance(one, Level) for one in legend] == [True] * 5 + [False]
+    found = logged(lambda stream: log_legend(stream, "legend", legend))
+    height = np.array(found.static("/legend/swatch", "LineStrips2D:strips"))[:, 0, 1]
+    *bar, last = height.tolist()
+    assert last == 5
+    np.testing.assert_allclose(np.diff(bar), bar[1] - bar[0], rtol=1e-5)
+    assert (bar[0] + bar[-1]) / 2 == 2
+    colors = found.static("/legend/swatch", "LineStrips2D:colors")
+    assert len(set(colors[:-1])) > 20
+
+
+def test_a_text_has_a_tab_for_each_section(logged):
+    views = []
+    text = "# A run\n\nIt moves.\n\n## How to look\n\n- **dots**\n\n## Made with\n\na map"
+    found = logged(lambda stream: views.append(log_text(stream, "text", text)))
+    assert found.static("/text", "TextDocument:text") == [text]
+    (tabs,) = views
+    assert [one.name for one in tabs.contents] == ["What you see", "How to look", "Made with"]
+    assert isinstance(
+        log_text(rr.RecordingStream("page"), "text", "# A run"), type(tabs.contents[0])
+    )
+
+
+def test_a_tab_needs_no_text(logged):
+    found = logged(lambda stream: log_tab(stream, "", "Tab", [], "", [("sea", FREE)]))
+    assert not any(
+        "text" in one.removeprefix("/legend") for one in found.entities - {"/legend/text"}
+    )
+
+
+@pytest.mark.parametrize(("most", "end"), [(1, 10.5), (2.0, 2.1), (40, 42.0), (0.5, 1.05)])
+def test_the_axis_of_a_count_is_long_enough_for_whole_numbers(most, end):
+    view = curve_view("curve", "Bumps so far", 5, most)
+    (axis,) = (one for name, one in view.properties.items() if name == "ScalarAxis")
+    np.testing.assert_allclose(axis.range.as_arrow_array().to_pylist()[0], (0, end))
