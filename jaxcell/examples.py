@@ -7,7 +7,7 @@
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -74,7 +74,7 @@ def stream() -> "Chain":
     return _chain([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
-def _chain(matrix: list[list[float]]) -> "Chain":
+def _chain(matrix: Any) -> "Chain":
     from .mapping import Chain
 
     return Chain.from_scipy(np.array(matrix))

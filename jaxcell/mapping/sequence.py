@@ -23,7 +23,7 @@ class ChainSequence:
     after phase: it has as many edges as the chains together. Its strong components at phase 0 are
     those of the period map.
 
-    Two cells that change places, and then stay or leave the space:
+    Two cells that change places, and then stay or half leave the space, so that none is closed:
 
         >>> import numpy as np
         >>> from jaxcell import mapping
@@ -33,7 +33,7 @@ class ChainSequence:
         >>> tide.push(np.array([1.0, 0.0]), 2).tolist(), tide.pull(np.ones(2), 2).tolist()
         ([0.0, 0.5], [0.5, 1.0])
         >>> mapping.persistent_groups(tide).group.tolist()
-        [-1, 0]
+        [-1, -1]
     """
 
     image: Int[Array, "phases branches cells"]

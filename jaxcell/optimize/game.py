@@ -241,18 +241,22 @@ def _commit(
     paid = R[each, :, answer].sum(axis=0)
     # What each type would gain from each target over its answer.
     gain = (C - C[each, :, answer][..., None]).transpose(0, 2, 1).reshape(-1, C.shape[1])
-    found = scipy.optimize.linprog(
-        -paid,
-        A_ub=gain,
-        b_ub=np.zeros(len(gain)),
-        A_eq=np.ones((1, gain.shape[1])),
-        b_eq=[1.0],
-        method="highs",
-        options=_LP_OPTIONS,
-    )
-    if found.status == 2:
-        return None
-    if found.status != 0:
+    # HiGHS can fail where payoffs nearly tie, and then does with its own tolerances.
+    for options in (_LP_OPTIONS, {}):
+        found = scipy.optimize.linprog(
+            -paid,
+            A_ub=gain,
+            b_ub=np.zeros(len(gain)),
+            A_eq=np.ones((1, gain.shape[1])),
+            b_eq=[1.0],
+            method="highs",
+            options=options,
+        )
+        if found.status == 0:
+            break
+        if found.status == 2:
+            return None
+    else:
         raise RuntimeError(f"stackelberg: HiGHS gave no answer: {found.message}")
     weights = _on_simplex(found.x)
     # Any prices that are not negative give a bound.

@@ -324,3 +324,17 @@ def test_the_solver_writes_nothing(capfd, monkeypatch):
     stackelberg(*larger(2, 3, 4), method="dobss")
     print("after")
     assert capfd.readouterr().out == "after\n"
+
+
+def test_a_linear_program_that_fails_is_solved_with_the_tolerances_of_the_solver(monkeypatch):
+    solve = scipy.optimize.linprog
+    payoff = np.random.default_rng(3).random((2, 4, 5))
+    best = stackelberg(*payoff).value
+
+    def fails(*arguments, options, **rest):
+        if options:
+            return scipy.optimize.OptimizeResult(status=4, message="HiGHS Status 0: Not Set")
+        return solve(*arguments, options=options, **rest)
+
+    monkeypatch.setattr("scipy.optimize.linprog", fails)
+    assert stackelberg(*payoff).value == pytest.approx(best)
