@@ -167,7 +167,7 @@ def test_the_recording_has_its_own_layout(recorded):
 
 def test_the_text_says_what_one_sees(recorded):
     (text,) = recorded.static("/bounce_45/text", "TextDocument:text")
-    (kind,) = recorded.static("/bounce_45/text", "TextDocument:media_type")
+    (kind,) = recorded.static("/bounce_45/text/0", "TextDocument:media_type")
     assert kind == "text/markdown"
     for phrase in ("turns by **45°**", "**152 cells**", "There is **one**, with period 20"):
         assert phrase in text
