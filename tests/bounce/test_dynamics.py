@@ -94,9 +94,9 @@ def test_swept_moves_are_endpoint_moves():
 @pytest.mark.parametrize(
     ("cells", "collision", "length"),
     [
-        (CellSpace.of(CURVED, 0.4, 24), "swept", 1.6),
+        pytest.param(CellSpace.of(CURVED, 0.4, 24), "swept", 1.6, marks=pytest.mark.slow),
         (CellSpace.of(CURVED, 0.4, 24), "endpoint", 1.0),
-        (CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0),
+        pytest.param(CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0, marks=pytest.mark.slow),
         (CellSpace.of_grid(np.eye(7) == 0, 24), "endpoint", 1.6),
     ],
 )
@@ -122,6 +122,7 @@ def test_both_routes_to_the_groups_agree(cells, collision, length):
         assert not summary["basin"][i, count:].any()
 
 
+@pytest.mark.slow
 def test_totals_are_those_of_the_summary():
     cells = CellSpace.of_grid(np.eye(7) == 0, 24)
     turns = np.array([0, 1, 6, 9])
@@ -135,6 +136,7 @@ def test_totals_are_those_of_the_summary():
     }
 
 
+@pytest.mark.slow
 @given(GRIDS, st.integers(0, 7))
 @settings(max_examples=5)
 def test_both_routes_agree_on_random_grids(free, shift):

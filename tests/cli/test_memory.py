@@ -1,5 +1,6 @@
 import json
 import os
+from pathlib import Path
 
 import pytest
 
@@ -46,6 +47,8 @@ def test_a_limit_is_an_option_of_all_commands(capsys, monkeypatch, place, option
     # So that it is as it was after the test.
     monkeypatch.setenv(memory.LIMIT, "")
     monkeypatch.setattr(CellSpace, "of", None)
+    # As much as a process takes that ran no test before.
+    monkeypatch.setattr(memory, "_PROC", Path("/nowhere"))
     args = ["groups", str(LAB), "--bounce", "45", "--cell", "0.001"]
     assert main([*args[:place], *option, *args[place:]]) == 2
     (line,) = capsys.readouterr().err.splitlines()

@@ -184,7 +184,9 @@ def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
-def test_workers_of_a_cluster_come_and_go(tmp_path):
+def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
+    # Jobs that are over in no time leave none for a look each second.
+    monkeypatch.setattr("jaxcell.sweep.workers.engines._LOOK_SECONDS", 0.01)
     with LocalCluster(
         n_workers=1,
         threads_per_worker=1,
