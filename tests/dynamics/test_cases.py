@@ -114,6 +114,7 @@ def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
     assert found.several_share < 0.01
 
 
+@pytest.mark.slow
 def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     box = Box([-np.pi, -10], [np.pi, 10], [201, 201], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})

@@ -526,6 +526,7 @@ def test_names_and_lengths():
     assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]
 
 
+@pytest.mark.slow
 def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
     leaving, tmp_path, read
 ):

@@ -139,6 +139,7 @@ def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
     assert asked["name"] == "2"
 
 
+@pytest.mark.slow
 def test_a_tour_that_fits_between_charges_captures_all():
     # From one end to the other and back, which walks that are led back never learn.
     line = Graph([[k, k + 1] for k in range(9)])
