@@ -178,6 +178,7 @@ def test_the_way_to_a_goal(capsys):
     assert np.abs(np.subtract(voyage["goal"], [-118.1, 33.45, 5])).max() < 0.006
 
 
+@pytest.mark.slow
 def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
     args = ("--method", "source", "--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
     status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)
@@ -196,6 +197,7 @@ def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
     assert [one["groups"] for one in found["sensitivity"]][1:] == [0, 0, 0]
 
 
+@pytest.mark.slow
 def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
     _, found, _ = run(capsys, "--method", "source")
     shifts = [layer["mean_shift_cells"] for layer in found["layers"]]
@@ -236,6 +238,7 @@ def test_a_step_that_is_too_short_is_warned_of(capsys):
     assert "The rest is in the files of --out, and in --json." in captured.out
 
 
+@pytest.mark.slow
 def test_advice_names_no_option_that_is_on(capsys):
     args = ("--duration", "900", "--depths", "0", "--spread", "sampled")
     assert main(["drift", str(GYRES), *args]) == 0
@@ -244,6 +247,7 @@ def test_advice_names_no_option_that_is_on(capsys):
     assert "the spread" not in error
 
 
+@pytest.mark.slow
 def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
     """Where no drifter can leave, and where none can stay, however large the table would be."""
     monkeypatch.setattr("jaxcell.drift.layer._MAX_TABLE", -1)

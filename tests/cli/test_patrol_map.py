@@ -51,6 +51,7 @@ def hall(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_patrol_without_a_base(capsys):
     status, found, _ = run(capsys, *NEAR)
     assert status == 0
