@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from ..base import memory
 from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
+from ..mapping.generalized import slots_of
 from .flow import Flow, advect, checked_duration
 from .water import NEIGHBORS, Water, square
 
@@ -120,8 +121,7 @@ def drift_map(
         drifted = (ends(right, up) for up in places for right in places)
         if flow.diffusivity:
             spreads = (_diffused(water, x, y, far, exits) for x, y in drifted)
-            chain = Chain.from_scipy(functools.reduce(operator.add, spreads) / samples**2)
-            image, probability = np.asarray(chain.image), np.asarray(chain.probability)
+            image, probability = slots_of(functools.reduce(operator.add, spreads) / samples**2)
         else:
             landed = (water.landing(x[None], y[None], exits=exits)[0] for x, y in drifted)
             image, probability = _shares(landed, samples**2, water.cells)

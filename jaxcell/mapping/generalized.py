@@ -73,18 +73,7 @@ class Chain:
         rows = scipy.sparse.csr_array(matrix, copy=True)
         if rows.shape[0] != rows.shape[1]:
             raise ValueError(f"matrix: expected as many rows as columns, got {rows.shape}")
-        rows.sum_duplicates()
-        rows.eliminate_zeros()
-        cells = rows.shape[0]
-        edges = np.diff(rows.indptr)
-        branches = max(1, int(edges.max(initial=0)))
-        cell = np.repeat(np.arange(cells), edges)
-        slot = np.arange(rows.nnz) - np.repeat(rows.indptr[:-1], edges)
-        image = np.tile(np.arange(cells, dtype=np.int32), (branches, 1))
-        image[slot, cell] = rows.indices
-        probability = np.zeros((branches, cells), np.result_type(rows.dtype, np.float32))
-        probability[slot, cell] = rows.data
-        return cls(image, probability)
+        return cls(*slots_of(rows))
 
     def to_scipy(self) -> scipy.sparse.csr_array:
         """The transition matrix without the sink; all its entries are positive.
@@ -162,6 +151,25 @@ def _kept(array: Any, kind: Any) -> Any:
     if isinstance(array, jax.Array):
         return array.astype(kind)
     return jax.device_put(np.array(array, kind))
+
+
+def slots_of(
+    rows: scipy.sparse.csr_array,
+) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
+    """The images of each cell and their probabilities, from a transition matrix, which is tidied:
+    entries of the same place are summed, and those that are 0 left out."""
+    rows.sum_duplicates()
+    rows.eliminate_zeros()
+    cells = rows.shape[0]
+    edges = np.diff(rows.indptr)
+    branches = max(1, int(edges.max(initial=0)))
+    cell = np.repeat(np.arange(cells), edges)
+    slot = np.arange(rows.nnz) - np.repeat(rows.indptr[:-1], edges)
+    image = np.tile(np.arange(cells, dtype=np.int32), (branches, 1))
+    image[slot, cell] = rows.indices
+    probability = np.zeros((branches, cells), np.result_type(rows.dtype, np.float32))
+    probability[slot, cell] = rows.data
+    return image, probability
 
 
 def leaving_rows(matrix: scipy.sparse.csr_array) -> Float[np.ndarray, "cells"]:
