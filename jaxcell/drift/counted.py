@@ -18,8 +18,8 @@ from .water import Water
 _NEAR = 0.05
 # Cells that observations may be spread over.
 _MAX_CELLS = 50_000_000
-# Of numbers of squares, and of degrees; and of half a diagonal, since the Earth is no ball.
-_ROUNDING, _BEYOND = 1e-9, 1.01
+# Of numbers of squares, and of degrees.
+_ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -285,11 +285,10 @@ def located(
     """
     known = np.isfinite(water.lon) & np.isfinite(water.lat)
     number = water.number[known]
-    reach = np.hypot(water.dx, water.dy)[known] / 2 * _BEYOND
     tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)
     # What is between two squares belongs to the one to the East or North.
     away, nearest = tree.query(on_sphere(lon + _ROUNDING, lat + _ROUNDING).T)
-    return np.where(away * EARTH_RADIUS <= reach[nearest], number[nearest], -1)
+    return np.where(away * EARTH_RADIUS <= water.reach[known][nearest], number[nearest], -1)
 
 
 def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:

@@ -153,10 +153,10 @@ def diffuse(
     row, column = _square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
     right, up = far * jax.random.normal(key, (2, x.size), x.dtype) / sides[:, row, column]
-    on = on_grid(wet.shape, flow.wraps, x, y)
-    ashore = ~wet[_square(wet.shape, flow.wraps, x + right, y + up)]
-    stays = ~on | (ashore & on_grid(wet.shape, flow.wraps, x + right, y + up))
-    return jnp.where(stays, x, x + right), jnp.where(stays, y, y + up)
+    on, to = (wet.shape, flow.wraps), (x + right, y + up)
+    ashore = on_grid(*on, *to) & ~wet[_square(*on, *to)]
+    stays = ~on_grid(*on, x, y) | ashore
+    return jnp.where(stays, x, to[0]), jnp.where(stays, y, to[1])
 
 
 def _square(shape, wraps, x, y):  # type: ignore[no-untyped-def]

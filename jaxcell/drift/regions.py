@@ -1,6 +1,7 @@
 """Regions of the sea: how drifters go from one to another, and how long they stay."""
 
 import dataclasses
+import functools
 import json
 import os
 from pathlib import Path
@@ -106,7 +107,7 @@ class Exchange(Result):
     def left(self) -> Float[np.ndarray, "regions"]:
         return np.clip(1 - self._after.sum(axis=1), 0, 1)
 
-    @property
+    @functools.cached_property
     def _after(self) -> Float[np.ndarray, "regions cells"]:
         sequence = as_sequence(self.chain)
         return np.stack(

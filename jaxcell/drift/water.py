@@ -115,6 +115,14 @@ class Water:
         """Whether a cell has fewer than eight neighbours, at a coast or the edge of the grid."""
         return np.any(self.neighbor < 0, axis=0)
 
+    @property
+    def reach(self) -> Float[np.ndarray, "rows columns"]:
+        """How far from the centre of a square a place on it may be, in metres: half its diagonal.
+
+        One hundredth more: the earth is no ball, and squares are no squares.
+        """
+        return np.hypot(self.dx, self.dy) / 2 * 1.01
+
     def cell(self, lon: float | int, lat: float | int) -> int:
         """The cell whose centre is nearest to a place.
 
@@ -129,9 +137,7 @@ class Water:
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
         away = _distance(lon, lat, self.lon, self.lat)
         row, column = np.unravel_index(np.nanargmin(away), away.shape)
-        reach = np.hypot(self.dx[row, column], self.dy[row, column]) / 2
-        # One hundredth more: the earth is no ball, and squares are no squares.
-        if away[row, column] > 1.01 * reach:
+        if away[row, column] > self.reach[row, column]:
             raise ValueError(
                 f"place ({lon:g}, {lat:g}) is off the grid: the nearest square is "
                 f"{away[row, column] / 1000:.3g} km away, at ({self.lon[row, column]:g}, "
