@@ -52,6 +52,11 @@ class OceanFile:
         """An error that says in one line in which file and field."""
         return ValueError(f"{self.elsewhere.get(field, self.name)}: {field}: {one_line(message)}")
 
+    def named(self, names: Sequence[str]) -> list[str]:
+        """The variables with some names, in any case of letters; none unless there are all."""
+        known = {str(name).lower(): str(name) for name in self.dataset.data_vars}
+        return [known[name] for name in names] if all(name in known for name in names) else []
+
     def coordinates(self, field: str) -> list[str]:
         """The variables that a variable names as its coordinates."""
         variable = self.dataset[field]

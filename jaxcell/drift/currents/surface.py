@@ -65,10 +65,10 @@ def _names(file: OceanFile, role: Push) -> list[str]:
     """The variables towards the East and North, by standard name and then by name."""
     variables = file.dataset.data_vars.items()
     by_standard = {str(one.attrs.get("standard_name")): str(name) for name, one in variables}
-    by_name = {str(name).lower(): str(name) for name in file.dataset.data_vars}
     for row in table(role):
-        for known, wanted in ((by_standard, row.standard_names), (by_name, row.names)):
-            if wanted and all(one in known for one in wanted):
-                return [known[one] for one in wanted]
+        if row.standard_names and all(one in by_standard for one in row.standard_names):
+            return [by_standard[one] for one in row.standard_names]
+        if named := file.named(row.names):
+            return named
     expected = " or ".join(" and ".join(row.names or row.standard_names) for row in table(role))
     raise file.error(role, f"the file has no {_WHAT[role]}; expected {expected}")

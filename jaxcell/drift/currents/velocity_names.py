@@ -112,10 +112,9 @@ def _by_standard_name(file: OceanFile) -> _Pair | None:
 
 def _by_name(file: OceanFile) -> _Pair:
     """By the names that ocean models use, in any case of letters."""
-    names = {str(name).lower(): str(name) for name in file.dataset.data_vars}
     for row in table("velocity"):
-        if row.names and all(name in names for name in row.names):
-            u, v = (names[name] for name in row.names)
+        if named := file.named(row.names):
+            u, v = named
             return _Pair(u, v, row.along)
     topology = (
         str(name)
