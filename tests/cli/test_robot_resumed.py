@@ -2,6 +2,7 @@
 
 import functools
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -11,9 +12,12 @@ import time
 import pytest
 from wheels import MAPS, body_in, bounce_filter, bounce_tables, map_cells
 
+from jaxcell.automata import HiddenMap
+from jaxcell.bounce import FineCells, slip_matrices
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.space import Slip
 
 
 LAB = map_cells("lab_a.json")
@@ -28,18 +32,35 @@ MAIN = (
 pytestmark = pytest.mark.slow
 
 
+ABOUT = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
+
+
 @pytest.fixture(scope="module")
 def filter_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("filter") / "filter.jxf"
-    about = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
-    bounce_filter(LAB, 45, metadata=about).save(path)
+    bounce_filter(LAB, 45, metadata=ABOUT).save(path)
     return path
 
 
 @pytest.fixture(scope="module")
-def whole(filter_file, tmp_path_factory):
+def belief_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("belief") / "belief.jxb"
+    fine = FineCells.of(LAB, squares=3, directions=4, reach=2)
+    matrices = slip_matrices(fine, math.radians(45), Slip.of(0.02))
+    HiddenMap.of(*matrices, fine.coarse, fine.centres, metadata=ABOUT).save(path)
+    return path
+
+
+@pytest.fixture(scope="module", params=["filter_file", "belief_file"])
+def file(request):
+    """What is run."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="module")
+def whole(file, tmp_path_factory):
     """The summary of a run that nothing stops."""
-    return run(simulated(filter_file, tmp_path_factory.mktemp("whole") / "out"))[1]
+    return run(simulated(file, tmp_path_factory.mktemp("whole") / "out"))[1]
 
 
 def simulated(file, out, start=START, **fields):
@@ -92,12 +113,12 @@ def goes_on(log, file, whole, capsys, tmp_path):
 
 
 @pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
-def test_a_program_that_was_ended(filter_file, whole, tmp_path, capsys, kill):
+def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
     out = tmp_path / "out"
     log = out / "run.jsonl"
     with subprocess.Popen(
         [
-            *(sys.executable, "-c", MAIN, "robot", "run", filter_file, "--json"),
+            *(sys.executable, "-c", MAIN, "robot", "run", file, "--json"),
             *("--simulate", MAPS / "lab_a.json", "--start", str(START)),
             *("--speedup", "5", "--out", out),
         ],
@@ -117,9 +138,9 @@ def test_a_program_that_was_ended(filter_file, whole, tmp_path, capsys, kill):
     else:
         assert process.returncode == -signal.SIGKILL
         # It may end within a line.
-        with log.open("a") as file:
-            file.write('{"event": "observation", "obs')
-    goes_on(log, filter_file, whole, capsys, tmp_path)
+        with log.open("a") as lines:
+            lines.write('{"event": "observation", "obs')
+    goes_on(log, file, whole, capsys, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +148,7 @@ def test_a_program_that_was_ended(filter_file, whole, tmp_path, capsys, kill):
     [(269.0, "the robot was stopped: the battery is low (10%)"), (0.0, "the robot was stopped: ")],
     ids=["low", "flat"],
 )
-def test_a_robot_whose_battery_ends(filter_file, whole, tmp_path, capsys, charge, why):
+def test_a_robot_whose_battery_ends(file, whole, tmp_path, capsys, charge, why):
     out = tmp_path / "out"
     with Emulator(body_in(LAB, START), line=Line(speedup=20.0)) as robot:
 
@@ -137,8 +158,8 @@ def test_a_robot_whose_battery_ends(filter_file, whole, tmp_path, capsys, charge
 
         emptier = threading.Thread(target=empty)
         emptier.start()
-        code, found = run(RobotRun(file=filter_file, port=robot.port, heading=135.0, out=out))
+        code, found = run(RobotRun(file=file, port=robot.port, heading=135.0, out=out))
         emptier.join()
     assert (code, found["result"]) == (1, "stopped")
     assert found["reason"].startswith(why)
-    goes_on(out / "run.jsonl", filter_file, whole, capsys, tmp_path)
+    goes_on(out / "run.jsonl", file, whole, capsys, tmp_path)
