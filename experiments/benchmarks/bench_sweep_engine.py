@@ -1,21 +1,27 @@
 """Times the engines of sweeps: members a second against the size of chunks, and what they cost.
 
-Run `python experiments/benchmarks/bench_sweep_engine.py`; it takes about 30 s.
+Run `python experiments/benchmarks/bench_sweep_engine.py`; it takes about 45 s.
 
 The first table is of periodic groups of random maps, the second of a task that only waits, so that
 what is left is the engine's: the jobs on their way, the results on theirs, the files. *Steady* is
 from the end of the first chunk to that of the last; *start* is from the call to the end of the
 first chunk, less what that takes. With `--full` the task waits for 5 s, and not for 0.5 s.
 
+The third is of the one process that hands chunks to a thousand workers, here threads that sleep,
+and writes their results. Its time of the processor is what limits the number of workers; it
+computes the chunks, too, which on a cluster it does not.
+
 The peer is a plain loop over the batches of the task in this process, which keeps nothing.
 """
 
+import queue
 import shutil
 import statistics
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +31,8 @@ from rows import Row, options, write_rows
 from timing import begin, line
 
 from jaxcell.sweep import Progress, Spec, open_sweep, run_sweep
+from jaxcell.sweep.workers.engines import Outcomes, Take
+from jaxcell.sweep.workers.work import Computed, Failed, Job, compute
 
 
 ENGINES = (("local", None), ("processes", 1), ("processes", 2), ("dask", 1), ("dask", 2))
@@ -34,6 +42,7 @@ CHUNKS = (64,)
 MORE_CHUNKS = (2, 8, 32, 128)
 SLOW_CHUNKS = 4
 EMPTY_CHUNKS = 100
+CROWD, ROUNDS = 1000, 4
 
 
 class Run(NamedTuple):
@@ -135,6 +144,35 @@ def costs(folder: Path, seconds: float) -> None:
         line(engine, count, *told, f"{empty * 1e3:.1f}")
 
 
+def crowd(take: Take) -> Outcomes:
+    """An engine of a thousand threads."""
+    outcomes: queue.SimpleQueue[tuple[Job, Computed | Failed]] = queue.SimpleQueue()
+    with ThreadPoolExecutor(CROWD) as team:
+        on_their_way = 0
+        while True:
+            while on_their_way < CROWD and (job := take()) is not None:
+                team.submit(lambda job: outcomes.put((job, compute(job))), job)
+                on_their_way += 1
+            if not on_their_way:
+                return
+            yield outcomes.get()
+            on_their_way -= 1
+
+
+def driver(folder: Path, seconds: float) -> None:
+    """What the process that feeds the workers and writes takes a chunk."""
+    line("workers", "chunks", "each waits, s", "at best, s", "took, s", "processor, ms a chunk")
+    line(*["--:"] * 6)
+    chunks = CROWD * ROUNDS
+    what = spec(folder, "wait", chunks, 1, seconds=seconds, slow=chunks)
+    shutil.rmtree(folder / "out", ignore_errors=True)
+    began, used = time.perf_counter(), time.process_time()
+    run_sweep(what, folder / "out", engine=crowd)
+    took, used = time.perf_counter() - began, time.process_time() - used
+    told = (f"{ROUNDS * seconds:.0f}", f"{took:.1f}", f"{used / chunks * 1e3:.2f}")
+    line(f"{CROWD:,}", f"{chunks:,}", f"{seconds:g}", *told)
+
+
 def main() -> None:
     arguments = options(__doc__, repeats=1, full="more sizes, chunks of 5 s: 4 min").parse_args()
     begin("jax", "numpy", "xarray", "zarr", "distributed")
@@ -146,6 +184,8 @@ def main() -> None:
         rows = throughput(folder, chunks, arguments.repeats)
         print()
         costs(folder, 5.0 if arguments.full else 0.5)
+        print()
+        driver(folder, 2.0)
     write_rows(arguments.rows, rows)
 
 
