@@ -12,7 +12,7 @@ from ..base.quantities import Quantity, Result, values
 from .canvas.curves import curve_view, log_curve
 from .canvas.map import CellMap
 from .canvas.page import legend_view, log_legend, log_tab
-from .canvas.prose import describe, made_with, numbers
+from .canvas.prose import made_with, numbers
 from .canvas.scale import Scale
 from .canvas.stream import send_blueprint
 from .data.summary import cells_of
@@ -36,8 +36,7 @@ def log_result(stream: rr.RecordingStream, result: Result, spec: Mapping[str, An
         log_curve(stream, f"curves/{name}", np.asarray(value))
         views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
     grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
-    place = [describe(cells)] if cells is not None else []
-    text = "\n\n".join([f"# {result.title}", *place, numbers(result), made_with(spec)])
+    text = "\n\n".join([f"# {result.title}", numbers(result), made_with(spec, cells)])
     tab = log_tab(stream, "", result.title, grid, text, [], timeline=timeline)
     send_blueprint(stream, [tab], timeline, 4.0)
 

@@ -2,6 +2,7 @@
 
 import fnmatch
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ COMMANDS = {
     "drift": "drift {data}/ocean/gyres.nc --duration 3400 --depths 5 --start=-117.93,33.5",
 }
 FAMILIES = [*COMMANDS, "robot", "sweep"]
+MAX_WORDS = 60
 TIMELINES = {"step", "direction", "cover", "observation", "seconds", "second", "minute", "hour"}
 # What is drawn, plotted or read, without the styles of it.
 CONTENT = {
@@ -238,6 +240,15 @@ def test_nothing_says_where_files_are_kept(looks, family):
     name = Path(read.format(data=DATA, room="room.txt")).name
     assert sum(name in one for one in told) >= 3
     assert not any(str(place) in "".join(told) for place in (DATA, look.folder.parent))
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_texts_beside_views_are_short(looks, family):
+    texts = [value for (_, name), value in looks[family].static.items() if "TextDocument:t" in name]
+    assert texts
+    for (text,) in texts:
+        prose = " ".join(line for line in text.splitlines() if line[:1] not in ("#", "|", "`"))
+        assert len(re.findall(r"[A-Za-z0-9]\S*", prose)) <= MAX_WORDS, text
 
 
 @pytest.mark.parametrize("family", FAMILIES)

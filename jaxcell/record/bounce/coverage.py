@@ -21,7 +21,7 @@ from ..canvas.palette import (
     mix,
     ranks,
 )
-from ..canvas.prose import counted, describe, described, made_with, numbers
+from ..canvas.prose import counted, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 
@@ -172,34 +172,29 @@ def _text(policy: CoveragePolicy, shown: int, spec: Mapping[str, Any]) -> str:
         divides = "Here there is one angle, so all the time goes to it."
     else:
         divides = (
-            f"The robot divides its time among **{angles}** angles so that together they "
-            "come as near as possible to the **target**."
+            f"It divides its time among **{angles}** angles so that together they come as near as "
+            "possible to the **target**, in Euclidean distance."
         )
     left_out = f" (those of the {shown} largest shares)" if shown < angles else ""
     columns = "bounce_deg", "alpha", "persistent_groups", "persistent_cells"
     return f"""# Covering a room without knowing where one is
 
 A robot runs straight. Where it bumps it turns by its bouncing angle, but not precisely, and runs
-on. In the long run each angle takes it to some places more than to others. {divides}
-
-{describe(cells)}
+on. {divides}
 
 {described(policy, *columns, most=_MAX_ROWS)}
 
-No other mixture of these angles is nearer to the target in Euclidean distance.
-
 ## How to look
 
-- **The maps** show the share of time in each square, for each angle alone{left_out}, for the
-  mixture, and as it was wanted: in multiples of an even share, 1/{cells.positions:,}. Two colours
-  make a doubling. Hover over a square to read its class.
-- **The bars** are the shares of time of the angles.
-- The other tabs show, for one angle, its persistent groups and where the time goes, direction by
-  direction; press play, or drag the slider at the bottom.
+- **The maps** show the time spent in each square in multiples of an even share,
+  1/{cells.positions:,}: for each angle alone{left_out}, for the mixture, and as it was wanted.
+  Hover over a square to read it.
+- **The bars** are the shares of the angles.
+- Each angle has a tab with its persistent groups.
 
 {numbers(policy)}
 
-{made_with(spec)}"""
+{made_with(spec, cells)}"""
 
 
 def _angle_text(policy: CoveragePolicy, i: int) -> str:
@@ -209,13 +204,9 @@ def _angle_text(policy: CoveragePolicy, i: int) -> str:
     return f"""# Bouncing by {policy.bounce_deg[i]:.6g}°, imprecisely
 
 Sooner or later the robot is in {which}{counted(groups.count, "*persistent group*")},
-{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. All others are
-*transient*.
+{policy.persistent_cells[i]:,} of {cells.size:,} cells in all, and never leaves. Drag `direction` at
+the bottom to see all {cells.directions} directions.
 
-Each map shows one direction at a time; the slider `direction` at the bottom goes through all
-{cells.directions}, from East (0) counter-clockwise.
-
-- **Persistent groups**: cells of one colour are of one group, the likeliest to end in first.
+- **Persistent groups**: a colour is a group, the likeliest to end in first.
 - **Time spent**: the limiting distribution, in multiples of an even share, 1/{cells.size:,}.
-  One step changes it by {policy.stationarity_residual[i]:.1e} in all.
 """

@@ -14,7 +14,7 @@ from ..canvas import palette
 from ..canvas.map import CellMap, log_classes, on_squares, send_pictures
 from ..canvas.page import legend_view, log_legends, log_text
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import bouncing, counted, describe, made_with
+from ..canvas.prose import bouncing, counted, made_with
 from ..canvas.stream import send_blueprint, send_changing
 
 
@@ -214,21 +214,17 @@ def _text(groups: BounceGroups, i: int, spec: Mapping[str, Any]) -> str:
 
 {bouncing(float(groups.bounce[i]))}
 
-{describe(cells)} Each cell has one next cell, its *image*, so that from every cell the robot ends
-in a cycle of cells, a *periodic group*. {found}. From the farthest cell it takes
-**{groups.longest_transient[i]:,}** mappings to get there.
+From every cell the robot ends in a cycle of cells, a *periodic group*. {found}. The farthest cell
+gets there in **{groups.longest_transient[i]:,}** mappings.
 
 ## The three maps
 
-Each shows one direction at a time; the slider `direction` at the bottom goes through all
-{cells.directions}, from East (0) counter-clockwise. Hover over a square to read its class.
+Each shows one of {cells.directions} directions: drag `direction` at the bottom.
 
-- **The group that each cell leads to**: cells of one colour end in the same group. Cells that are
-  on it already are darker.
-- **The mappings that it takes**, from white (on a group) over blue to yellow.
-- **Where these groups run**, in whatever direction: the cycles themselves.
+- **The group that each cell leads to**: a colour is a group, darker on the group itself.
+- **The mappings that it takes** to get there.
+- **Where these groups run**, in whatever direction.
 
-The legend is for the direction that is shown. Groups with larger basins come first; those past the
-seventh have pale shades.
+The legend names those with the largest basins in the direction that is shown.
 
-{made_with(spec)}"""
+{made_with(spec, cells)}"""

@@ -1,4 +1,3 @@
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,7 +14,7 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import log_text
 from ..canvas.palette import CURRENT, KNOWN, PLAIN, ROBOT, TEXT, TRAIL, cycle_color
-from ..canvas.prose import bouncing, counted, degrees, describe, made_with, table
+from ..canvas.prose import bouncing, counted, degrees, made_with, table
 from ..canvas.stream import send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
@@ -177,17 +176,10 @@ def _text(found: Localized, drawing: Drawing, spec: Mapping[str, Any]) -> str:
     """What the recording of a localization shows."""
     run = found.run
     word = run.word[:_MAX_OBSERVATIONS] + "..." * (len(run.word) > _MAX_OBSERVATIONS)
-    x, y = found.robot_x[0], found.robot_y[0]
-    heading = math.degrees(found.robot_theta[0])
     return f"""# Where is the robot?
 
-{bouncing(found.bounce)} It has the map, a bump sensor and a clock; it does not know where it
-starts.
-
-{describe(found.cells)} The *filter* keeps the set of cells where the robot may be.
-
-**This run** starts at x = {x:.4g} m, y = {y:.4g} m, heading {heading:.4g}°. It takes
-{len(run.word):,} observations (0: it moved, 1: it bumped, {run.bumps:,} times):
+{bouncing(found.bounce)} It has a map, a bump sensor and a clock. This run
+makes {len(run.word):,} observations (0: it moved, 1: it bumped):
 
 `{word or "none"}`
 
@@ -195,23 +187,23 @@ starts.
 
 ## How to look
 
-Press play, or drag the slider `step` at the bottom.
+Press play, or drag `step` at the bottom.
 
-- **vermilion arrow**: the robot, which the filter does not see; the line is its trail.
-- **blue arrows**: the cells where the robot may be. While these are more than {MAX_ARROWS},
-  squares are blue instead, the darker the more headings are possible.
-- **green squares**, at the end: where the robot may be, with the truth among them.
-- **the filter**: a dot is a state, a set of cells, larger if it has more of them.
-  {_drawn(found.filter, drawing)} The state of the filter is violet, those it has been in are
-  vermilion. Each coloured loop is a *knowledge cycle*, which nothing leaves: there the robot is
-  localized.
+- **vermilion arrow**: the robot, unseen by the filter, and its trail.
+- **blue arrows**: the cells where it may be; blue squares, while these are more than
+  {MAX_ARROWS:,}.
+- **green squares**, at the end: the cells that are left.
 
-The tab **Groups** shows, for the heading of the robot, where all cells lead in the end. Its slider
-is `direction`: choose it at the bottom left, in the place of `step`.
+The tab **Groups** shows where all cells lead in the end, over the slider `direction`.
+
+## {counted(len(found.filter.cycles), "knowledge cycle")}
+
+A dot is a set of cells, violet where the filter is, vermilion where it was.
+{_drawn(found.filter, drawing)} A coloured loop is a *knowledge cycle*, which nothing leaves:
 
 {_cycles(found)}
 
-{made_with(spec)}"""
+{made_with(spec, found.cells)}"""
 
 
 def _outcome(found: Localized) -> str:
@@ -220,29 +212,20 @@ def _outcome(found: Localized) -> str:
         return "The last of them cannot occur on this map: the robot is **somewhere else**."
     count = int(filter.uncertainty[state])
     if filter.color[state] == 1:
-        return f"In the end the robot may be in {count:,} cells; it is **not localized** yet."
+        return f"In the end it may be in {count:,} cells: it is **not localized** yet."
     where = "it is in **one** cell" if count == 1 else f"it is in one of **{count:,}** cells"
     truth = "" if found.run.truth_is_a_candidate else ", but the truth is **not** among them"
-    return (
-        f"Then the filter is in a knowledge cycle, of colour {filter.color[state]}, and the robot "
-        f"is **localized**: {where}{truth}."
-    )
+    return f"Then it is **localized**: {where}{truth}."
 
 
 def _drawn(filter: Filter, drawing: Drawing) -> str:
     if drawing.whole:
-        text = "The start is at the left, and each column is one observation farther from it."
-    else:
-        text = (
-            f"There are {len(filter.transition):,}, too many to draw: the rows at the top are the "
-            "last states of this run, to and fro, and after them come knowledge cycles, first the "
-            "one that the run ends in."
-        )
-        if drawing.cycles_left_out:
-            text += f" {drawing.cycles_left_out:,} cycles are left out."
-    if filter.trap is not None and filter.trap not in drawing.state:
-        text += " The trap, where observations lead that cannot occur, is left out."
-    return text
+        return "Each column is one observation farther from the start."
+    left_out = f"; {drawing.cycles_left_out:,} cycles are left out" * bool(drawing.cycles_left_out)
+    return (
+        f"There are {len(filter.transition):,}, too many to draw: these are the last of this run, "
+        f"in the rows at the top, and knowledge cycles{left_out}."
+    )
 
 
 def _cycles(found: Localized) -> str:
@@ -254,5 +237,4 @@ def _cycles(found: Localized) -> str:
     doubt = found.cycle_uncertainty[_MAX_ROWS:]
     if doubt.size:
         rows.append((f"{doubt.size:,} more", f"{doubt.min()} to {doubt.max()}", ""))
-    title = f"## {counted(len(cycles), 'knowledge cycle')}"
-    return f"{title}\n\n{table(('colour', 'uncertainty (cells)', 'length'), rows)}"
+    return table(("colour", "uncertainty (cells)", "length"), rows)

@@ -23,7 +23,7 @@ from ..canvas.marks import (
 )
 from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import degrees, describe, made_with, numbers, pose, times
+from ..canvas.prose import degrees, made_with, numbers, pose, times
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 
@@ -199,20 +199,27 @@ def _reaching_legend(
     ]
 
 
+_HOW_TO_LOOK = """## How to look
+
+Press play, or drag `step` at the bottom.
+
+- **vermilion arrow**: the robot, and its trail since its last bump.
+- **other arrows**: runs, in the colour of the angle turned by before.
+- **dots**: bumps, a second one inside the first.
+
+The tab **Reaching the goal** shows from where it can be reached."""
+_REACHING = """- **Above**: in how many headings the robot can set out from each square.
+- **Below**: whether it can in one, that of `direction` at the bottom, or of the robot at `step`."""
+
+
 def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
     """What the recording shows."""
-    cells = plan.cells
-    slider = (
-        "The tab **Reaching the goal** shows from where the goal can be reached, and in how many "
-        "headings."
-        if plan.found
-        else "Above you see from where the goal can be reached, and in how many headings; below "
-        "for one heading, which the slider `direction` at the bottom chooses."
-    )
+    look = _HOW_TO_LOOK if plan.actions.size else ""
+    slider = "" if plan.found else _REACHING
     return f"""# From start to goal by bumps
 
 A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
-as the plan says, and runs on. It senses its bumps and counts its steps, and nothing else.
+as the plan says, and runs on. It senses its bumps and counts its steps.
 
 {_outcome(plan)}
 
@@ -220,9 +227,9 @@ as the plan says, and runs on. It senses its bumps and counts its steps, and not
 
 {numbers(plan)}
 
-{describe(cells)}
+{look}
 
-{made_with(spec)}"""
+{made_with(spec, plan.cells)}"""
 
 
 def _reaching_text(plan: Plan) -> str:
@@ -231,10 +238,7 @@ def _reaching_text(plan: Plan) -> str:
 From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can get to the
 goal ({pose(plan.cells, plan.goal)}) with its bouncing angles.
 
-- **Above**: in how many headings it can set out from each square.
-- **Below**: whether it can in one heading. Over the slider `step` that is the heading of the robot
-  on its way; choose `direction` at the bottom left in the place of `step` to go through all
-  {plan.cells.directions}, from East (0) counter-clockwise.
+{_REACHING}
 """
 
 
@@ -245,12 +249,7 @@ def _outcome(plan: Plan) -> str:
         return "The robot **is there already**."
     return f"""This plan is a cheapest one, with cost **{plan.cost:,}**:
 
-`{_action_string(plan)}`
-
-Press play, or drag the slider `step` at the bottom. The vermilion arrow is the robot, with its way
-since its last bump. Each other arrow is a run, in the colour of the angle that the robot turned by
-before it, and each dot is a bump in that colour; where it bumps twice the second is inside the
-first."""
+`{_action_string(plan)}`"""
 
 
 def _action_string(plan: Plan) -> str:

@@ -23,7 +23,7 @@ from ..canvas.palette import (
     Color,
     Level,
 )
-from ..canvas.prose import counted, degrees, describe, made_with, pose, table, times
+from ..canvas.prose import counted, degrees, made_with, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 from .localization import log_end, log_turns
@@ -243,10 +243,8 @@ def _needed_text(found: AdaptivelyLocalized) -> str:
 From each cell, how many bumps it takes until the robot knows where it is: **{found.worst_bumps} at
 worst**, and {found.mean_bumps:.3g} in the mean.
 
-- **Above**: from the worst of the headings that the robot may have on a square.
-- **Below**: from one heading, which over the slider `step` is that of the robot. Choose
-  `direction` at the bottom left in its place, and drag it to go through all
-  {found.cells.directions} headings, from East (0) counter-clockwise.
+- **Above**: from the worst heading on each square.
+- **Below**: from one heading, that of `direction` at the bottom, or of the robot at `step`.
 
 {table(("bumps", "cells from which it takes so many"), rows)}
 """
@@ -266,39 +264,33 @@ def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Mapping[str, Any])
     part = (
         ""
         if len(drawn) == found.policy.turn.size
-        else f" Of {found.policy_states:,} states these are the ones of this run, and those it "
-        "might have come to instead."
+        else f" Of {found.policy_states:,} states these are near this run."
     )
     return f"""# Which way to turn, to find out where one is
 
-A robot runs straight and counts its steps. Where it bumps it turns by one of its angles, {angles}
-(counter-clockwise): which one, the *policy* says, by what the robot has counted so far. It has the
-map, and does not know where it starts.
+A robot runs straight and counts its steps. Where it bumps the *policy* says by which of its angles,
+{angles}, it turns. This run bumps {times(found.run.bumps)}; then it is in {where}.
 
-**This run** starts at {pose(found.cells, found.run.start)}. It bumps {times(found.run.bumps)}, and
-then it is in {where}: {pose(found.cells, found.run.end)}.
-
-From all {found.cells.size:,} cells it takes **{counted(found.worst_bumps, "bump")} at worst** and \
+From all cells it takes **{counted(found.worst_bumps, "bump")} at worst** and \
 {found.mean_bumps:.3g} in the mean. {best}
-Of the cells {found.classes:,} classes can be told apart by these angles at all.
-
-One sequence for all starts, whatever the robot counts, takes \
-{counted(found.fixed_bumps, "bump")}: {fixed or "no turn"}.
 
 ## How to look
 
-Press play, or drag the slider `step` at the bottom.
+Press play, or drag `step` at the bottom.
 
-- **vermilion arrow**: the robot; the line is its trail. At a bump it says which way it turns.
-- **blue arrows**: the cells where it may be. While these are more than {MAX_ARROWS}, squares are
-  blue instead, the darker the more headings are possible.
-- **green squares**, at the end: the cells that are left, with the truth among them.
-- **the tree**: the start is at the top, and each row is a bump. A dot is what the robot knows
-  there, a set of cells, larger if it has more of them; its colour is the angle that it turns by,
-  and green where it is localized. Sets that are reached by several paths are one dot.{part}
+- **vermilion arrow**: the robot, and its trail.
+- **blue arrows**: the cells where it may be; blue squares, while these are more than
+  {MAX_ARROWS:,}.
+- **green squares**, at the end: the cells that are left.
 
 The tab **Bumps needed** shows how long it takes from everywhere.
 
-{describe(found.cells)}
+## The policy
 
-{made_with(spec)}"""
+The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
+the colour of the angle that it turns by.{part}
+
+One sequence for all starts takes {counted(found.fixed_bumps, "bump")}: {fixed or "no turn"}. These
+angles can tell {found.classes:,} classes of cells apart.
+
+{made_with(spec, found.cells)}"""

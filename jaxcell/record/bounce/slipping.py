@@ -12,7 +12,7 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import legend_view, log_legend, log_text
 from ..canvas.palette import CATEGORIES, KNOWN, ROBOT, TRAIL
-from ..canvas.prose import bouncing, counted, degrees, describe, made_with
+from ..canvas.prose import bouncing, counted, degrees, made_with
 from ..canvas.stream import send_blueprint
 from .localization import log_turns
 
@@ -119,8 +119,7 @@ def _turning(found: Slipped) -> str:
         return bouncing(float(found.bounces[0]))
     return (
         "A robot runs straight. Where it bumps it turns by one of its angles, "
-        f"**{', '.join(map(degrees, found.bounces))}** (counter-clockwise): by the one after which "
-        "it can expect to know most at the next bump, which is the least entropy of its belief."
+        f"**{', '.join(map(degrees, found.bounces))}**, for the least entropy at the next bump."
     )
 
 
@@ -137,13 +136,8 @@ def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
     says = " At a bump it says which way it turns." * (len(found.bounces) > 1)
     return f"""# Where is a robot that slips?
 
-{_turning(found)} Its steps and turns are off by {100 * found.slip.step:.3g} %, and it does
-not see by how much.
-
-{describe(found.cells)} The *belief* is how probable each of {found.hidden.cells:,} finer cells is.
-
-**This run** takes {len(found.word):,} observations (0: it moved, 1: it bumped, {found.bumps:,}
-times):
+{_turning(found)} Its steps and turns are off by {100 * found.slip.step:.3g} %. It makes
+{len(found.word):,} observations (0: it moved, 1: it bumped):
 
 `{word or "none"}`
 
@@ -151,13 +145,13 @@ times):
 
 ## How to look
 
-Press play, or drag the slider `step` at the bottom.
+Press play, or drag `step` at the bottom.
 
-- **colours**: how probable each position is, summed over the headings.
-- **vermilion arrow**: the robot, which the belief does not see; the line is its trail.{says}
+- **colours**: how probable each position is, whatever the heading.
+- **vermilion arrow**: the robot, unseen by the belief, and its trail.{says}
 - **pink frame and blue arrow**: the likeliest cell.
 - **green frames**, at the end: the credible set.
 
-The tab **Looking back** has how probable each position was, given the whole run.
+The tab **Looking back**: how probable each position was, given the whole run.
 
-{made_with(spec)}"""
+{made_with(spec, found.cells)}"""

@@ -12,7 +12,7 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_robot, points
 from ..canvas.page import log_tab
 from ..canvas.palette import CLEAR, ROBOTS, Color, PictureClass, mix, robot_color, tint
-from ..canvas.prose import counted, describe, made_with, numbers, pose, table
+from ..canvas.prose import counted, made_with, numbers, pose, table
 from ..canvas.stream import send_blueprint, send_changing
 
 
@@ -113,23 +113,19 @@ def _text(team: TeamTrajectory, stride: int, spec: Mapping[str, Any]) -> str:
 Each runs straight. Where it bumps, into a wall or another robot, it stays and turns by its
 bouncing angle, and runs on.
 
-{describe(team.cells)}
-
-A part ends when all robots together are as they were before, for then they would only repeat
-themselves; the next begins with one robot turned by one direction. The search ended since
-{team.meaning}.
+A part ends when the robots are all as they were before; the next begins with one of them turned by
+one direction. The search ended since {team.meaning}.
 
 ## How to look
 
-Press play, or drag the slider `step` at the bottom.{every}
+Press play, or drag `step` at the bottom.{every}
 
-- **arrows**: the robots, each with the last corners of its trail.
-- **squares** in a pale colour were visited, first by the robot of that colour.
+- **arrows**: the robots, each with the end of its trail.
+- **pale squares** were visited, first by the robot of that colour.
 - **black frames**: robots that collided in the step before.
-- **curves**: the positions visited so far, the collisions so far, and the part.
 
 {numbers(team)}
 
 {table(("robot", "colour", "starts at"), rows)}
 
-{made_with(spec)}"""
+{made_with(spec, team.cells)}"""

@@ -47,10 +47,12 @@ def pose(cells: CellSpace, cell: int) -> str:
     return f"x = {x:.4g} m, y = {y:.4g} m, heading {degrees(theta)}"
 
 
-def made_with(spec: Mapping[str, Any]) -> str:
-    """The parameters of a recording, as its last section."""
+def made_with(spec: Mapping[str, Any], cells: CellSpace | None = None) -> str:
+    """The parameters of a recording, and the map that it is on, as its last section."""
     given = [(key, value) for key, value in spec.items() if value is not None]
-    return "## Made with\n\n" + table(("what", "value"), given) if given else ""
+    parts = [] if cells is None else [describe(cells)]
+    parts += [table(("what", "value"), given)] if given else []
+    return "\n\n".join(["## Made with", *parts]) if parts else ""
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[object]], most: int = _MAX_ROWS) -> str:

@@ -111,35 +111,26 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Mapping[str, Any]) -> st
     attack = patrol.attack
     caught, done = int(attacks.caught[-1]), int(attacks.caught[-1] + attacks.succeeded[-1])
     who = "A robot patrols" if patrol.robots == 1 else f"{patrol.robots} robots patrol"
-    divided = "Each walks over the whole map, and needs to hear of no other."
+    divided = ""
     if patrol.regions is not None:
-        divided = "Each has a region of its own, and reports to a base station."
-    assert patrol.cells.workspace is not None
+        divided = " Each has a region of its own, and reports to a base station."
     return f"""# Patrolling with limited visibility
 
-{who} a map and see {patrol.reach:g} m far, and not through walls. At each cell a robot draws its
-next step at random, so that nobody can know where it will be. {divided}
+{who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
 
-The map is {patrol.cells.workspace.describe()}.
-
-An adversary attacks the cell at {place(patrol, attack.target)} when nobody looks, and needs
-{attack.attack_times[0]:,} steps. It is caught if a robot sees that cell by then:
-**{attack.exact[0]:.3f}** is the probability, if the robots may be anywhere out of view when it
-begins. In this run it was caught
-{caught} times in {done}. Successive attacks are not independent: a robot that was near still is.
+An adversary attacks the cell at {place(patrol, attack.target)} when nobody looks, for
+{attack.attack_times[0]:,} steps. It is caught, if a robot sees that cell by then, with probability
+**{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look
 
-Press play, or drag the slider `step` at the bottom.
+Press play, or drag `step` at the bottom.
 
-- **dots**: the robots, with their last steps and the outline of what they see. The squares that
-  they see wholly have their colours.
-- **the pink frame**: the target. The dot in it is yellow during an attack, then green if that was
-  caught, and pink if not.
-- **the curves**: the attacks so far.
-
-The other tabs show how the robots walk, and how vulnerable each cell is.
+- **dots**: the robots, with their last steps, the outline of what they see, and the squares that
+  they see wholly.
+- **pink frame**: the target. Its dot is yellow during an attack, then green if that was caught, and
+  pink if not.
 
 {numbers(patrol)}
 
-{made_with(spec)}"""
+{made_with(spec, patrol.cells)}"""

@@ -61,22 +61,14 @@ def _classes(robot: int) -> list[PictureClass]:
 
 def _text(patrol: PatrolledMap) -> str:
     if patrol.regions is None:
-        how = (
-            "Robot 0 takes, again and again, the cell from which most is seen that is not seen "
-            "yet; robot 1 takes the second best one, and so on, so that their covers differ."
-        )
+        how = "Robot 0 takes the cell that adds most to what is seen, robot 1 the second best."
     else:
-        how = (
-            "Each robot takes, again and again, the cell of its region from which most of it is "
-            "seen that is not seen yet."
-        )
+        how = "Each robot takes the cell that adds most to what is seen of its region."
     return f"""# Cells from which all is seen
 
-{how} The slider `step` goes through them, and faster the slider `cover`: choose it at the bottom
-left, in the place of `step`.{only_some(patrol)}
+{how} Choose the slider `cover` at the bottom left to go through them.{only_some(patrol)}
 
-A square counts as seen if all that is free of it is within {patrol.reach:g} m and behind no wall:
-it can lie partly in the outline and yet not be seen.
+A square is seen if all that is free of it is within {patrol.reach:g} m and behind no wall.
 
 {robot_table(patrol, "cover_size", "uncovered")}
 """

@@ -45,9 +45,9 @@ def _text(frontier: Frontier) -> str:
     ]
     return f"""# Capture against entropy
 
-A patrol that captures most is nearly a tour, which an adversary can learn by heart. Robots that go
-to any neighbour alike in some share of their steps, at least, are harder to predict, and capture
-less. Each row is a local optimum.
+A patrol that captures most is nearly a tour, which an adversary can learn. Robots that go to any
+neighbour alike in some share of their steps are harder to predict, and capture less. Each row is a
+local optimum.
 
 {table(("chance, at least", "entropy of a step", "least capture"), rows)}
 """

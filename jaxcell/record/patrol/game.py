@@ -35,14 +35,12 @@ def _text(game: StrategyGame) -> str:
     ]
     return f"""# The game
 
-The patroller draws one of {len(game.share)} strategies each time, with the shares below, which the
-adversary knows; it does not know which is drawn. It attacks the vertex that pays it most. No other
-shares pay the patroller more.
+The patroller draws one of {len(game.share)} strategies with the shares below, which the adversary
+knows; it attacks the vertex that pays it most. No other shares pay the patroller more.
 
 {numbers(game)}
 
-The two heat maps are the payoffs: a row for each strategy, a column for each vertex. With a
-strategy, the adversary is caught at the `k`-th closest vertex with probability `1 / 2^(k-1)`.
+A strategy catches at the `k`-th closest vertex with probability `1 / 2^(k-1)`.
 
 {table(("strategy", "share", "the closest vertices"), rows)}
 """

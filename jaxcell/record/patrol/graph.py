@@ -267,24 +267,18 @@ next one is drawn at random, whatever came before: the walk is a *Markov chain*.
 
 ## How to look
 
-Press play, or drag the slider `step` at the bottom.
+Press play, or drag `step` at the bottom.
 
-- **The walk**: wide yellow edges are walked often. Each patroller draws a line
-  along its last steps.
-- **Time since a visit**: a vertex is yellow when a patroller is there, and turns blue until the
-  next visit. The curve is the longest such time.
-- The tab **Waiting**: how long each vertex waits for a visit in the long run{_asked(patrol)}.
-- The tab **Where to next**: the half of an edge next to a vertex is wide and yellow if the
-  patroller is likely to leave by it.
-- The tab **Hitting times**: from the vertex of the row to that of the column.
+- **The walk**: wide yellow edges are walked often.
+- **Time since a visit**: a vertex is yellow when a patroller is there, and turns blue.
+- The tab **Waiting**: how long each vertex waits in the long run{_asked(patrol)}.
+- The tab **Where to next**: wide yellow halves of edges are likely ways out.
+
+## Numbers
 
 {numbers(patrol)}
 
-The *hitting time* is the mean number of steps from one vertex to another, the *commute time* there
-and back. *Kemeny's constant* is the time to a vertex drawn by the shares of time, wherever the walk
-starts. A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely
-ones. The mixing time, until total variation is within 1/4, is *never* if the walk is
-periodic: it does not forget its start.
+A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely ones.
 
 {described(patrol, *columns)}
 {_constraints(patrol)}

@@ -52,9 +52,8 @@ def _text(patrol: PatrolledMap) -> str:
 From a cell it takes each edge with a probability in proportion to its weight. Wide yellow lines
 have large weights.{only_some(patrol)}
 
-The shortest closed tour through the cells of the cover has at least a given share of the weight. Of
-all such weights these are the ones with which it takes the fewest steps from one cell to another
-and back, on average over all pairs of its cells.
+The shortest closed tour through the cells of the cover has at least a given share of the weight;
+from one of them to another and back it takes the fewest steps, on average.
 
 {robot_table(patrol, "commute_time", "tour_steps")}
 {_sizes(patrol)}"""
@@ -65,9 +64,8 @@ def _searched(patrol: PatrolledMap, search: CaptureSearch) -> str:
 
 Wide yellow lines are edges that a robot often takes, in either direction.{only_some(patrol)}
 
-Among {search.tried.size} starts, gradients led to walks by which an attack of
-{search.attack_time:,} steps is caught with probability {search.value:.4f} or more, whatever the
-cell. That is a local optimum: another patrol may capture more. At least
+An attack of {search.attack_time:,} steps is caught with probability {search.value:.4f} or more at
+every cell: a local optimum, the best from {search.tried.size} starts. At least
 {search.randomness:.0%} of the steps go to any neighbour alike.
 
 {robot_table(patrol, "entropy_rate")}

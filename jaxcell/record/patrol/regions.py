@@ -83,8 +83,8 @@ def _lost(patrol: PatrolledMap) -> int:
 def _text(patrol: PatrolledMap, regions: Regions) -> str:
     text = f"""# A base station, and regions around it
 
-Nobody needs to patrol what the base station sees except for its rim, where robots come to report.
-The rest is divided by the angle around the base station.
+What the base station sees needs no patrol but on its rim, where robots report. The rest is divided
+by the angle around it.
 
 {numbers(regions, patrol.cells)}
 
@@ -96,7 +96,6 @@ The rest is divided by the angle around the base station.
     return f"""{text}
 ## When robot {_lost(patrol)} is lost
 
-A robot at work stays away from its contact cell for **{after.after:,}** steps or more with a
-probability of 1 % at most. So much silence means that it is lost, and the others then divide the
-map among themselves, as the second map shows. Each takes the region where it keeps most cells.
+A robot at work is silent for **{after.after:,}** steps with a probability of 1 % at most: it is
+lost. The others divide the map as the second map shows, each keeping most of its cells.
 """

@@ -99,17 +99,16 @@ def _text(patrol: PatrolledMap) -> str:
     else:
         lambdas = ", ".join(f"{x:.4g}" for x in (fit.l1, fit.l2, fit.l3, fit.l4))
         about = (
-            f"A generalized lambda distribution ({lambdas}) was fitted to the runs, as in the "
-            f"source. Its distribution function is up to {fit.distance:.4f} from theirs, "
-            "which is what the fit costs: the exact law needs neither."
+            f"A generalized lambda distribution ({lambdas}), fitted to these, is up to "
+            f"{fit.distance:.4f} away from them."
         )
     return f"""# How soon a robot sees the target
 
 The robots begin anywhere out of view of the cell at {place(patrol, attack.target)}. The first
 that comes into view catches the adversary.
 
-The law of this time is computed **exactly**, and estimated by {attack.arrival.size:,} simulated
-runs. {about}
+The law of this time is computed **exactly**, and from {attack.arrival.size:,} simulated runs.
+{about}
 
 ## Probability of capture
 

@@ -26,7 +26,7 @@ from ..canvas.map import CellMap, on_squares
 from ..canvas.marks import points
 from ..canvas.page import log_text
 from ..canvas.palette import BELIEF, CATEGORIES, KNOWN, OBSTACLE, TRAIL, Color, robot_color
-from ..canvas.prose import counted, describe, made_with
+from ..canvas.prose import counted, made_with
 from ..canvas.stream import fixed, new_stream, recording_name
 from ..viewer import viewer_sink
 from .belief_heat import BeliefHeat
@@ -354,9 +354,7 @@ class RobotRecording:
         )
 
     def _text(self) -> str:
-        marks = [
-            "- **Pink**: where the encoders of its wheels say that it is, after each observation."
-        ]
+        marks = ["- **Pink**: where the encoders of its wheels say that it is."]
         if any(robot.about.trace is not None for robot in self._robots):
             marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
         if self._has_belief:
@@ -374,9 +372,9 @@ class RobotRecording:
                 "bright.",
                 "- **Green**: the cells that hold it with probability 0.95, once they are few.",
             ]
-        parts = ["# A run of a robot", "" if self._cells is None else describe(self._cells)]
-        parts += ["\n".join(marks), "The timeline `observation` counts what it observed."]
-        return "\n\n".join(filter(None, [*parts, made_with(self._spec)]))
+        parts = ["# A run of a robot", "\n".join(marks)]
+        parts += ["The timeline `observation` counts what it observed."]
+        return "\n\n".join(filter(None, [*parts, made_with(self._spec, self._cells)]))
 
 
 def _line(color: Color, order: float) -> rr.AsComponents:

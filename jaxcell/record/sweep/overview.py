@@ -207,19 +207,15 @@ def _text(
         f"A task was run for **{status.size:,} members** ({sizes}). {', '.join(states)}.",
         f"""## How to look
 
-A tab is a variable. Each parameter is a timeline: choose one at the bottom left, and press play or
-drag the slider.
+A tab is a variable. Each parameter is a timeline: choose one at the bottom left.
 
 {table(("timeline", "a time is", "from", "to"), timelines)}
 
-- **Above**: the variable along the parameter whose timeline is chosen: its median, quartiles, least
-  and greatest value among the members that share the value of the parameter, over all values of the
-  others. Where members are alone there is one line.
-- **Below**: its mean over pairs of parameters, from dark blue (small) to yellow, in equal ratios
-  where these are large, and in the same colours on all maps of the variable. Grey squares have no
-  member that is done; the white line is where the slider is. Hover over a square to read it.
+- **Above**: median, quartiles, least and greatest value along that parameter.
+- **Below**: means over pairs of parameters; grey where no member is done. The white line is the
+  slider.
 
-One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE ...`""",
+One member in detail: `jaxcell sweep view FOLDER --select NAME=VALUE`""",
         "## Variables\n\n"
         + table(("variable", "least", "most", "meaning"), _ranges(dataset, shown)),
     ]
