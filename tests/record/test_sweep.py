@@ -136,7 +136,7 @@ def test_heat_maps_have_a_square_for_each_member(sweep, recorded):
             label = labels[picture[2 - j, i]]
             value = float(sweep["value"][i, j])
             if (i, j) in ((3, 1), (4, 1), (5, 1)):
-                assert label == "no member that is done"
+                assert label == "none is done"
             else:
                 low, high = map(float, label.split(" to "))
                 assert low - 1 <= value <= high + 1

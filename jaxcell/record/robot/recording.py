@@ -340,9 +340,10 @@ class RobotRecording:
                 *curves,
             ]
         if self._filter is not None:
+            colors = int(self._filter.color.max())
             curves = [
                 curve_view("filter/uncertainty", "Cells where it may be", None),
-                curve_view("filter/color", "Colour of the filter", None),
+                curve_view("filter/color", "Colour of the filter", None, colors),
                 *curves,
             ]
         observed = rrb.TextLogView(origin="log", name="What it observed")

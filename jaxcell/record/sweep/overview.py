@@ -31,7 +31,7 @@ _RATIO = 50
 _TICKS_ACROSS, _TICKS_UP = 7, 6
 _MAX_FAILURES = 20
 _MAX_LETTERS = 80
-_UNKNOWN = "no member that is done"
+_UNKNOWN = "none is done"
 _COLORS: dict[str, Color] = {
     "value": BELIEF,
     "median": mix(BELIEF, TEXT, 0.25),
@@ -143,7 +143,7 @@ def _log_variable(
     log_legend(stream, f"heat/{name}/legend", entries)
     maps = rrb.Horizontal(*views) if len(views) <= _MAX_BESIDE else rrb.Tabs(*views)
     key = legend_view(f"heat/{name}/legend", len(entries))
-    below = rrb.Horizontal(maps, key, column_shares=[5, 1])
+    below = rrb.Horizontal(maps, key, column_shares=[4, 1])
     return rrb.Vertical(series, below, row_shares=[4, 5], name=name)
 
 
