@@ -20,7 +20,7 @@ _SECTION = re.compile(r"\n+(?=## )")
 # Lines in a row of a colour bar.
 _STRIPES = 8
 # Points of the screen: a letter of a label, a row of a legend at most, and a legend.
-_LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 340.0
+_LETTER, _MAX_UNIT, _HEIGHT = 6.0, 40.0, 280.0
 
 Legend: TypeAlias = Sequence[tuple[str, Color]]
 """What colours mean, row by row; classes of pictures are entries too."""
