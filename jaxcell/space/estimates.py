@@ -13,7 +13,6 @@ from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .extent import Extent
 from .occupancy import cutting_bytes
-from .stencils import SQUARES_AT_ONCE
 
 
 Need: TypeAlias = Callable[[Extent], float | int]
@@ -60,7 +59,7 @@ def counts(extent: Extent, step: float | None, collision: str) -> float | int:
         return groups(extent, step, collision)
     if not extent.gridded:
         return moves(extent, step, collision)
-    listed = 15 * min(extent.squares, SQUARES_AT_ONCE)
+    listed = 0
     tables = 18 * ways**2 * extent.bumps(step) / extent.directions
     return 5.7 * extent.squares + listed + tables
 
