@@ -23,7 +23,7 @@ Need: TypeAlias = Callable[[Extent], float | int]
 IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
 
 # Tables of which wall follows which grow with the square of the number of ways.
-MAX_WALL_WAYS = 100
+MAX_WALL_WAYS = 32
 
 # Sides of cells that people choose.
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
