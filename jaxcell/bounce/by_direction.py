@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int, Int32
 
-from ..mapping import GroupTotals, Section, section_groups
+from ..mapping import GroupSummary, GroupTotals, Section, section_groups
 from ..mapping.section import bucket
 from ..space import CellSpace
 from ..space.steps import Steps
@@ -84,12 +84,10 @@ class DirectionGroups:
     def totals(self) -> GroupTotals:
         """The groups in a few numbers."""
         behind = np.concatenate([self.walls[way].behind for way in self.steps.way])
-        numbers = (
-            *(self.period.size, max(0, (behind + self.lead).max())),
-            *(self.period.min(), self.period.max(), self.period.sum()),
-            np.bincount(self.group, behind + 1).max(),
-        )
-        return GroupTotals(*(np.array(one, np.int64) for one in numbers))
+        transient = np.zeros_like(self.period)
+        np.maximum.at(transient, self.group, behind + self.lead)
+        basin = np.bincount(self.group, behind + 1).astype(np.int64)
+        return GroupSummary(np.array(basin.size), self.period, basin, transient).totals()
 
     def of_cells(self, direction: int) -> CellsOfDirection:
         """The images, groups and steps of the cells of a direction, wall by wall."""
@@ -101,8 +99,8 @@ class DirectionGroups:
         image, group, step = np.empty((3, self.cells.positions), np.int32)
         count = walls.behind + 1
         end = np.cumsum(count)
-        cuts = np.searchsorted(end, np.arange(_AT_ONCE, end[-1], _AT_ONCE))
-        for some in np.split(np.arange(count.size), cuts):
+        cuts = np.unique(np.searchsorted(end, np.arange(0, end[-1], _AT_ONCE)))
+        for some in np.split(np.arange(count.size), cuts[1:]):
             wall = np.repeat(some, count[some])
             left = end[wall] - 1 - np.arange(end[some[0]] - count[some[0]], end[some[-1]])
             here = positions[walls.square[wall] - left * hop]

@@ -69,6 +69,11 @@ def images(extent: Extent, angles: int, step: float | None, collision: str) -> f
     return groups(extent, step, collision) + IMAGE * angles * extent.size
 
 
+def by_direction(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the images, groups and steps of the cells of one direction, and of all walls."""
+    return counts(extent, step, collision) + 40 * extent.bumps(step) + 60 * extent.positions
+
+
 def localization(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of the groups, the images and a filter.
 
@@ -132,7 +137,9 @@ def patrol(extent: Extent) -> float | int:
     return cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
 
-def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:
+def check(
+    extent: Extent, need: Need, doing: str, step: float | None, also: str = ""
+) -> float | int:
     """Refuse a study that takes more memory than is free.
 
     **Arguments:**
@@ -141,6 +148,7 @@ def check(extent: Extent, need: Need, doing: str, step: float | None) -> float |
     - `need`: the bytes that the study of a cell space takes.
     - `doing`: what takes them.
     - `step`: length of a step in metres, which no cell may be larger than, or `None`.
+    - `also`: what else would fit.
 
     **Returns:** the bytes.
 
@@ -149,7 +157,7 @@ def check(extent: Extent, need: Need, doing: str, step: float | None) -> float |
     """
     needed, available = need(extent), memory.free()
     if available is not None and needed > available:
-        memory.check(needed, doing, _instead(extent, need, available, step))
+        memory.check(needed, doing, also + _instead(extent, need, available, step))
     return needed
 
 
