@@ -3,6 +3,7 @@
 import contextlib
 import os
 import secrets
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from .bundled import bundled_names
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give the name of a new file beside `path`, which replaces it when the block ends.
 
-    If the block raises, the new file is removed. So `path` never holds half a file.
+    If the block raises, the new file is removed. So `path` never holds half a file. It may be a
+    folder too.
 
     **Raises:** `FileNotFoundError` if the folder does not exist.
     """
@@ -23,10 +25,16 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     temporary = path.with_name(f".{path.stem}-{secrets.token_hex(4)}{path.suffix}")
     try:
         yield temporary
+        if temporary.is_dir() and path.is_dir():
+            # A folder does not take the place of one that has something in it.
+            os.replace(path, temporary.with_suffix(".old"))
         os.replace(temporary, path)
     except BaseException:
+        if temporary.is_dir():
+            shutil.rmtree(temporary, ignore_errors=True)
         temporary.unlink(missing_ok=True)
         raise
+    shutil.rmtree(temporary.with_suffix(".old"), ignore_errors=True)
 
 
 def name_in_results(path: str | os.PathLike[str]) -> str:

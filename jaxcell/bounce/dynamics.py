@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, estimates, free_steps, line_orders, stencil
+from ..space import CellSpace, estimates, line_orders, stencil
 from ..space.extent import Extent
+from ..space.steps import Steps
 
 
 Collision: TypeAlias = Literal["swept", "endpoint"]
 
 _Ints: TypeAlias = Int[Array, "..."] | Int[np.ndarray, "..."]
-_Bools: TypeAlias = Bool[Array, "..."] | Bool[np.ndarray, "..."]
 
 
 @jax.tree_util.register_dataclass
@@ -69,25 +69,14 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     estimates.check(
         Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
     )
-    grid = cells.free.shape
-    if cells.gridded:
-        shape = stencil(cells.directions, length, collision, grid)
-        # From each square, seen as a window on the grid with as much around it as one looks past.
-        beyond = int(np.abs(shape.square).max(initial=0))
-        windows = np.lib.stride_tricks.sliding_window_view(np.pad(cells.free, beyond), grid)
-        is_free = windows[tuple((beyond + shape.square).T)].reshape(len(shape.square), -1)
-        on_grid = _grid_targets(cells.free, is_free, *shape.looks[1:])[:, cells.square]
-        target, way, line = cells.position_of_square.ravel()[on_grid], shape.way, shape.line
-    else:
-        target, first, way = _unique_rows(free_steps(cells, length, collision))
-        shape = stencil(cells.directions, length, "endpoint", grid)
-        line = shape.line[shape.way[first]]
-    order = cells.position_of_square.ravel()[line_orders(*grid, shape.lines)]
+    steps = Steps.of(cells, length, collision)
+    order = cells.position_of_square.ravel()[line_orders(*cells.free.shape, steps.lines)]
     order = order[order >= 0].reshape(-1, cells.positions)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         free = np.ones(cells.positions, bool)
-        return Moves(*jax.device_put((target, way, free, order, line)))
+        arrays = steps.targets(cells), steps.way, free, order, steps.line
+        return Moves(*jax.device_put(arrays))
 
 
 def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
@@ -158,24 +147,15 @@ def _grid_moves(
     column = square[None] % columns + relative[:, 1:]
     inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     is_free = inside & free.ravel()[row * columns + column]
-    target = _grid_targets(free, is_free, crossed, beside, offset)
-    return Moves(target, way, free.ravel(), order, line)
-
-
-def _grid_targets(
-    free: _Bools, is_free: _Bools, crossed: _Ints, beside: _Ints, offset: _Ints
-) -> Any:
-    """Where one step leads from every square in every way; of NumPy, or traced."""
-    xp = free.__array_namespace__()
-    square = xp.arange(free.size, dtype=xp.int32)
     passes = free.ravel()[None]
     # One after the other: together they would not fit the memory where steps are long.
     for on_the_way in crossed.T:
         passes = passes & is_free[on_the_way]
     for left, right in beside.transpose(1, 2, 0):
         passes = passes & (is_free[left] | is_free[right])
-    hop = offset[:, :1] * free.shape[1] + offset[:, 1:]
-    return square[None] + xp.where(passes, hop, 0)
+    hop = offset[:, :1] * columns + offset[:, 1:]
+    target = square[None] + jnp.where(passes, hop, 0)
+    return Moves(target, way, free.ravel(), order, line)
 
 
 def count_before(mask: Bool[Array, "rows places"]) -> Int[Array, "rows places"]:
@@ -189,20 +169,6 @@ def count_before(mask: Bool[Array, "rows places"]) -> Int[Array, "rows places"]:
 
     counts = mask.astype(jnp.int32).T
     return jax.lax.scan(add, jnp.zeros(mask.shape[0], jnp.int32), counts)[1].T
-
-
-def _unique_rows(
-    rows: Int[np.ndarray, "directions positions"],
-) -> tuple[
-    Int[np.ndarray, "ways positions"],
-    Int[np.ndarray, "ways"],
-    Int[np.ndarray, "directions"],
-]:
-    """The rows that differ, where each comes first, and which of them each row is."""
-    seen: dict[bytes, int] = {}
-    way = np.array([seen.setdefault(row.tobytes(), len(seen)) for row in rows], np.int32)
-    _, first = np.unique(way, return_index=True)
-    return rows[first], first, way
 
 
 def bounce_shift(

@@ -236,7 +236,11 @@ def bounce_groups(
     possible, straight, groups = _section_groups(cells, bounce, step, collision)
     batch = groups.count.size
     estimates.check(
-        Extent.of(cells), lambda e: estimates.IMAGE * e.size * batch, "groups of all cells", step
+        Extent.of(cells),
+        lambda e: estimates.IMAGE * e.size * batch,
+        "groups of all cells",
+        step,
+        "`record.save_cells` writes them a direction at a time, or ",
     )
     expand = functools.partial(expand_groups, possible, straight)
     for _ in range(groups.count.ndim):

@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import jax
@@ -9,13 +9,15 @@ from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
 from ..mapping import GroupTotals
-from ..space import CellSpace, estimates, stencil
+from ..space import CellSpace, estimates
 from ..space.extent import Extent
-from .dynamics import Collision, bounce_map, bounce_shift, moves, step_in_cells
+from ..space.steps import Steps
+from .by_direction import DirectionGroups
+from .dynamics import Collision, bounce_map, bounce_shift, step_in_cells
 from .gridded import wall_groups
-from .groups import bounce_groups, group_summary
+from .groups import bounce_groups
 from .localization.filter_size import heading_filter_sizes
-from .wall_map import cell_walls, walls
+from .wall_map import WayWalls, wall_tables, walls
 
 
 _PADDING = "-1: no such group"
@@ -101,18 +103,25 @@ class BounceGroups(Result):
             "numbers of groups",
             step,
         )
-        if _ways(cells, step, collision) <= estimates.MAX_WALL_WAYS:
-            known = cell_walls(cells, step=step, collision=collision)
-            return cls(cells, motion, angles, *_of_each(wall_groups(known, shift), slice(None)))
-        found = group_summary(cells, angles, step=step, collision=collision)
-        count, *tables = map(np.asarray, (found.count, found.period, found.basin, found.transient))
-        numbers = [
-            (transient.max(), period.min(), period.max(), period.sum(), basin.max())
-            for period, basin, transient in (
-                (table[i, :size] for table in tables) for i, size in enumerate(count.tolist())
+        steps = Steps.of(cells, step_in_cells(cells, step, collision), collision)
+        if len(steps.offset) <= estimates.MAX_WALL_WAYS:
+            return cls(
+                cells,
+                motion,
+                angles,
+                *_of_each(wall_groups(wall_tables(steps), shift), slice(None)),
             )
-        ]
-        return cls(cells, motion, angles, count, *np.array(numbers).T)
+        each = [_of_each(one.totals(), slice(None)) for one in _by_direction(cells, steps, shift)]
+        return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
+
+    def by_direction(self) -> Iterator[DirectionGroups]:
+        """The groups of each angle such that cells follow one direction at a time.
+
+        So [`jaxcell.record.save_cells`][] writes what would not fit the memory.
+        """
+        length = step_in_cells(self.cells, self.motion["step"], self.motion["collision"])
+        steps = Steps.of(self.cells, length, self.motion["collision"])
+        return _by_direction(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
     def bounce_deg(self) -> Float[np.ndarray, "angles"]:
@@ -211,12 +220,11 @@ def _of_each(
     return [number[which] for number in numbers]
 
 
-def _ways(cells: CellSpace, step: float | None, collision: Collision) -> int:
-    """How many ways there are, without their moves where walls run along edges of squares."""
-    if not cells.gridded:
-        return len(moves(cells, step=step, collision=collision).target)
-    length = step_in_cells(cells, step, collision)
-    return len(stencil(cells.directions, length, collision, cells.free.shape).offset)
+def _by_direction(
+    cells: CellSpace, steps: Steps, shift: Int[np.ndarray, "angles"]
+) -> Iterator[DirectionGroups]:
+    walls = tuple(WayWalls.of(steps, way) for way in range(len(steps.offset)))
+    return (DirectionGroups.of(cells, steps, walls, one) for one in shift.tolist())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

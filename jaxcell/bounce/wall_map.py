@@ -1,18 +1,13 @@
 import dataclasses
-import functools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Int, Int32
 
 from ..mapping.section import bucket
-from ..space import CellSpace, stencil
-from ..space.stencils import GridLines, Stencil
-from .dynamics import Collision, moves, step_in_cells
-
-
-# Squares of grids whose lines are listed; of larger ones that takes longer than it saves.
-_SMALL = 2**20
+from ..space import CellSpace
+from ..space.steps import Steps
+from .dynamics import Collision, step_in_cells
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,11 +87,7 @@ def walls(
     """
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
-    shape = stencil(directions, float(step), collision, free.shape[1:])
-    lines = _lines(*free.shape[1:], shape.lines)
-    along = [lines[line] for line in shape.line.tolist()]
-    rooms = [_walls_of(one.ravel(), _still(one, shape), along) for one in free]
-    return _stacked(shape.way, rooms)
+    return wall_tables(Steps.on_grids(free, directions, float(step), collision))
 
 
 def cell_walls(
@@ -118,138 +109,70 @@ def cell_walls(
         >>> bounce.cell_walls(cells).behind[0, :, 0].tolist()
         [2, 2]
     """
-    if cells.gridded:
-        return walls(
-            cells.free[None],
-            cells.directions,
-            step=step_in_cells(cells, step, collision),
-            collision=collision,
-        )
-    possible = moves(cells, step=step, collision=collision)
-    still = np.asarray(possible.target) == np.arange(cells.positions)
-    lines = [_Listed.of(order) for order in np.asarray(possible.order, np.int64)]
-    along = [lines[line] for line in np.asarray(possible.line).tolist()]
-    return _stacked(np.asarray(possible.way), [_walls_of(np.asarray(possible.free), still, along)])
-
-
-def _stacked(way: Int[np.ndarray, "directions"], rooms: "list[_RoomWalls]") -> Walls:
-    ways = int(way.max()) + 1
-    count = np.array([np.diff(room.start) for room in rooms], np.int32).reshape(-1, ways)
-    slots = bucket(int(count.max(initial=0)) + 1)
-    live = np.arange(slots) < count[..., None]
-    behind = np.full(live.shape, -1, np.int32)
-    after = np.full((len(rooms), ways, ways, slots), slots - 1, np.int32)
-    length = np.full(after.shape, -1, np.int32)
-    for i, room in enumerate(rooms):
-        behind[i][live[i]] = room.behind
-        for w in range(ways):
-            after[i, :, w][live[i]] = room.next[w]
-            length[i, :, w][live[i]] = room.length[w]
-    return Walls(way, count, behind, after, length)
+    return wall_tables(Steps.of(cells, step_in_cells(cells, step, collision), collision))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _RoomWalls:
-    """The walls of one grid, those of one way after those of another."""
+class WayWalls:
+    """The walls of one way of some grids, in the order of places along its lines."""
 
-    start: Int[np.ndarray, "_"]
+    square: Int[np.ndarray, "walls"]
+    "Their squares, those of one grid after those of another."
+    place: Int[np.ndarray, "walls"]
+    "Their places, ascending."
     behind: Int[np.ndarray, "walls"]
-    next: Int[np.ndarray, "ways walls"]
-    length: Int[np.ndarray, "ways walls"]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Listed:
-    """The squares line by line, as steps in a way follow them, and the place of each."""
-
-    order: Int[np.ndarray, "squares"]
-    places: Int[np.ndarray, "squares"]
+    "Number of squares from which the robot runs into each, without its own."
 
     @classmethod
-    def of(cls, order: Int[np.ndarray, "squares"]) -> "_Listed":
-        places = np.empty_like(order)
-        places[order] = np.arange(order.size)
-        return cls(order, places)
+    def of(cls, steps: Steps, way: int) -> "WayWalls":
+        """The walls of a way, found on the edges of what is free and not by following runs."""
+        possible = steps.possible(way)
+        begins = np.flatnonzero(steps.starts(way, possible))
+        square = np.flatnonzero(steps.free & ~possible)
+        # As many runs begin as end, the next one after the end of the one before.
+        begin, place = steps.places(int(steps.line[way]), np.stack([begins, square]))
+        order = np.argsort(place)
+        place = place[order]
+        return cls(square[order], place, place - np.sort(begin))
 
-    def parts(self) -> Iterator[Int[np.ndarray, "part"]]:
-        yield self.order
+    def ahead(
+        self, place: Int[np.ndarray, "some"]
+    ) -> tuple[Int[np.ndarray, "some"], Int[np.ndarray, "some"]]:
+        """The number of the wall ahead of places of free squares, and the steps to it."""
+        # From a free square the next wall along the line is on the same run.
+        at = np.searchsorted(self.place, place)
+        return at, self.place[at] - place
 
-    def place(self, square: Int[np.ndarray, "some"]) -> Int[np.ndarray, "some"]:
-        return self.places[square]
 
-
-def _walls_of(
-    is_free: Bool[np.ndarray, "squares"],
-    still: Iterable[Bool[np.ndarray, "*squares"]],
-    lines: Sequence[_Listed | GridLines],
-) -> _RoomWalls:
-    """The walls of one grid.
+def wall_tables(steps: Steps) -> Walls:
+    """Which wall follows which where one step leads as given.
 
     **Arguments:**
 
-    - `is_free`: which squares are free.
-    - `still`: for each way, whether no step is possible from a square, or it is not free.
-    - `lines`: the lines of each way.
+    - `steps`: the steps on some grids of one shape.
+
+    **Returns:** [`Walls`][].
     """
-    squares: list[np.ndarray] = []
-    behind: list[np.ndarray] = []
-    places: list[np.ndarray] = []
-    for line, ends in zip(lines, still, strict=True):
-        found = zip(*_walls_along(line, is_free, ends.ravel()), strict=True)
-        for one, parts in zip((places, squares, behind), found, strict=True):
-            one.append(np.concatenate(parts))
-    start = np.cumsum([0, *map(len, squares)])
-    at = np.concatenate(squares)
-    after, length = np.empty((2, len(places), at.size), np.int32)
-    for w, (line, place) in enumerate(zip(lines, places, strict=True)):
-        here = line.place(at)
-        # From a free square the next stop is a wall.
-        after[w] = np.searchsorted(place, here)
-        length[w] = place[after[w]] - here
-    return _RoomWalls(start, np.concatenate(behind), after, length)
-
-
-def _walls_along(
-    line: _Listed | GridLines,
-    is_free: Bool[np.ndarray, "squares"],
-    ends: Bool[np.ndarray, "squares"],
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The places of walls along lines, their squares, and how many squares lead to each."""
-    begin = 0
-    for order in line.parts():
-        # The squares are runs that end in a stop: a wall, or an obstacle.
-        stops = np.flatnonzero(ends[order])
-        square = order[stops]
-        free = is_free[square]
-        yield begin + stops[free], square[free], (np.diff(stops, prepend=-1) - 1)[free]
-        begin += order.size
-
-
-@functools.lru_cache(maxsize=16)
-def _lines(
-    rows: int, columns: int, steps: tuple[tuple[int, int], ...]
-) -> list[_Listed] | list[GridLines]:
-    """The lines of each offset of a step; those of small grids are listed, to be used again."""
-    lines = [GridLines.of(rows, columns, step) for step in steps]
-    return [_Listed.of(one.order()) for one in lines] if rows * columns <= _SMALL else lines
-
-
-def _still(
-    free: Bool[np.ndarray, "rows columns"], shape: Stencil
-) -> Iterator[Bool[np.ndarray, "rows columns"]]:
-    """For each way, whether no step is possible from a square, or the square is not free."""
-    rows, columns = free.shape
-    margin = int(np.abs(shape.square).max())
-    framed = np.pad(free, margin)
-    looks = [
-        framed[margin + up : margin + up + rows, margin + across : margin + across + columns]
-        for up, across in shape.square.tolist()
-    ]
-    for crossed, beside in zip(shape.crossed, shape.beside, strict=True):
-        # Lists of looks are filled up with repeats.
-        passes = free.copy()
-        for square in dict.fromkeys(crossed.tolist()):
-            passes &= looks[square]
-        for left, right in dict.fromkeys(map(tuple, beside.tolist())):
-            passes &= looks[left] | looks[right]
-        yield ~passes
+    ways, grids = len(steps.offset), len(steps.free)
+    found = [WayWalls.of(steps, way) for way in range(ways)]
+    square = np.concatenate([one.square for one in found])
+    way = np.repeat(np.arange(ways), [one.square.size for one in found])
+    grid = square // steps.free[0].size
+    count = np.bincount(way * grids + grid, minlength=ways * grids).reshape(ways, grids)
+    first = np.cumsum(count, axis=1) - count
+    slots = bucket(int(count.max(initial=0)) + 1)
+    slot = np.arange(square.size) - (np.cumsum(count) - count.ravel())[way * grids + grid]
+    behind = np.full((grids, ways, slots), -1, np.int32)
+    behind[grid, way, slot] = np.concatenate([one.behind for one in found])
+    after = np.full((grids, ways, ways, slots), slots - 1, np.int32)
+    length = np.full(after.shape, -1, np.int32)
+    # A square is a wall of many ways, and the wall ahead does not depend on of which.
+    some, which = np.unique(square, return_inverse=True)
+    place = (grid * ways + way) * ways * slots + slot
+    before = first[:, some // steps.free[0].size]
+    along = [steps.places(line, some) for line in range(len(steps.lines))]
+    for w, one in enumerate(found):
+        at, steps_to = one.ahead(along[steps.line[w]])
+        after.reshape(-1)[place + w * slots] = (at - before[w])[which]
+        length.reshape(-1)[place + w * slots] = steps_to[which]
+    return Walls(steps.way, count.T.astype(np.int32), behind, after, length)

@@ -60,10 +60,10 @@ class Command:
         asked = self.asked
         spec = asked.spec(result)
         out.mkdir(parents=True, exist_ok=True)
-        dataset = record.dataset(result, spec=spec)
-        record.save_dataset(dataset, out / f"{asked.name}.nc")
-        if has_module("rerun"):
-            record.save_recording(result, out / f"{asked.name}.rrd", spec=spec)
+        if asked.at_once(result):
+            record.save_dataset(record.dataset(result, spec=spec), out / f"{asked.name}.nc")
+            if has_module("rerun"):
+                record.save_recording(result, out / f"{asked.name}.rrd", spec=spec)
         asked.write(result, out)
         _write_summary(summary, out)
 

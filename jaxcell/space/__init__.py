@@ -58,7 +58,6 @@ No part of this package imports JAX.
 from .box import Box as Box
 from .cells import CellSpace as CellSpace
 from .nearest import nearest_cell as nearest_cell
-from .segments import free_steps as free_steps
 from .sight import visible_cells as visible_cells, visible_centres as visible_centres
 from .slip import (
     Slip as Slip,
@@ -67,6 +66,7 @@ from .slip import (
     slipping_step as slipping_step,
 )
 from .stencils import Stencil as Stencil, line_orders as line_orders, stencil as stencil
+from .steps import free_steps as free_steps
 from .strides import cell_strides as cell_strides, stride_legs as stride_legs
 from .view import visibility_polygon as visibility_polygon
 from .workspace import Workspace as Workspace

@@ -13,7 +13,6 @@ from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .extent import Extent
 from .occupancy import cutting_bytes
-from .stencils import SQUARES_AT_ONCE
 
 
 Need: TypeAlias = Callable[[Extent], float | int]
@@ -24,7 +23,7 @@ Need: TypeAlias = Callable[[Extent], float | int]
 IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
 
 # Tables of which wall follows which grow with the square of the number of ways.
-MAX_WALL_WAYS = 100
+MAX_WALL_WAYS = 32
 
 # Sides of cells that people choose.
 _ROUND = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -60,7 +59,7 @@ def counts(extent: Extent, step: float | None, collision: str) -> float | int:
         return groups(extent, step, collision)
     if not extent.gridded:
         return moves(extent, step, collision)
-    listed = 15 * min(extent.squares, SQUARES_AT_ONCE)
+    listed = 0
     tables = 18 * ways**2 * extent.bumps(step) / extent.directions
     return 5.7 * extent.squares + listed + tables
 
@@ -68,6 +67,11 @@ def counts(extent: Extent, step: float | None, collision: str) -> float | int:
 def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
     """Bytes of the groups, and of images and steps of all cells for some bouncing angles."""
     return groups(extent, step, collision) + IMAGE * angles * extent.size
+
+
+def by_direction(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the images, groups and steps of the cells of one direction, and of all walls."""
+    return counts(extent, step, collision) + 40 * extent.bumps(step) + 60 * extent.positions
 
 
 def localization(extent: Extent, step: float | None, collision: str) -> float | int:
@@ -133,7 +137,9 @@ def patrol(extent: Extent) -> float | int:
     return cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
 
-def check(extent: Extent, need: Need, doing: str, step: float | None) -> float | int:
+def check(
+    extent: Extent, need: Need, doing: str, step: float | None, also: str = ""
+) -> float | int:
     """Refuse a study that takes more memory than is free.
 
     **Arguments:**
@@ -142,6 +148,7 @@ def check(extent: Extent, need: Need, doing: str, step: float | None) -> float |
     - `need`: the bytes that the study of a cell space takes.
     - `doing`: what takes them.
     - `step`: length of a step in metres, which no cell may be larger than, or `None`.
+    - `also`: what else would fit.
 
     **Returns:** the bytes.
 
@@ -150,7 +157,7 @@ def check(extent: Extent, need: Need, doing: str, step: float | None) -> float |
     """
     needed, available = need(extent), memory.free()
     if available is not None and needed > available:
-        memory.check(needed, doing, _instead(extent, need, available, step))
+        memory.check(needed, doing, also + _instead(extent, need, available, step))
     return needed
 
 

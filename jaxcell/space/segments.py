@@ -9,15 +9,16 @@ from .stencils import displacement
 
 
 _CHUNK = 2**21
+# Squares in a row of a block.
+_BLOCK = 32
 
 
-def free_steps(
+def blocked_steps(
     cells: CellSpace, step: float, collision: str
-) -> Int[np.ndarray, "directions positions"]:
-    """The position where a step from each centre in each direction leads, among walls of any shape.
+) -> tuple[Int[np.ndarray, "near"], Bool[np.ndarray, "near directions"]]:
+    """The steps that walls of any shape are in the way of.
 
-    A step that is not possible leads to the same position. Walls in reach of a centre are tested
-    exactly, to a tolerance of 1e-9 of a cell.
+    Walls in reach of a centre are tested exactly, to a tolerance of 1e-9 of a cell.
 
     **Arguments:**
 
@@ -25,45 +26,36 @@ def free_steps(
     - `step`: length of a step in cells.
     - `collision`: `"swept"` or `"endpoint"`.
 
-    **Returns:** the positions, by direction and position.
+    **Returns:** the free squares within a step of a wall, and in which directions a wall is in the
+    way of a step from the centre of each. Elsewhere it is only the end that has to be free.
 
     **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
-
-    In a corridor of three squares, with the directions East and West:
-
-        >>> from jaxcell import examples, space
-        >>> cells = examples.corridor()
-        >>> space.free_steps(cells, 1.0, "swept").tolist()
-        [[1, 2, 2], [0, 0, 1]]
     """
     rows, columns = cells.free.shape
-    # All longer ones lead off the map too.
-    step = min(step, math.hypot(rows, columns) + 1)
-    steps = np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
-    row, column = np.divmod(cells.square, columns)
-    centres = np.stack([column, row], axis=1) + 0.5
-    here = np.arange(cells.positions, dtype=np.int32)
-    targets = np.empty((cells.directions, cells.positions), np.int32)
-    for target, (across, up) in zip(targets, np.floor(np.round(steps + 0.5, 9)), strict=True):
-        to_row, to_column = row + int(up), column + int(across)
-        inside = (to_row >= 0) & (to_row < rows) & (to_column >= 0) & (to_column < columns)
-        target[:] = cells.position_of_square[to_row * inside, to_column * inside]
-        target[~inside] = -1
-        np.copyto(target, here, where=target < 0)
-
+    steps = _displacements(cells, step)
+    reach = float(np.linalg.norm(steps[0])) + TOLERANCE
     tree = shapely.STRtree(shapely.linestrings(cells.walls))
-    # Of the others no step ends in a free square.
-    able = np.flatnonzero((targets != here).any(axis=0))
-    points = shapely.points(centres[able])
-    near, wall = tree.query(points, predicate="dwithin", distance=step + TOLERANCE)
-    near = able[near]
+    # Blocks of squares are tested, which are far fewer, and then the squares of those near walls.
+    blocks = np.zeros((-(-rows // _BLOCK), -(-columns // _BLOCK)), bool)
+    bottom, left = np.indices(blocks.shape).reshape(2, -1) * _BLOCK
+    boxes = shapely.box(left, bottom, left + _BLOCK, bottom + _BLOCK)
+    blocks.flat[tree.query(boxes, predicate="dwithin", distance=reach)[0]] = True
+    around = blocks.repeat(_BLOCK, 0).repeat(_BLOCK, 1)[:rows, :columns]
+    square = np.argwhere(cells.free & around)
+    centres = square[:, ::-1] + 0.5
+    near, wall = tree.query(shapely.points(centres), predicate="dwithin", distance=reach)
     if collision == "endpoint":
         near = np.unique(near)
         blocked = _end_outside(cells, centres[near], steps)
     else:
         near, blocked = meets_wall(cells.walls, centres, steps, near, wall)
-    targets[:, near] = np.where(blocked.T, here[near], targets[:, near])
-    return targets
+    return square[near] @ (columns, 1), blocked
+
+
+def _displacements(cells: CellSpace, step: float) -> Float[np.ndarray, "directions 2"]:
+    # All longer ones lead off the map too.
+    step = min(step, math.hypot(*cells.free.shape) + 1)
+    return np.array([displacement(k, cells.directions, step) for k in range(cells.directions)])
 
 
 def _end_outside(

@@ -1,17 +1,11 @@
 import dataclasses
 import functools
-import itertools
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Int
 
 from .cells import TOLERANCE
-
-
-# Squares of lines that are listed at once.
-SQUARES_AT_ONCE = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,68 +86,6 @@ def stencil(directions: int, step: float, collision: str, grid: tuple[int, int])
     )
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class GridLines:
-    """The lines of a grid along which steps of one offset lead, by their first squares."""
-
-    rows: int
-    columns: int
-    step: tuple[int, int]
-    "The offset, `(row, column)`."
-    first: Int[np.ndarray, "lines"]
-    "The square where each begins, ascending."
-
-    @classmethod
-    def of(cls, rows: int, columns: int, step: tuple[int, int]) -> "GridLines":
-        """The lines of a grid of so many rows and columns."""
-        begins = np.zeros((rows, columns), bool)
-        for along, move in zip((begins, begins.T), step, strict=True):
-            # No step leads to the first squares, seen in its direction.
-            (along if move >= 0 else along[::-1])[: abs(move)] = True
-        return cls(rows, columns, step, np.flatnonzero(begins))
-
-    @functools.cached_property
-    def start(self) -> Int[np.ndarray, "_"]:
-        """How many squares the lines before each have, and all of them."""
-        return np.concatenate([[0], np.cumsum(1 + self._steps(self.first, ahead=True))])
-
-    def order(self, some: slice = slice(None)) -> Int[np.ndarray, "squares"]:
-        """The squares of some lines, line by line, as steps follow them."""
-        begin, end = self.start[:-1][some], self.start[1:][some]
-        count = end - begin
-        up, across = self.step
-        step = np.arange(count.sum()) - np.repeat(begin - begin[:1], count)
-        step *= up * self.columns + across
-        step += np.repeat(self.first[some], count)
-        return step
-
-    def parts(self) -> Iterator[Int[np.ndarray, "squares"]]:
-        """The same of some lines after the others, so that all squares are never listed at once."""
-        some = np.arange(0, self.start[-1] + SQUARES_AT_ONCE, SQUARES_AT_ONCE)
-        ends = np.unique(np.searchsorted(self.start, some)).clip(max=self.first.size)
-        for begin, end in itertools.pairwise(ends.tolist()):
-            yield self.order(slice(begin, end))
-
-    def place(self, square: Int[np.ndarray, "some"]) -> Int[np.ndarray, "some"]:
-        """The places of some squares in the order of all."""
-        up, across = self.step
-        before = self._steps(square, ahead=False)
-        first = square - before * (up * self.columns + across)
-        return self.start[np.searchsorted(self.first, first)] + before
-
-    def _steps(self, square: Int[np.ndarray, "some"], ahead: bool) -> Int[np.ndarray, "some"]:
-        """How many steps there are to the end of the line, or from where it begins."""
-        row, column = np.divmod(square, self.columns)
-        steps = np.full(square.shape, self.rows + self.columns)
-        for move, place, size in zip(
-            self.step, (row, column), (self.rows, self.columns), strict=True
-        ):
-            if move:
-                room = size - 1 - place if (move > 0) == ahead else place
-                np.minimum(steps, room // abs(move), out=steps)
-        return steps
-
-
 @functools.lru_cache(maxsize=16)
 def line_orders(
     rows: int, columns: int, lines: tuple[tuple[int, int], ...]
@@ -175,8 +107,53 @@ def line_orders(
     """
     orders = np.empty((len(lines), rows * columns), np.int32)
     for order, step in zip(orders, lines, strict=True):
-        order[:] = GridLines.of(rows, columns, step).order()
+        begins = np.zeros((rows, columns), bool)
+        for along, move in zip((begins, begins.T), step, strict=True):
+            # No step leads to the first squares, seen in its direction.
+            (along if move >= 0 else along[::-1])[: abs(move)] = True
+        first = np.flatnonzero(begins)
+        back = -step[0], -step[1]
+        count = 1 + steps_before(first, (rows, columns), back)
+        start = np.cumsum(count) - count
+        along_line = np.arange(order.size) - np.repeat(start, count)
+        order[:] = np.repeat(first, count) + along_line * (step[0] * columns + step[1])
     return orders
+
+
+def line_places(
+    square: Int[np.ndarray, "*some"], grid: tuple[int, int], step: tuple[int, int]
+) -> Int[np.ndarray, "*some"]:
+    """Numbers that ascend by one from square to square along the lines that steps of an offset
+    follow; those of different lines do not mix.
+
+    **Arguments:**
+
+    - `square`: squares of a grid, or of many grids of one shape, one after the other.
+    - `grid`: its number of rows and of columns.
+    - `step`: the offset, `(row, column)`.
+
+    In two rows of three squares, along the columns:
+
+        >>> import numpy as np
+        >>> from jaxcell.space.stencils import line_places
+        >>> line_places(np.array([0, 3, 1, 4]), (2, 3), (1, 0)).tolist()
+        [0, 1, 5, 6]
+    """
+    rows, columns = grid
+    before = steps_before(square % (rows * columns), grid, step)
+    first = square - before * (step[0] * columns + step[1])
+    return first.astype(np.int64) * (rows + columns) + before
+
+
+def steps_before(
+    square: Int[np.ndarray, "*some"], grid: tuple[int, int], step: tuple[int, int]
+) -> Int[np.ndarray, "*some"]:
+    """How many steps of an offset lead to each square from where its line begins."""
+    before = np.full(square.shape, sum(grid))
+    for move, place, size in zip(step, np.divmod(square, grid[1]), grid, strict=True):
+        if move:
+            np.minimum(before, (place if move > 0 else size - 1 - place) // abs(move), out=before)
+    return before
 
 
 def displacement(direction: int, directions: int, step: float) -> tuple[float, float]:

@@ -1,7 +1,9 @@
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ..base import memory
 from .map_study import MapStudy
 from .study import Degrees, Say, silent
 
@@ -12,9 +14,17 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
+# Cells of which all is held at once, written to a dataset, and drawn.
+_MAX_AT_ONCE = 20_000_000
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Groups(MapStudy):
-    """Find the periodic groups of a bouncing robot and how every cell reaches them."""
+    """Find the periodic groups of a bouncing robot and how every cell reaches them.
+
+    What more than 20 million cells do, or more than fit the memory, is written a direction at a
+    time, to a Zarr store in place of a dataset and a recording.
+    """
 
     name: ClassVar[str] = "groups"
     batch: ClassVar[str | None] = "bounce"
@@ -30,7 +40,22 @@ class Groups(MapStudy):
     def written(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
-        return estimates.images(extent, len(self.bounce), **self.motion)
+        angles = len(self.bounce)
+        if self._at_once(extent):
+            return estimates.images(extent, angles, **self.motion)
+        return estimates.by_direction(extent, **self.motion)
+
+    def at_once(self, result: Any) -> bool:
+        from ..space.extent import Extent
+
+        return self._at_once(Extent.of(result.cells))
+
+    def _at_once(self, extent: "Extent") -> bool:
+        from ..space import estimates
+
+        angles, free = len(self.bounce), memory.free()
+        needed = estimates.images(extent, angles, **self.motion)
+        return extent.size * angles <= _MAX_AT_ONCE and (free is None or needed <= free)
 
     def run(self, say: Say = silent) -> "BounceGroups":
         if not self.bounce:
@@ -42,6 +67,12 @@ class Groups(MapStudy):
         cells = self.cells()
         say(f"mapping {len(self.bounce)} x {cells.size:,} cells")
         return BounceGroups.of(cells, np.radians(self.bounce), **self.motion)
+
+    def write(self, result: Any, out: Path) -> None:
+        from .. import record
+
+        if not self.at_once(result):
+            record.save_cells(result, out / "groups.zarr", spec=self.spec(result))
 
     def verify(self, result: Any) -> "Sequence[Comparison]":
         from ..verify import compare_groups

@@ -71,6 +71,12 @@ class Localize(MapStudy):
             return estimates.choice(extent, **self.motion)
         return estimates.localization(extent, **self.motion)
 
+    @property
+    def smaller(self) -> str:
+        if self.bounces or self.slip is not None:
+            return ""
+        return "`jaxcell groups` writes the groups alone a direction at a time, or "
+
     def spec(self, result: "Result") -> dict[str, Any]:
         absent = {"bounce_deg", "open_world"} if self.bounces else {"bounces_deg", "goal", "aim"}
         if self.slip is not None:

@@ -38,6 +38,11 @@ class CellStudy(Study):
         """The same with what its files take."""
         return self.needed(extent)
 
+    @property
+    def smaller(self) -> str:
+        """What may fit where this does not, beside larger cells, as the begin of a choice."""
+        return ""
+
     def memory(self, written: bool = False) -> float | int:
         from ..space import estimates
         from ..space.extent import Extent
@@ -45,15 +50,15 @@ class CellStudy(Study):
         extent = Extent.about(*_chosen(*self._cut))
         if extent is None:
             return 0
-        step = getattr(self, "step", None)
+        about = self.name, getattr(self, "step", None), self.smaller
         if not written:
-            return estimates.check(extent, self.needed, self.name, step)
+            return estimates.check(extent, self.needed, *about)
         try:
-            return estimates.check(extent, self.written, f"{self.name} in files", step)
+            return estimates.check(extent, self.written, f"{self.name} in files", *about[1:])
         except MemoryError as error:
             if (numbers := self.needed(extent)) == self.written(extent):
                 raise
-            estimates.check(extent, self.needed, self.name, step)
+            estimates.check(extent, self.needed, *about)
             fits = f"without files, about {memory.gigabytes(numbers)} would do"
             raise MemoryError(f"{error}; {fits}") from None
 

@@ -85,6 +85,13 @@ class Study:
         """The line above the tables of a result."""
         return self.name
 
+    def at_once(self, result: Any) -> bool:
+        """Whether the arrays of a result are few enough for a dataset and a recording of it.
+
+        Of another one `write` writes them piece by piece.
+        """
+        return True
+
     def write(self, result: Any, out: Path) -> None:
         """Write the files that a result has beside its dataset and its recording."""
 

@@ -64,20 +64,25 @@ def dataset(result: Result, *, spec: Mapping[str, Any] | None = None) -> xr.Data
         array = np.asarray(value)
         if array.dtype == object:
             continue
-        attributes = {"long_name": described.meaning, **described.attributes}
-        if described.units is not None:
-            attributes["units"] = described.units
-        variable = xr.Variable(described.dims, array, attributes)
+        variable = xr.Variable(described.dims, array, attributes_of(described))
         if described.kind == "coordinate":
             found = found.assign_coords({name: variable})
         else:
-            variable.attrs["kind"] = described.kind
             found[name] = variable
-    return _checked(found, {**_checks_of_kinds(found, cells), **_checks(result, "")})
+    checks = {**_checks_of_kinds(found, cells), **_checks(result, "")}
+    return found.assign_attrs(check_attributes(result.title, checks))
 
 
-def _checked(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
-    """The dataset with the value of each check as an attribute `check_<name>`.
+def attributes_of(described: Quantity) -> dict[str, Any]:
+    """The attributes of a variable that say what it is."""
+    attributes = {"long_name": described.meaning, **described.attributes}
+    if described.units is not None:
+        attributes["units"] = described.units
+    return attributes if described.kind == "coordinate" else attributes | {"kind": described.kind}
+
+
+def check_attributes(title: str, checks: Checks) -> dict[str, float | int]:
+    """The value of each check, as an attribute `check_<name>` of the dataset of that title.
 
     Checks are computed from the arrays that are about to be saved, and not from what made them, so
     that they can be computed again from any file. A dataset that contradicts itself is not made at
@@ -86,10 +91,10 @@ def _checked(dataset: xr.Dataset, checks: Checks) -> xr.Dataset:
     for name, (value, limit) in checks.items():
         if not (value <= limit or limit == np.inf):
             raise RuntimeError(
-                f"{dataset.attrs['title']}: the result contradicts itself: {name} is {value:g}, "
+                f"{title}: the result contradicts itself: {name} is {value:g}, "
                 f"expected at most {limit:g}"
             )
-    return dataset.assign_attrs({f"check_{name}": value for name, (value, _) in checks.items()})
+    return {f"check_{name}": value for name, (value, _) in checks.items()}
 
 
 def _flat(result: Result) -> dict[str, tuple[Quantity, Any]]:

@@ -1,0 +1,178 @@
+"""Where one step leads on a map of any shape, one way at a time."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Int, Int32
+
+from .cells import CellSpace
+from .segments import blocked_steps
+from .stencils import line_places, stencil
+
+
+# Places of all squares of grids up to this size are kept.
+_SMALL = 2**16
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Steps:
+    """Where one step leads from each square of some grids of one shape.
+
+    A *way* is what directions have in common in which steps do the same. Only one way at a time is
+    held for all squares, as a bit each.
+    """
+
+    free: Bool[np.ndarray, "grids rows columns"]
+    "Which squares are free."
+    way: Int[np.ndarray, "directions"]
+    "The way of each direction."
+    offset: Int[np.ndarray, "ways 2"]
+    "By how many rows and columns a step leads."
+    lines: tuple[tuple[int, int], ...]
+    "The offsets that differ: ways of one offset run along the same lines."
+    line: Int[np.ndarray, "ways"]
+    "Which of them is that of each way."
+    possible: Callable[[int], Bool[np.ndarray, "grids rows columns"]]
+    "From which squares a step is possible in a way, which leads to a free one."
+
+    @classmethod
+    def on_grids(
+        cls,
+        free: Bool[np.ndarray, "grids rows columns"],
+        directions: int,
+        length: float,
+        collision: str,
+    ) -> "Steps":
+        """Steps on grids whose blocked squares are the obstacles.
+
+        **Arguments:**
+
+        - `free`: which squares are free; row 0 is the lowest.
+        - `directions`: number of directions.
+        - `length`: of a step, in sides of a square.
+        - `collision`: `"swept"` or `"endpoint"`.
+        """
+        rows, columns = free.shape[1:]
+        shape = stencil(directions, length, collision, (rows, columns))
+        margin = int(np.abs(shape.square).max())
+        framed = np.pad(free, ((0, 0), (margin, margin), (margin, margin)))
+
+        def look(square: int) -> Bool[np.ndarray, "grids rows columns"]:
+            up, across = (margin + shape.square[square]).tolist()
+            return framed[:, up : up + rows, across : across + columns]
+
+        def possible(way: int) -> Bool[np.ndarray, "grids rows columns"]:
+            passes = free.copy()
+            # Lists of looks are filled up with repeats.
+            for square in dict.fromkeys(shape.crossed[way].tolist()):
+                passes &= look(square)
+            for left, right in dict.fromkeys(map(tuple, shape.beside[way].tolist())):
+                passes &= look(left) | look(right)
+            return passes
+
+        return cls(free, shape.way, shape.offset, shape.lines, shape.line, possible)
+
+    @classmethod
+    def of(cls, cells: CellSpace, length: float, collision: str) -> "Steps":
+        """Steps in a cell space, as a batch of one grid.
+
+        **Arguments:**
+
+        - `cells`: the cell space.
+        - `length`: of a step, in cells.
+        - `collision`: `"swept"` or `"endpoint"`.
+        """
+        if cells.gridded:
+            return cls.on_grids(cells.free[None], cells.directions, length, collision)
+        return cls.among_walls(cells, length, collision)
+
+    @classmethod
+    def among_walls(cls, cells: CellSpace, length: float, collision: str) -> "Steps":
+        """The same by the walls themselves, which may have any shape."""
+        ends = cls.on_grids(cells.free[None], cells.directions, length, "endpoint")
+        near, blocked = blocked_steps(cells, length, collision)
+        # Walls part directions that lead to the same square, but not where it is not free.
+        able = np.stack([ends.possible(way).ravel()[near] for way in range(len(ends.offset))])
+        blocked = blocked.T & able[ends.way]
+        kinds: dict[tuple[int, bytes], int] = {}
+        kind = zip(ends.way.tolist(), map(bytes, np.packbits(blocked, axis=1)), strict=True)
+        way = np.array([kinds.setdefault(one, len(kinds)) for one in kind], np.int32)
+        _, first = np.unique(way, return_index=True)
+        of_end, blocked = ends.way[first], blocked[first]
+
+        def possible(way: int) -> Bool[np.ndarray, "grids rows columns"]:
+            passes = ends.possible(int(of_end[way]))
+            passes.reshape(-1)[near[blocked[way]]] = False
+            return passes
+
+        return cls(ends.free, way, ends.offset[of_end], ends.lines, ends.line[of_end], possible)
+
+    def starts(
+        self, way: int, possible: Bool[np.ndarray, "grids rows columns"]
+    ) -> Bool[np.ndarray, "grids rows columns"]:
+        """The free squares to which no step leads in a way from those where it is possible."""
+        begins = self.free.copy()
+        there: tuple[slice, ...] = (slice(None),)
+        here: tuple[slice, ...] = (slice(None),)
+        for move, size in zip(self.offset[way].tolist(), self.free.shape[1:], strict=True):
+            there += (slice(max(move, 0), size + min(move, 0)),)
+            here += (slice(max(-move, 0), size - max(move, 0)),)
+        begins[there] &= ~possible[here]
+        return begins
+
+    def targets(self, cells: CellSpace) -> Int32[np.ndarray, "ways positions"]:
+        """The position where a step leads, the same one where none is possible."""
+        here = np.arange(cells.positions, dtype=np.int32)
+        found = np.tile(here, (len(self.offset), 1))
+        for way, target in enumerate(found):
+            able = self.possible(way).ravel()[cells.square]
+            target[able] = cells.position_of_square.ravel()[cells.square[able] + self.hop(way)]
+        return found
+
+    def places(self, line: int, square: Int[np.ndarray, "*some"]) -> Int[np.ndarray, "*some"]:
+        """The numbers of squares along the lines of an offset; see `line_places`."""
+        grid, step = self.free.shape[1:], self.lines[line]
+        if self.free[0].size > _SMALL:
+            return line_places(square, grid, step)
+        which, square = np.divmod(square, self.free[0].size)
+        return _listed(grid, step)[square] + which * (self.free[0].size * sum(grid))
+
+    def hop(self, way: int) -> int:
+        """By how much the number of a square grows with a step."""
+        up, across = self.offset[way].tolist()
+        return int(up * self.free.shape[2] + across)
+
+
+@functools.lru_cache(maxsize=64)
+def _listed(grid: tuple[int, int], step: tuple[int, int]) -> Int[np.ndarray, "squares"]:
+    return line_places(np.arange(grid[0] * grid[1]), grid, step)
+
+
+def free_steps(
+    cells: CellSpace, step: float, collision: str
+) -> Int[np.ndarray, "directions positions"]:
+    """The position where a step from each centre in each direction leads, among walls of any shape.
+
+    A step that is not possible leads to the same position.
+
+    **Arguments:**
+
+    - `cells`: the cell space.
+    - `step`: length of a step in cells.
+    - `collision`: `"swept"` or `"endpoint"`.
+
+    **Returns:** the positions, by direction and position.
+
+    **Raises:** `ValueError` for a space made from a grid, which has no walls of other shapes.
+
+    In a corridor of three squares, with the directions East and West:
+
+        >>> from jaxcell import examples, space
+        >>> cells = examples.corridor()
+        >>> space.free_steps(cells, 1.0, "swept").tolist()
+        [[1, 2, 2], [0, 0, 1]]
+    """
+    steps = Steps.among_walls(cells, step, collision)
+    return steps.targets(cells)[steps.way]
