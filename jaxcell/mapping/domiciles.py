@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 
 import jax
 import numpy as np
@@ -12,6 +13,8 @@ from .generalized import Chain, leaving_rows
 
 # The sink as a domicile.
 SINK = -1
+# Nodes whose edges are listed at once.
+_CHUNK = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,10 +59,11 @@ class TransientGroups:
 def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     """Find the transient groups of a chain: cells with the same domiciles.
 
-    Strongly connected cells have the same domiciles, and those of a component are the union of
-    those of the components that it leads to. These are numbered backwards from the ends, a whole
-    layer at a time, and sets that are equal are kept once; so any number of groups will do, where a
-    table of groups and cells would not fit.
+    Backwards from the ends in their order, and in the reverse order, each cell is first met from
+    its first domicile and from its last. Where these are one it is the only one. Of the other cells
+    strongly connected ones have the same domiciles, and those of a component are the union of those
+    of the components that it leads to. These are joined backwards, and sets that are equal are kept
+    once; so any number of groups will do, where a table of groups and cells would not fit.
 
     **Arguments:**
 
@@ -85,77 +89,91 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
             f"{group.size}"
         )
     matrix = chain.to_scipy()
-    components, label = csgraph.connected_components(matrix, connection="strong")
-    # One more component is the sink.
-    leaving = np.flatnonzero(leaving_rows(matrix))
-    source = np.concatenate([np.repeat(label, np.diff(matrix.indptr)), label[leaving]])
-    target = np.concatenate([label[matrix.indices], np.full(leaving.size, components)])
+    least, most = _outermost(matrix, group, groups.count)
+    several = least < most
+    inner = matrix[several]
+    tails = np.repeat(np.arange(inner.shape[0]), np.diff(inner.indptr))
+    leaving = np.flatnonzero(leaving_rows(matrix)[several])
+    components, label = csgraph.connected_components(inner[:, several], connection="strong")
+    # Before the components there is a node for each home, and steps lead to nodes before.
+    homes = groups.count + 1
+    node = least.copy()
+    node[several] = label + homes
+    source = np.concatenate([label[tails], label[leaving]]) + homes
+    target = np.concatenate([node[inner.indices], np.zeros(leaving.size, int)])
     between = source != target
     later = scipy.sparse.csr_array(
         (np.ones(between.sum(), bool), (source[between], target[between])),
-        shape=(components + 1, components + 1),
+        shape=(components + homes,) * 2,
     )
-    home = np.full(components + 1, SINK)
-    home[label] = group
-    number, sets = _unions(later, home)
+    number, sets = _unions(later, homes)
     cells = np.flatnonzero(group < 0)
-    used, within = np.unique(number[label[cells]], return_inverse=True)
-    order = sorted(range(used.size), key=lambda n: (len(sets[used[n]]), sets[used[n]]))
-    rank = np.argsort(np.array(order, np.int64))
+    count = np.bincount(number[node[cells]], minlength=len(sets))
+    order = sorted(np.flatnonzero(count).tolist(), key=lambda n: (len(sets[n]), sets[n]))
+    rank = np.empty(len(sets), np.int32)
+    rank[order] = np.arange(len(order))
     found = np.full(group.size, -1, np.int32)
-    found[cells] = rank[within]
-    size = np.bincount(found[cells], minlength=used.size)
-    homes = tuple(sets[used[n]] for n in order)
-    return TransientGroups(jax.device_put(found), homes, jax.device_put(size.astype(np.int32)))
+    found[cells] = rank[number[node[cells]]]
+    placed, size = jax.device_put((found, count[order].astype(np.int32)))
+    return TransientGroups(placed, tuple(sets[n] for n in order), size)
+
+
+def _outermost(
+    matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], groups: int
+) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
+    """The first and the last home of each cell, counted from the sink on."""
+    earlier = matrix.tocsc()
+    persistent = np.flatnonzero(group >= 0)
+    _, first = np.unique(group[persistent], return_index=True)
+    doors = [np.flatnonzero(leaving_rows(matrix)), *persistent[first, None]]
+
+    def found_first(doors: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
+        """The first list from which each cell is reached against the steps.
+
+        Strong components are numbered when a depth-first search from node to node is done with
+        them. So with a node for each list in front, what its search finds has the next numbers.
+        """
+        ends = np.cumsum([0, *map(len, doors)])
+        start = np.concatenate([ends, ends[-1] + earlier.indptr[1:]])
+        to = np.concatenate([*doors, earlier.indices]) + len(doors)
+        graph = scipy.sparse.csr_array((np.ones(to.size), to, start), shape=(start.size - 1,) * 2)
+        _, label = csgraph.connected_components(graph, connection="strong")
+        of_label = np.repeat(np.arange(len(doors)), np.diff(label[: len(doors)], prepend=-1))
+        return of_label[label[len(doors) :]]
+
+    return found_first(doors), groups - found_first(doors[::-1])
 
 
 def _unions(
-    later: scipy.sparse.csr_array, home: Int[np.ndarray, "nodes"]
+    later: scipy.sparse.csr_array, homes: int
 ) -> tuple[Int[np.ndarray, "nodes"], list[tuple[int, ...]]]:
-    """The homes of the ends that each node of a graph without circuits leads to.
+    """The sets of homes that the nodes of a graph lead to.
 
     **Arguments:**
 
-    - `later`: the edges.
-    - `home`: the home of each node that leads nowhere.
+    - `later`: the edges, each to a node before.
+    - `homes`: how many of the first nodes lead nowhere: the sink, and the groups in their order.
 
     **Returns:** the number of the set of each node, and the sets.
     """
-    earlier = later.T.tocsr()
-    missing = np.diff(later.indptr).astype(np.int64)
-    number = np.full(home.size, -1)
-    ready = np.flatnonzero(missing == 0)
-    homes, number[ready] = np.unique(home[ready], return_inverse=True)
-    sets: list[tuple[int, ...]] = [(int(one),) for one in homes]
+    number = list(range(homes))
+    sets: list[tuple[int, ...]] = [(home + SINK,) for home in range(homes)]
     known = {one: place for place, one in enumerate(sets)}
-    joined: dict[tuple[int, ...], int] = {}
-    while ready.size:
-        tails = _rows_of(earlier, ready)[0]
-        np.subtract.at(missing, tails, 1)
-        tails = np.unique(tails)
-        ready = tails[missing[tails] == 0]
-        if not ready.size:
-            break
-        heads, start = _rows_of(later, ready)
-        found = number[heads]
-        least = np.minimum.reduceat(found, start[:-1])
-        number[ready] = least
-        for place in np.flatnonzero(least != np.maximum.reduceat(found, start[:-1])):
-            parts = tuple(sorted(set(found[start[place] : start[place + 1]].tolist())))
-            if parts not in joined:
-                union = tuple(sorted(set().union(*(sets[part] for part in parts))))
-                joined[parts] = known.setdefault(union, len(sets))
-                if joined[parts] == len(sets):
-                    sets.append(union)
-            number[ready[place]] = joined[parts]
-    return number, sets
-
-
-def _rows_of(
-    graph: scipy.sparse.csr_array, rows: Int[np.ndarray, "rows"]
-) -> tuple[Int[np.ndarray, "edges"], Int[np.ndarray, "rows+1"]]:
-    """The edges of some rows of a graph, one row after the other, and where each begins."""
-    length = graph.indptr[rows + 1] - graph.indptr[rows]
-    start = np.concatenate([[0], np.cumsum(length)])
-    place = np.arange(start[-1]) + np.repeat(graph.indptr[rows] - start[:-1], length)
-    return graph.indices[place], start
+    joined: dict[tuple[int, int], int] = {}
+    for first in range(homes, later.shape[0], _CHUNK):
+        ends = later.indptr[first : first + _CHUNK + 1]
+        heads = iter(later.indices[ends[0] : ends[-1]].tolist())
+        for length in np.diff(ends).tolist():
+            union = number[next(heads)]
+            for head in itertools.islice(heads, length - 1) if length > 1 else ():
+                other = number[head]
+                if other != union:
+                    pair = union, other
+                    union = joined.get(pair, -1)
+                    if union < 0:
+                        both = tuple(sorted({*sets[pair[0]], *sets[pair[1]]}))
+                        union = joined[pair] = known.setdefault(both, len(sets))
+                        if union == len(sets):
+                            sets.append(both)
+            number.append(union)
+    return np.array(number), sets

@@ -6,9 +6,14 @@ slow, such as a robot between its walls or a drift on a plane, is held back by n
 are what keeps a factorisation sparse, and it takes milliseconds where products would go on for
 10,000 rounds. Each does what the other cannot.
 
-Above half a million rows a factorisation could take any amount of memory. There an incomplete one
-is made, which takes at most 60 bytes an entry of the matrix, and BiCGSTAB does the rest: `I - Q` is
-an M-matrix, whose incomplete factors exist without pivoting (Meijerink & van der Vorst 1977).
+A chain that hardly ever comes back to a cell that it has left, as drifters on water that goes to
+the middles of its gyres, is all but a triangle in the order of its strong components. There a
+factorisation does not fill up, and no products are tried.
+
+Above 100,000 rows an incomplete factorisation is made, which takes at most 120 bytes an entry of
+the matrix, and BiCGSTAB does the rest: `I - Q` is an M-matrix, whose incomplete factors exist
+without pivoting (Meijerink & van der Vorst 1977). Where that does not settle it a complete one
+does, or products above half a million rows, where it could take any amount of memory.
 
 A chain that is unrolled over the phases of a tide fills up however it is factored. It is a *cycle*
 of blocks of states, and by sweeps through all its blocks GMRES works on one of them.
@@ -24,7 +29,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
-from scipy.sparse import linalg
+from scipy.sparse import csgraph, linalg
 
 from ..base.threads import one_blas_thread
 from .cycle import Cycle
@@ -35,9 +40,9 @@ from .elimination import Levels, eliminate
 _TRIAL = 60
 # Products that cost about as much as a factorisation.
 _WORTHWHILE = 400
-# A matrix with more rows is factored incompletely; one that is a cycle, with more than so many, is
-# not factored.
-_LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 500_000, 20_000
+# A matrix with more rows is factored incompletely, with more than the second number only so; one
+# that is a cycle, with more than the third, is not factored.
+_SMALLEST_INCOMPLETE, _LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 100_000, 500_000, 20_000
 # A matrix with more rows is not factored at all; products go on instead.
 _LARGEST_FACTOR = 20_000_000
 _MAX_PRODUCTS = 50_000
@@ -48,9 +53,12 @@ _ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
 _CLOSED = 1e-12
 # Entries of an incomplete factor are dropped below this part of their column, and there are no more
 # than so many for one of the matrix.
-_DROP, _FILL = 1e-2, 5.0
-# Steps of BiCGSTAB, which begins anew so often, each time on the residual.
-_STEPS, _ROUNDS = 200, 6
+_DROP, _FILL = 1e-3, 10.0
+# Entries of a complete factor in the order of components, for one of the matrix.
+_MAX_FILL = 10
+# Steps of BiCGSTAB, which begins anew so often, each time on the residual; and those after which a
+# complete factorisation takes less.
+_STEPS, _ROUNDS, _FEW_STEPS = 200, 6, 25
 # BiCGSTAB ends when no more than this part of the solution is left, which is its rounding. Products
 # go on where it leaves a hundred times that and this part of the right-hand side.
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
@@ -75,29 +83,23 @@ def solve_transient(
     if not right.any():
         return np.zeros_like(right), 0
     matrix = step.T.tocsr() if adjoint else step
-    total, term = right.copy(), right
-    first = float(right.max())
-    goal = 1e-16 * first
-    for products in range(1, _MAX_PRODUCTS + 1):
-        term = matrix @ term
-        total += term
-        largest = float(term.max())
-        if largest <= goal:
+    order, products, total = _by_components(step), 0, np.zeros_like(right)
+    if order is None:
+        total, products, done = _by_products(matrix, right)
+        if done:
             return total, products
-        if _factor_instead(step.shape[0], products, first, largest, goal):
-            break
-    else:
-        return total, products
     leaving = 1 - np.asarray(step.sum(axis=1))
     leaving[leaving <= _CLOSED] = 0
     sure = np.ones(1)
     try:
-        if (attempt := _attempt(matrix)) is not None:
-            total, more = _solve_large(matrix, right, attempt)
+        found = None
+        if order is None and (attempt := _attempt(matrix)) is not None:
+            found, more = _solve_large(matrix, right, attempt)
             products += more
-        else:
-            solve = _factored(step)
-            total, sure = solve(right, adjoint), solve(leaving[:, None])
+        if found is None:
+            solve = _factored(step, order)
+            found, sure = solve(right, adjoint), solve(leaving[:, None])
+        total = found
     except RuntimeError:
         # The matrix is singular to rounding; what the products have given is as good as any.
         sure = np.full(1, np.nan)
@@ -107,6 +109,33 @@ def solve_transient(
             with one_blas_thread():
                 total = eliminate(step, leaving, right, levels, adjoint=adjoint)
     return total, products
+
+
+def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:
+    """The order of strong components, in which nearly all of `I - Q` is a triangle; `None` if they
+    are too large for that."""
+    _, label = csgraph.connected_components(step, connection="strong")
+    # A row of the factor has at most all of a component where the matrix has a step to it.
+    most = np.bincount(label)[label[step.indices]].sum()
+    return np.argsort(label, kind="stable") if most <= _MAX_FILL * step.nnz else None
+
+
+def _by_products(
+    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
+) -> tuple[Float[np.ndarray, "rows columns"], int, bool]:
+    """What products add up to, their number, and whether that is the solution."""
+    total, term = right.copy(), right
+    first = float(right.max())
+    goal = 1e-16 * first
+    for products in range(1, _MAX_PRODUCTS + 1):
+        term = matrix @ term
+        total += term
+        largest = float(term.max())
+        if largest <= goal:
+            break
+        if _factor_instead(matrix.shape[0], products, first, largest, goal):
+            return total, products, False
+    return total, products, True
 
 
 def solve_stationary(
@@ -153,26 +182,47 @@ def _solve(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
 ) -> tuple[Float[np.ndarray, "rows columns"], int]:
     """Solve `x = right + matrix x` with a factorisation; give the products it took beside."""
+    found, products = None, 0
     if (attempt := _attempt(matrix)) is not None:
-        return _solve_large(matrix, right, attempt)
-    return _factored(matrix)(right), 0
+        found, products = _solve_large(matrix, right, attempt)
+    return _factored(matrix)(right) if found is None else found, products
 
 
-def _factored(matrix: scipy.sparse.csr_array) -> Callable[..., Float[np.ndarray, "rows columns"]]:
+def _factored(
+    matrix: scipy.sparse.csr_array, order: Int[np.ndarray, "rows"] | None = None
+) -> Callable[..., Float[np.ndarray, "rows columns"]]:
     """Solve `x = right + matrix x`, or with the transposed matrix, with one factorisation.
+
+    **Arguments:**
+
+    - `matrix`: the matrix.
+    - `order`: in which its rows are taken, if it is known.
 
     **Raises:** `RuntimeError` if the matrix is singular to rounding.
     """
-    identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
-    factor = linalg.splu((identity - matrix).tocsc())
+    system = (scipy.sparse.eye_array(matrix.shape[0], format="csr") - matrix).tocsr()
+    if order is None:
+        order = np.arange(matrix.shape[0])
+        factor = linalg.splu(system.tocsc())
+    else:
+        # There are no dense blocks in it for which columns are to be taken together.
+        factor = linalg.splu(
+            system[order][:, order].tocsc(),
+            permc_spec="NATURAL",
+            diag_pivot_thresh=0.0,
+            relax=1,
+            panel_size=1,
+        )
 
     def solve(
         right: Float[np.ndarray, "rows columns"], adjoint: bool = False
     ) -> Float[np.ndarray, "rows columns"]:
         step, form = (matrix.T, "T") if adjoint else (matrix, "N")
-        total = factor.solve(right, form)
+        total = np.empty_like(right)
+        total[order] = factor.solve(right[order], form)
         # One correction makes the residual as small as the rounding of a product.
-        return np.asarray(total + factor.solve(right - (total - step @ total), form))
+        total[order] += factor.solve((right - (total - step @ total))[order], form)
+        return total
 
     return solve
 
@@ -186,7 +236,7 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
     rows = matrix.shape[0]
     if rows > _LARGEST_FACTORED_CYCLE and (cycle := Cycle.of(matrix)) is not None:
         return cycle
-    return _incomplete(matrix) if rows > _LARGEST_COMPLETE else None
+    return _incomplete(matrix) if rows > _SMALLEST_INCOMPLETE else None
 
 
 def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
@@ -198,13 +248,15 @@ def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
         system, drop_tol=_DROP, fill_factor=_FILL, permc_spec="NATURAL", diag_pivot_thresh=0.0
     )
     precondition = linalg.LinearOperator(system.shape, factor.solve)
-    return lambda right: _bicgstab(system, right, precondition)
+    steps = _FEW_STEPS if matrix.shape[0] <= _LARGEST_COMPLETE else _STEPS
+    return lambda right: _bicgstab(system, right, precondition, steps)
 
 
 def _bicgstab(
     system: scipy.sparse.csc_array,
     right: Float[np.ndarray, "rows"],
     precondition: linalg.LinearOperator,
+    steps: int,
 ) -> tuple[Float[np.ndarray, "rows"], int]:
     """What BiCGSTAB finds in one round, and the products that it took."""
     products = 0
@@ -214,15 +266,16 @@ def _bicgstab(
         products += 2
 
     found, _ = linalg.bicgstab(
-        system, right, rtol=1e-8, maxiter=_STEPS, callback=count, M=precondition
+        system, right, rtol=1e-8, maxiter=steps, callback=count, M=precondition
     )
     return found, products
 
 
 def _solve_large(
     matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"], attempt: _Attempt
-) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """The same by rough solves; what those cannot do is left to products."""
+) -> tuple[Float[np.ndarray, "rows columns"] | None, int]:
+    """The same by rough solves. What those cannot do is left to products, or, for a matrix that can
+    be factored completely, to that: it is `None` then."""
     products, columns = 0, []
     for wanted in right.T:
         found, left = np.zeros_like(wanted), wanted
@@ -236,8 +289,11 @@ def _solve_large(
             if not better or np.abs(left).max() <= _ROUNDING * np.abs(found).max():
                 break
         goal = max(_ENOUGH * wanted.max(), 100 * _ROUNDING * np.abs(found).max())
+        cycle = isinstance(attempt, Cycle)
+        if np.abs(left).max() > goal and not cycle and matrix.shape[0] <= _LARGEST_COMPLETE:
+            return None, products
         # A product goes through one block of a cycle only, and is of no use then.
-        most = 0 if isinstance(attempt, Cycle) else _MAX_PRODUCTS
+        most = 0 if cycle else _MAX_PRODUCTS
         while np.abs(left).max() > goal and products < most:
             found += left
             left = matrix @ left

@@ -84,6 +84,7 @@ def incomplete(monkeypatch):
     """Has a solve use an incomplete factorisation."""
     monkeypatch.setattr(solve, "_TRIAL", 1)
     monkeypatch.setattr(solve, "_WORTHWHILE", 0)
+    monkeypatch.setattr(solve, "_SMALLEST_INCOMPLETE", 0)
     monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 0)
     monkeypatch.setattr(solve, "_LARGEST_ELIMINATION", 0)
 
@@ -98,6 +99,32 @@ def wandering(n):
             if 0 <= r + i < n and 0 <= c + j < n:
                 step[cell, (r + i) * n + c + j] += share
     return step.tocsr()
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_a_chain_that_hardly_comes_back_is_solved_by_its_components(adjoint):
+    draw = np.random.default_rng(7)
+    step = np.triu(draw.random((80, 80)) < 0.05) * draw.random((80, 80))
+    # Two states that come back to each other, and the chain leaves the last for good.
+    step[41, 40] = step[40, 41] = 0.5
+    step /= 1.1 * np.maximum(1, step.sum(axis=1, keepdims=True))
+    order = draw.permutation(80)
+    step = step[order][:, order]
+    right = draw.random((80, 2))
+    found, products = solve_transient(scipy.sparse.csr_array(step), right, adjoint=adjoint)
+    dense = step.T if adjoint else step
+    np.testing.assert_allclose(found, np.linalg.solve(np.eye(80) - dense, right), rtol=1e-12)
+    assert products == 0
+
+
+def test_what_an_incomplete_factorisation_leaves_is_factored_completely(incomplete, monkeypatch):
+    monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 100)
+    monkeypatch.setattr(solve, "_FEW_STEPS", 0)
+    step = wandering(10)
+    found, products = solve_transient(step, np.ones((100, 1)))
+    expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert products == 1
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
