@@ -230,8 +230,9 @@ def _linked(
         count, at = parts * cells, parts * place[..., axis]
         at[~np.isfinite(at)] = -1
         both = (np.floor(at + shift) for shift in (0.0, 0.5))
-        around = (one % count if kind == "periodic" else one for one in both)
-        along.append([np.clip(one, -1, count + 1).astype(np.int64) + 1 for one in around])
+        if kind == "periodic":
+            both = (one - count * np.floor(one / count) for one in both)
+        along.append([np.clip(one, -1, count + 1).astype(np.int64) + 1 for one in both])
     meets = np.zeros((orbits, orbits), bool)
     for corner in itertools.product(*along):
         key = np.zeros(place.shape[:2], np.int64)
@@ -239,7 +240,7 @@ def _linked(
             key = key * (parts * cells + 3) + one
         # Sorted by cells, so that orbits in one cell are next to each other.
         key = np.sort(((key << bits) + np.arange(orbits)[:, None]).ravel())
-        cell, who = key >> bits, key & ((1 << bits) - 1)
-        same = cell[1:] == cell[:-1]
-        meets[who[:-1][same], who[1:][same]] = True
+        between = key[1:] ^ key[:-1]
+        two = np.flatnonzero((between > 0) & (between < 1 << bits))
+        meets[key[two] & ((1 << bits) - 1), key[two + 1] & ((1 << bits) - 1)] = True
     return connected_components(csr_array(meets), directed=False)[1]

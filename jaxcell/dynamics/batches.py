@@ -48,8 +48,8 @@ def in_stages(
     """
     left, found = np.arange(len(state[0])), None
     for k in itertools.count():
-        # A quarter of each other.
-        size = max(1 << 10, 4 ** math.ceil(math.log(left.size, 4)))
+        # After the first, a quarter of each other.
+        size = max(1 << 10, 4 ** math.ceil(math.log(left.size, 4))) if k else left.size
         after = stage(tuple(with_last(rows, size) for rows in state), k)
         state, ended, given = jax.tree.map(lambda rows, n=left.size: np.asarray(rows)[:n], after)
         found = found or tuple(np.empty_like(rows) for rows in given)

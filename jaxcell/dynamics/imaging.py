@@ -19,7 +19,7 @@ CHUNK = 1 << 20
 """Cells that are mapped at once; what that takes beside the result does not grow with the box."""
 
 # Steps between two looks at which cells are away from where they began.
-_STAGE = 16
+_STAGE = 8
 
 Say = Callable[[str, int, int], None]
 
@@ -160,60 +160,76 @@ def changed_by_half_step(
 
 
 def _crossing(
-    map: Flow, box: Box, params: Any, cells: Any, follow: int, dtype: Any
+    map: Flow, box: Box, params: Any, each: Any, cells: Any, follow: int, dtype: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """The images of cells that have a time each, and the time."""
 
     def stage(state: Any, k: int) -> Any:
-        cells, points, taken = state
+        members, cells, points, taken = state
         steps = min(_STAGE, map.steps - k * _STAGE)
         points, taken, index, away = _cross(map, box, params, *state, steps)
         ended = away | (k * _STAGE + steps >= map.steps)
-        return (cells, points, taken), ended, (index, points, taken)
+        return (members, cells, points, taken), ended, (index, points, taken)
 
-    start = np.asarray(cells)
-    begun = start, np.asarray(box.centre(start, dtype)), np.zeros(start.size, np.int32)
+    members, start = np.repeat(each, len(cells)), np.tile(cells, len(each))
+    begun = members, start, np.asarray(box.centre(start, dtype)), np.zeros_like(start)
     index, points, taken = in_stages(begun, stage)
     lost = index == box.outside
     if follow and lost.any():
-        points = points[lost]
-        filled = with_last(points, bucket(len(points)))
-        ahead = _followed(map, box, params, filled, follow * map.steps)
-        index[lost] = np.asarray(ahead)[: len(points)]
-    return index, taken * map.dt
+        rows = members[lost], points[lost]
+        size = bucket(len(rows[0]))
+        filled = (with_last(one, size) for one in rows)
+        ahead = _followed(map, box, params, *filled, follow * map.steps)
+        index[lost] = np.asarray(ahead)[: len(rows[0])]
+    shape = len(each), len(cells)
+    return index.reshape(shape), taken.reshape(shape) * map.dt
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
 def _cross(
-    map: Flow, box: Box, params: Any, cells: Any, points: Any, taken: Any, steps: Any
+    map: Flow,
+    box: Box,
+    params: Any,
+    members: Any,
+    cells: Any,
+    points: Any,
+    taken: Any,
+    steps: Any,
 ) -> Any:
     """Up to some steps from points, until they are away from the cells that they began in."""
 
-    def cross(cell, x, taken):  # type: ignore[no-untyped-def]
-        here = box.coordinates(cell)
+    def cross(member, cell, x, taken):  # type: ignore[no-untyped-def]
+        own, here = params_of(params, member), box.coordinates(cell).astype(x.dtype)
 
         def step(_, state):  # type: ignore[no-untyped-def]
-            y, taken = state
-            away = _away(map, box, here, y)
-            return jnp.where(away, y, map.one(y, params)), jnp.where(away, taken, taken + 1)
+            y, taken, away = state
+            before = jnp.stack(y)
+            y = tuple(jnp.where(away, before, map.one(before, own)))
+            return y, jnp.where(away, taken, taken + 1), _away(map, box, here, y)
 
-        y, taken = jax.lax.fori_loop(0, steps, step, (x, taken))
-        return y, taken, box.index(y), _away(map, box, here, y)
+        # Components apart, as in a step.
+        state = tuple(x), taken, _away(map, box, here, x)
+        y, taken, away = jax.lax.fori_loop(0, steps, step, state)
+        return jnp.stack(y), taken, box.index(jnp.stack(y)), away
 
-    return jax.vmap(cross)(cells, points, taken)
+    return jax.vmap(cross)(members, cells, points, taken)
 
 
 def _away(map: Flow, box: Box, here: Any, y: Any) -> Any:
     """Whether a point is out of the box, or as many cells from a cell as a crossing asks for."""
-    index = box.index(y)
-    apart = box.apart(box.coordinates(index) - here)
-    return (index >= box.size) | (jnp.max(apart) >= map.crossing)
+    there, inside = box.places(jnp.stack([*y]))
+    apart = box.apart(there - here)
+    return functools.reduce(jnp.logical_or, apart >= map.crossing, ~inside)
 
 
 @functools.partial(jax.jit, static_argnames=("map", "box"))
-def _followed(map: Flow, box: Box, params: Any, points: Any, steps: Any) -> Any:
+def _followed(map: Flow, box: Box, params: Any, members: Any, points: Any, steps: Any) -> Any:
     """The cells of points outside, followed step by step."""
-    return jax.vmap(lambda x: _until_inside(map.one, box, x, params, steps))(points)
+
+    def follow(member, x):  # type: ignore[no-untyped-def]
+        return _until_inside(map.one, box, x, params_of(params, member), steps)
+
+    return jax.vmap(follow)(members, points)
 
 
 def _until_inside(map: Map, box: Box, x: Any, params: Any, follow: int) -> Any:
@@ -254,11 +270,8 @@ def _images_of(
 ) -> tuple[Int[np.ndarray, "members size"], Float[np.ndarray, "members size"] | None]:
     """The images of cells, and how long they take if the map has times of its own."""
     kind = jnp.zeros(()).dtype if dtype is None else jnp.dtype(dtype)
+    params, each = stacked(members, kind), np.arange(len(members))
     if isinstance(map, Flow) and map.crossing:
-        arrays = (jax.tree.map(lambda leaf: jnp.asarray(leaf, kind), one) for one in members)
-        each = [_crossing(map, box, one, cells, follow, kind) for one in arrays]
-        image, time = (np.stack(parts) for parts in zip(*each, strict=True))
-        return image, time
-    params, every = stacked(members, kind), jnp.arange(len(members))
-    image, time = _images(map, box, params, every, jnp.asarray(cells), follow, kind)
+        return _crossing(map, box, params, each, cells, follow, kind)
+    image, time = _images(map, box, params, jnp.asarray(each), jnp.asarray(cells), follow, kind)
     return np.asarray(image), None if time is None else np.asarray(time)

@@ -1,10 +1,12 @@
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from .sines import with_sines
 
 
 # Steps of a flow with crossing times where no cell is there to be crossed.
@@ -316,16 +318,30 @@ def _positive(**numbers: Any) -> None:
 
 
 def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
+    # Components apart: a batch is then one array for each, which is what vector units read.
+    start = tuple(x)
+
+    def slope(t: Any, at: Sequence[Any]) -> tuple[Any, ...]:
+        found = jnp.asarray(with_sines(field)(t, jnp.stack(at)))
+        if found.shape != (len(at),):
+            raise ValueError(
+                f"field: gives an array of shape {list(found.shape)} for a point of {[len(at)]}"
+            )
+        return tuple(found)
+
+    def ahead(slopes: Sequence[Any], dt: Any) -> list[Any]:
+        return [y + dt * one for y, one in zip(start, slopes, strict=True)]
+
     # A number of Python has no width of its own, so that points of 32 bits stay so.
-    one = field(t, x)
-    two = field(t + dt / 2, x + dt / 2 * one)
-    three = field(t + dt / 2, x + dt / 2 * two)
-    four = field(t + dt, x + dt * three)
-    return x + dt / 6 * (one + 2 * two + 2 * three + four)
+    one = slope(t, start)
+    two = slope(t + dt / 2, ahead(one, dt / 2))
+    three = slope(t + dt / 2, ahead(two, dt / 2))
+    four = slope(t + dt, ahead(three, dt))
+    mean = [a + 2 * b + 2 * c + d for a, b, c, d in zip(one, two, three, four, strict=True)]
+    return jnp.stack(ahead(mean, dt / 6))
 
 
 def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: float, steps: int) -> Any:
-    # Components apart: a batch is then one array for each, which is what vector units read.
     def step(k, components):  # type: ignore[no-untyped-def]
         y = jnp.stack(components)
         return tuple(_rk4(field, y, t + dt * jnp.asarray(k, y.dtype), dt))

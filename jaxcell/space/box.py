@@ -128,8 +128,11 @@ class Box:
         along = []
         for axis, (count, kind) in enumerate(zip(self.cells, self.axes, strict=True)):
             here = xp.abs(cells[..., axis])
-            around = kind == "periodic"
-            along.append(xp.minimum(here % count, count - here % count) if around else here)
+            if kind == "periodic":
+                # The remainder of numbers with a point is not computed by vector units.
+                here = here - count * xp.floor(here / count)
+                here = xp.minimum(here, count - here)
+            along.append(here)
         return xp.stack(along, axis=-1)
 
     def centre(self, index: Int[Any, "..."], dtype: Any = None) -> Float[Any, "... axes"]:
@@ -157,7 +160,25 @@ class Box:
         """
         xp = points.__array_namespace__()
         index = xp.zeros(points.shape[:-1], dtype=xp.int32)
+        places, inside = self.places(points)
+        for axis, count in enumerate(self.cells):
+            index = index * count + xp.asarray(places[..., axis], dtype=xp.int32)
+        finite = xp.all(xp.isfinite(points), axis=-1)
+        found = xp.where(inside, index, self.outside)
+        return xp.asarray(xp.where(finite, found, self.nowhere), dtype=xp.int32)
+
+    def places(self, points: Float[Any, "... axes"]) -> tuple[Float[Any, "... axes"], Any]:
+        """The coordinates of the cells of points, or of cells at the ends; and which are inside.
+
+        **Arguments:**
+
+        - `points`: coordinates along the last dimension, in an array of NumPy or JAX.
+
+        **Returns:** whole numbers as points have them, not integers, and a Boolean for each point.
+        """
+        xp = points.__array_namespace__()
         inside = xp.ones(points.shape[:-1], dtype=bool)
+        along = []
         about = zip(self.lower, self.width.tolist(), self.cells, self.axes, strict=True)
         for axis, (low, width, count, kind) in enumerate(about):
             place = xp.floor((points[..., axis] - low) / width + TOLERANCE)
@@ -167,11 +188,8 @@ class Box:
             place = xp.clip(place, -1, count)
             if kind == "sink":
                 inside = inside & (place >= 0) & (place < count)
-            place = xp.clip(xp.where(xp.isfinite(place), place, 0), 0, count - 1)
-            index = index * count + xp.asarray(place, dtype=xp.int32)
-        finite = xp.all(xp.isfinite(points), axis=-1)
-        found = xp.where(inside, index, self.outside)
-        return xp.asarray(xp.where(finite, found, self.nowhere), dtype=xp.int32)
+            along.append(xp.clip(xp.where(xp.isfinite(place), place, 0), 0, count - 1))
+        return xp.stack(along, axis=-1), inside
 
     def _unravel(self, index: Any) -> list[Any]:
         along = []

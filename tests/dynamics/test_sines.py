@@ -1,0 +1,53 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcell import dynamics
+from jaxcell.dynamics.sines import with_sines
+from jaxcell.space import Box
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", ["sin", "cos"])
+def test_sines_are_those_of_the_library(name, dtype):
+    rng = np.random.default_rng(0)
+    angles = np.concatenate([rng.uniform(-far, far, 20_000) for far in (1e-3, 4.0, 6e4)])
+    angles = np.concatenate([angles, np.arange(-9, 9) * np.pi / 2]).astype(dtype)
+    found = jax.jit(with_sines(getattr(jnp, name)))(angles)
+    assert found.dtype == dtype
+    right = getattr(np, name)(angles.astype(np.longdouble))
+    assert np.abs(np.asarray(found) - right).max() < 2 * np.finfo(dtype).eps
+    ends = with_sines(getattr(jnp, name))(jnp.asarray([np.inf, np.nan, 1e30], dtype))
+    assert np.isnan(ends[:2]).all()
+    assert abs(float(ends[2])) <= 1
+
+
+def test_sines_within_a_function_are_replaced_and_the_rest_is_as_before():
+    @jax.jit
+    def inner(x):
+        return jnp.sin(x) + jnp.where(x > 0, jnp.cos(x), 2.0)
+
+    def field(x, p):
+        turned = jax.lax.fori_loop(0, 2, lambda _, y: jnp.sin(y), x[0])
+        return {"a": inner(x) * p["T"], "b": (turned, jnp.exp(x), 3)}
+
+    given = jnp.array([0.5, -2.0]), {"T": 0.25}
+    found, right = with_sines(field)(*given), field(*given)
+    assert jax.tree.structure(found) == jax.tree.structure(right)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(right), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-15, atol=1e-15)
+    compiled = jax.jit(with_sines(field)).lower(*given).compile().as_text()
+    assert " sine(" not in compiled
+    assert " cosine(" not in compiled
+
+
+def test_a_flow_has_no_sine_of_the_library_in_its_steps():
+    swing = dynamics.flow(lambda x, p: jnp.stack([x[1], p["T"] - jnp.sin(x[0])]), 0.1, 5)
+    points = jnp.asarray(Box([-3, -3], [3, 3], [9, 9]).centre(np.arange(81)))
+    mapped = jax.jit(jax.vmap(lambda x: swing(x, {"T": 0.5})))
+    assert " sine(" not in mapped.lower(points).compile().as_text()
+    energy = points[:, 1] ** 2 / 2 - jnp.cos(points[:, 0]) - 0.5 * points[:, 0]
+    after = mapped(points)
+    kept = after[:, 1] ** 2 / 2 - jnp.cos(after[:, 0]) - 0.5 * after[:, 0]
+    np.testing.assert_allclose(kept, energy, atol=1e-4)
