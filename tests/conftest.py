@@ -35,6 +35,14 @@ def no_lines_of_progress():
         yield
 
 
+@pytest.fixture(scope="module")
+def few_drifters():
+    """Maps are compared with 4 drifters from each cell, in place of 36."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxcell.drift.distance._POINTS", 2)
+        yield
+
+
 @pytest.fixture
 def getkey():
     """A function that gives a new PRNG key at each call."""
