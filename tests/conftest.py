@@ -14,7 +14,13 @@ hypothesis.settings.load_profile("quick")
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-# Most of the time of the tests goes into compilation; both processes and the next run share it.
+# Most of the time of the tests goes into compilation. Programs that are not optimized take a third
+# of it, and are slower; `make test-all` has optimized ones. Both processes and the next run share it.
+os.environ.setdefault(
+    "XLA_FLAGS",
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+    " --xla_cpu_parallel_codegen_split_count=1",
+)
 _CACHE = Path(__file__).parents[1] / ".pytest_cache" / "xla"
 jax.config.update("jax_compilation_cache_dir", str(_CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -26,6 +32,14 @@ def no_lines_of_progress():
     """Tests compare what commands say, which is not to depend on how fast this machine is."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.cli.terminal._FIRST_LINE", 3600.0)
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_drifters():
+    """Maps are compared with 4 drifters from each cell, in place of 36."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxcell.drift.distance._POINTS", 2)
         yield
 
 

@@ -16,6 +16,8 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 # The number of seconds with three groups in every layer.
 STEP = ("--duration", 3400, "--method", "source")
 
+pytestmark = pytest.mark.usefixtures("few_drifters")
+
 
 @pytest.fixture(autouse=True)
 def _own_cache(monkeypatch):

@@ -21,6 +21,8 @@ GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
 # At 5 m, in the western basin.
 GOAL = 538 + 167
 
+pytestmark = pytest.mark.usefixtures("few_drifters")
+
 
 def study(currents, duration=None, *, goal=None, **options):
     """What is made of the mean of currents, by the functions of the library."""
@@ -32,7 +34,7 @@ def study(currents, duration=None, *, goal=None, **options):
 
 
 @pytest.fixture(scope="module")
-def gyres():
+def gyres(few_drifters):
     # The goal is at 5 m.
     return study(drift.open_currents(GYRES), 3400, start=317, goal=GOAL, reach=6000.0)
 
@@ -483,7 +485,8 @@ def test_what_does_not_belong_together_is_refused(gyres):
 
 def altered(layer, **fields):
     """A layer of which another thing is said of where drifters end."""
-    return dataclasses.replace(layer, behaviour=dataclasses.replace(layer.behaviour, **fields))
+    behaviour = dataclasses.replace(layer.behaviour, **fields)
+    return dataclasses.replace(layer, behaviour=behaviour, measured=layer.distance)
 
 
 def test_a_layer_that_contradicts_itself_is_refused(gyres):
