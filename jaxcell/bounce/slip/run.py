@@ -194,10 +194,10 @@ def slipping_run(
         if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
             break
 
+    position = hidden.configuration % cells.positions
+
     def by_position(weight: Float[np.ndarray, "fine"]) -> Float[np.ndarray, "positions"]:
-        masses = belief.masses(weight)
-        masses = np.pad(masses, (0, cells.size - masses.size))
-        return masses.reshape(cells.directions, cells.positions).sum(axis=0)
+        return np.bincount(position, weight, cells.positions)
 
     turned_by = np.array([-1 if one.turn is None else one.turn for one in states], np.int32)
     events = (1 + turned_by[1:]).tolist()
