@@ -75,14 +75,14 @@ from report import Rows, emit, say
 from scipy.stats import binomtest
 from slip_runs import Run, run
 
-from jaxcell.automata import Belief, Bounded, Estimate, HiddenMap
+from jaxcell.automata import Belief, Bounded, Estimate
 from jaxcell.automata.belief import NOWHERE
 from jaxcell.bounce import (
     FineCells,
     bounce_map,
-    bounded_matrices,
+    bounded_map,
     localization_filter,
-    slip_matrices,
+    slip_map,
 )
 from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
@@ -229,11 +229,10 @@ def estimated(
         return Combinatorial(localization_filter(bounce_map(cells, bounce)))
 
     def belief(fine: FineCells, slip: Slip) -> Belief:
-        matrices = slip_matrices(fine, bounce, slip)
-        return Belief(HiddenMap.of(*matrices, fine.coarse, fine.centres))
+        return Belief(slip_map(fine, [bounce], slip))
 
     def bounded(fine: FineCells, slip: Slip) -> Bounded:
-        return Bounded(bounded_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+        return bounded_map(fine, bounce, slip)
 
     def among_fine(what: str, make: Callable[[FineCells, Slip], Any], factor: float) -> Any:
         slip, count = slipping(factor), len(runs) if factor == 1 else options.few

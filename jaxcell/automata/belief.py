@@ -76,10 +76,10 @@ class Belief:
         return min(turned, key=lambda one: expected_entropy(self.hidden, one.weight))
 
     def _after(self, state: BeliefState, event: int, turn: int | None) -> BeliefState:
-        weight = self.hidden.after(event, state.weight) * (1 - _LOST)
+        weight = self.hidden.after(event, state.weight)
         nowhere = _COIN * (state.nowhere + _LOST * (1 - state.nowhere))
-        total = weight.sum() + nowhere
-        return BeliefState(weight / total, float(nowhere / total), turn)
+        total = weight.sum() * (1 - _LOST) + nowhere
+        return BeliefState(weight * ((1 - _LOST) / total), float(nowhere / total), turn)
 
     def estimate(self, state: BeliefState) -> Estimate:
         """The credible set: the fewest configurations that are so probable together."""
@@ -113,11 +113,12 @@ class Belief:
 
         **Raises:** `ValueError` if the run cannot be on the map.
         """
+        arriving = [self.hidden.leaving(event).T.tocsr() for event in range(1 + self.hidden.angles)]
         with np.errstate(divide="ignore"):
             score = np.log(self.hidden.start)
         before = []
         for event in events:
-            matrix = self.hidden.arriving[event]
+            matrix = arriving[event]
             way = score[matrix.indices] + np.log(matrix.data)
             rows = np.flatnonzero(np.diff(matrix.indptr))
             score = np.full(self.hidden.cells, -np.inf)

@@ -114,11 +114,6 @@ class HiddenMap:
         """
         return (self.moves, *self.bumps)[event]
 
-    @functools.cached_property
-    def arriving(self) -> "tuple[scipy.sparse.csr_array, ...]":
-        """The same for all events, row by row of where they end."""
-        return tuple(part.T.tocsr() for part in (self.moves, *self.bumps))
-
     def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
         """How probable it is to be in each cell after one event, as [`HiddenMap.leaving`][] counts.
 
@@ -129,10 +124,10 @@ class HiddenMap:
 
         **Returns:** probabilities whose sum is that of the event.
         """
-        here = np.flatnonzero(weight > 0)
+        leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
         if here.size < FEW * weight.size:
-            return self.leaving(event)[here].T @ weight[here]
-        return self.arriving[event] @ weight
+            leaving, weight = leaving[here], weight[here]
+        return leaving.T @ weight
 
     def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
         """What the cells of each configuration weigh together."""
