@@ -75,13 +75,14 @@ from report import Rows, emit, say
 from scipy.stats import binomtest
 from slip_runs import Run, run
 
-from jaxcell.automata import Belief, Bounded, Estimate, HiddenMap
+from jaxcell.automata import Belief, Bounded, Estimate
+from jaxcell.automata.belief import NOWHERE
 from jaxcell.bounce import (
     FineCells,
     bounce_map,
-    bounded_matrices,
+    bounded_map,
     localization_filter,
-    slip_matrices,
+    slip_map,
 )
 from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
@@ -91,8 +92,8 @@ from jaxcell.space import CellSpace, Slip, nearest_cell
 MAPS = Path(__file__).parent.parent / "data" / "maps"
 NAMES = ("lab_a", "lab_b", "complex", "depot")
 ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
-SURE = 0.99
-_LEAST, _BOUNDED = 0.002, 0.02
+ESTIMATORS = ("combinatorial", "belief", "bounded", "particles")
+_LEAST = 0.002
 
 
 @dataclasses.dataclass
@@ -126,30 +127,29 @@ class Found:
 
 def follow(estimator: Any, cells: CellSpace, runs: list[Run], small: int) -> Found:
     """What an estimator with `start`, `observe` and `estimate` says in some runs."""
-    found, before, states = Found(), [], [estimator.start()]
+    found, states, estimates = Found(), [estimator.start()], []
+    before: list[int] = []
     # Runs that begin alike share what is known of their beginnings.
     for one in sorted(runs, key=lambda one: [observation for observation, _ in one]):
-        word, bumps, first = [observation for observation, _ in one], 0, math.inf
-        alike = [a == b for a, b in zip(word, before, strict=False)]
-        del states[1 + (alike.index(False) if False in alike else len(alike)) :]
+        word = [observation for observation, _ in one]
+        pairs = enumerate(zip(word, before, strict=False))
+        alike = next((i for i, (a, b) in pairs if a != b), len(before))
+        del states[1 + alike :], estimates[alike:]
         before = word
-        for observation in word[len(states) - 1 :]:
+        for observation in word[alike:]:
             began = time.process_time()
             states.append(estimator.observe(states[-1], observation))
+            estimates.append(estimator.estimate(states[-1]))
             found.seconds.append(time.process_time() - began)
-        for observation, state in zip(word, states[1:], strict=True):
-            bumps += observation
-            if 0 < estimator.estimate(state).cells.size <= small:
-                first = bumps
-                break
-        estimate = estimator.estimate(states[-1])
+        bumps = itertools.accumulate(word)
+        few = (b for b, e in zip(bumps, estimates, strict=True) if 0 < e.cells.size <= small)
         truth = int(nearest_cell(cells, *one[-1][1]))
-        refuted = estimate.nowhere > SURE
-        found.held.append(truth in estimate.cells and not refuted)
-        found.said.append(float(estimate.probability.sum()))
-        found.size.append(estimate.cells.size)
+        refuted = estimates[-1].nowhere > NOWHERE
+        found.held.append(truth in estimates[-1].cells and not refuted)
+        found.said.append(float(estimates[-1].probability.sum()))
+        found.size.append(estimates[-1].cells.size)
         found.refuted.append(refuted)
-        found.bumps.append(first)
+        found.bumps.append(next(few, math.inf))
     return found
 
 
@@ -175,13 +175,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/ch2_slip"))
     parser.add_argument("--maps", nargs="+", default=NAMES)
     parser.add_argument("--errors", nargs="+", type=float, default=ERRORS)
+    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, default=ESTIMATORS)
     parser.add_argument("--bounce", type=float, default=135.0)
     parser.add_argument("--runs", type=int, default=500)
-    parser.add_argument("--seed", type=int, default=0, help="of the first run")
-    parser.add_argument("--other", type=int, default=100, help="runs for --models but 1")
-    parser.add_argument("--few", type=int, default=50, help="runs for sets and particles")
+    parser.add_argument("--few", type=int, default=100, help="for other models, sets, particles")
+    parser.add_argument("--seed", type=int, default=60_000, help="of the first run")
     parser.add_argument("--observations", type=int, default=40)
-    parser.add_argument("--particles", type=int, nargs="*", default=[1_000, 10_000])
+    parser.add_argument("--particles", type=int, default=1_000)
     parser.add_argument("--models", type=float, nargs="+", default=[1.0, 0.5, 2.0])
     parser.add_argument("--small", type=int, default=4)
     parser.add_argument("--driver", action="store_true")
@@ -229,28 +229,27 @@ def estimated(
         return Combinatorial(localization_filter(bounce_map(cells, bounce)))
 
     def belief(fine: FineCells, slip: Slip) -> Belief:
-        matrices = slip_matrices(fine, bounce, slip)
-        return Belief(HiddenMap.of(*matrices, fine.coarse, fine.centres))
+        return Belief(slip_map(fine, [bounce], slip))
 
     def bounded(fine: FineCells, slip: Slip) -> Bounded:
-        return Bounded(bounded_matrices(fine, bounce, slip), fine.coarse, fine.centres)
+        return bounded_map(fine, bounce, slip)
 
-    yield found("combinatorial", combinatorial, len(runs))
-    for factor in options.models if error else [1.0]:
-        slip = slipping(factor)
+    def among_fine(what: str, make: Callable[[FineCells, Slip], Any], factor: float) -> Any:
+        slip, count = slipping(factor), len(runs) if factor == 1 else options.few
         fine = FineCells.within(cells, slip)
-        model = "" if factor == 1 else f", errors x {factor:g}"
-        what = f"belief, {fine.size:,} cells{model}"
-        count = len(runs) if factor == 1 else options.other
-        yield found(what, functools.partial(belief, fine, slip), count)
-    if error <= _BOUNDED and options.few:
-        slip = slipping(3.0)
-        fine = FineCells.within(cells, slip)
-        what = f"bounded, {fine.size:,} cells"
-        yield found(what, functools.partial(bounded, fine, slip), options.few)
-    for count in options.particles if options.few else []:
-        cloud = functools.partial(Particles, cells, bounce, slipping(1.0), count=count)
-        yield found(f"particles, {count:,}", cloud, options.few)
+        return found(f"{what}, {fine.size:,} cells", functools.partial(make, fine, slip), count)
+
+    if "combinatorial" in options.estimators:
+        yield found("combinatorial", combinatorial, len(runs))
+    if "belief" in options.estimators:
+        for factor in options.models if error else [1.0]:
+            model = "" if factor == 1 else f", errors x {factor:g}"
+            yield among_fine(f"belief{model}", belief, factor)
+    if "bounded" in options.estimators:
+        yield among_fine("bounded", bounded, 3.0)
+    if "particles" in options.estimators:
+        cloud = functools.partial(Particles, cells, bounce, slipping(1.0), count=options.particles)
+        yield found(f"particles, {options.particles:,}", cloud, options.few)
 
 
 def kept(path: Path, make: Callable[[], Any]) -> Any:

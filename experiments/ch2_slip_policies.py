@@ -49,8 +49,8 @@ from report import Rows, emit, say
 from scipy.stats import binomtest
 from slip_runs import robot
 
-from jaxcell.automata import Belief, BeliefState, HiddenMap
-from jaxcell.bounce import FineCells, localization_policy, slip_choices
+from jaxcell.automata import Belief, BeliefState
+from jaxcell.bounce import FineCells, localization_policy, slip_map
 from jaxcell.robot import RunOutcome, Walker, run_belief, run_policy
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip, nearest_cell
@@ -85,11 +85,6 @@ class Timed:
         after = self.belief.observe(state, observation)
         self.spent[observation].append(1e3 * (time.process_time() - began))
         return after
-
-
-def one_angle(hidden: HiddenMap, angle: int) -> HiddenMap:
-    """The map of a robot that has one of the angles."""
-    return HiddenMap.of(hidden.moves, hidden.bumps[angle], hidden.configuration, hidden.start)
 
 
 def outcomes(
@@ -139,10 +134,8 @@ def main() -> None:
         for error in options.errors:
             slip = Slip.of(error, give=bumper_give(cells.cell))
             fine = FineCells.within(cells, slip)
-            choices = slip_choices(fine, bounces, slip)
-            bumps = [one for _, one in choices]
-            hidden = HiddenMap.of(choices[0][0], bumps, fine.coarse, fine.centres)
-            each = [Belief(one_angle(hidden, i)) for i in range(len(bounces))]
+            hidden = slip_map(fine, bounces, slip)
+            each = [Belief(dataclasses.replace(hidden, bumps=(one,))) for one in hidden.bumps]
             kinds: dict[str, tuple[Any, list[float]]] = {
                 f"{one:g} deg": (each[i], [bounces[i]]) for i, one in enumerate(options.bounces)
             }

@@ -19,8 +19,8 @@ import numpy as np
 from rows import Row, options, write_rows
 from timing import begin, line
 
-from jaxcell.automata import Belief, Bounded, HiddenMap
-from jaxcell.bounce import FineCells, bounded_matrices, slip_matrices
+from jaxcell.automata import Belief
+from jaxcell.bounce import FineCells, bounded_map, slip_map
 from jaxcell.robot import Particles
 from jaxcell.robot.emulation.body import bumper_give
 from jaxcell.space import CellSpace, Slip
@@ -40,11 +40,9 @@ def estimators(cells: CellSpace) -> dict[str, tuple[str, Any]]:
     give = bumper_give(cells.cell)
     slip, most = Slip.of(ERROR, give=give), Slip.of(3 * ERROR, give=give)
     fine, wide = (FineCells.within(cells, one, MAX_CELLS) for one in (slip, most))
-    hidden = HiddenMap.of(*slip_matrices(fine, BOUNCE, slip), fine.coarse, fine.centres)
-    sets = Bounded(bounded_matrices(wide, BOUNCE, most), wide.coarse, wide.centres)
     return {
-        "belief": (f"{fine.size:,} cells", Belief(hidden)),
-        "bounded sets": (f"{wide.size:,} cells", sets),
+        "belief": (f"{fine.size:,} cells", Belief(slip_map(fine, [BOUNCE], slip))),
+        "bounded sets": (f"{wide.size:,} cells", bounded_map(wide, BOUNCE, most)),
         "particles": ("1,000 particles", Particles(cells, BOUNCE, slip, count=1_000)),
     }
 

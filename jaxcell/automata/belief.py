@@ -76,18 +76,14 @@ class Belief:
         return min(turned, key=lambda one: expected_entropy(self.hidden, one.weight))
 
     def _after(self, state: BeliefState, event: int, turn: int | None) -> BeliefState:
-        weight = (self.hidden.arriving[event] @ state.weight) * (1 - _LOST)
+        weight = self.hidden.after(event, state.weight)
         nowhere = _COIN * (state.nowhere + _LOST * (1 - state.nowhere))
-        total = weight.sum() + nowhere
-        return BeliefState(weight / total, float(nowhere / total), turn)
+        total = weight.sum() * (1 - _LOST) + nowhere
+        return BeliefState(weight * ((1 - _LOST) / total), float(nowhere / total), turn)
 
     def estimate(self, state: BeliefState) -> Estimate:
         """The credible set: the fewest configurations that are so probable together."""
-        return credible(self.masses(state.weight), self.share, state.nowhere)
-
-    def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
-        """What the cells of each configuration weigh together."""
-        return np.bincount(self.hidden.configuration, weight, self.hidden.configurations)
+        return credible(self.hidden.masses(state.weight), self.share, state.nowhere)
 
     def smoothed(self, events: Sequence[int]) -> Float[np.ndarray, "times cells"]:
         """How probable each cell was at each time of a run, given all of the run.
@@ -100,7 +96,7 @@ class Belief:
         """
         forward = [self.hidden.start]
         for event in events:
-            forward.append(_normal(self.hidden.arriving[event] @ forward[-1]))
+            forward.append(_normal(self.hidden.after(event, forward[-1])))
         back = np.ones(self.hidden.cells)
         found = [forward[-1]]
         for event, before in zip(events[::-1], forward[-2::-1], strict=True):
@@ -117,11 +113,12 @@ class Belief:
 
         **Raises:** `ValueError` if the run cannot be on the map.
         """
+        arriving = [self.hidden.leaving(event).T.tocsr() for event in range(1 + self.hidden.angles)]
         with np.errstate(divide="ignore"):
             score = np.log(self.hidden.start)
         before = []
         for event in events:
-            matrix = self.hidden.arriving[event]
+            matrix = arriving[event]
             way = score[matrix.indices] + np.log(matrix.data)
             rows = np.flatnonzero(np.diff(matrix.indptr))
             score = np.full(self.hidden.cells, -np.inf)
@@ -175,7 +172,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
     here = weight / total
     for _ in range(_MAX_STEPS):
         found += _unknown(hidden, here * hidden.bumping)
-        here = hidden.arriving[0] @ here
+        here = hidden.after(0, here)
         if here.sum() < _REST:
             break
     return found + _unknown(hidden, here)
@@ -183,7 +180,7 @@ def expected_entropy(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> f
 
 def _unknown(hidden: HiddenMap, weight: Float[np.ndarray, "cells"]) -> float:
     """The entropy of the configuration in an outcome, times how probable the outcome is."""
-    mass = np.bincount(hidden.configuration, weight, hidden.configurations)
+    mass = hidden.masses(weight)
     mass = mass[mass > np.finfo(np.float64).tiny]
     return float((mass * np.log2(mass.sum() / mass)).sum())
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from .hidden import Estimate, HiddenMap
+from .hidden import FEW, Estimate, HiddenMap
 from .subset import Automaton
 
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 # The largest total size of the sets of an automaton, unless told otherwise.
 _LIMIT = 10_000_000
-# Of so few of the cells the rows are taken one by one, of more the whole matrix.
-_FEW = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,7 +72,7 @@ class Bounded:
         both = zip(self.images[observation], self._arriving[observation], strict=True)
         for leaving, arriving in both:
             block = possible.size // leaving.shape[0]
-            if block == 1 and np.count_nonzero(possible) < _FEW * possible.size:
+            if block == 1 and np.count_nonzero(possible) < FEW * possible.size:
                 ends = leaving[np.flatnonzero(possible)].indices
                 possible = np.zeros(leaving.shape[1], bool)
                 possible[ends] = True

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _FORMAT, _VERSION = "jaxcell-hidden-map", 1
 # Probabilities are kept in a file as whole numbers of these.
 _UNIT = 2.0**-30
+FEW = 0.2
+"From so few of the cells their rows are followed one by one, from more the whole matrix."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -112,10 +114,24 @@ class HiddenMap:
         """
         return (self.moves, *self.bumps)[event]
 
-    @functools.cached_property
-    def arriving(self) -> "tuple[scipy.sparse.csr_array, ...]":
-        """The same for all events, row by row of where they end."""
-        return tuple(part.T.tocsr() for part in (self.moves, *self.bumps))
+    def after(self, event: int, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "cells"]:
+        """How probable it is to be in each cell after one event, as [`HiddenMap.leaving`][] counts.
+
+        **Arguments:**
+
+        - `event`: the event.
+        - `weight`: how probable each cell is before it.
+
+        **Returns:** probabilities whose sum is that of the event.
+        """
+        leaving, here = self.leaving(event), np.flatnonzero(weight > 0)
+        if here.size < FEW * weight.size:
+            leaving, weight = leaving[here], weight[here]
+        return leaving.T @ weight
+
+    def masses(self, weight: Float[np.ndarray, "cells"]) -> Float[np.ndarray, "configurations"]:
+        """What the cells of each configuration weigh together."""
+        return np.bincount(self.configuration, weight, self.configurations)
 
     @functools.cached_property
     def bumping(self) -> Float[np.ndarray, "cells"]:

@@ -29,7 +29,7 @@ most maps, in the fewest bumps by the policy of `localization_policy`; `Localiza
 **A robot that slips** is followed among finer cells, `FineCells`: a square, the direction that it
 takes itself to look in, and by how much it is wrong. Errors drawn inside each cell make the map a
 hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
-`slip_matrices`, `slip_choices`, `bounded_matrices`; `particle_run` is the run of a cloud of such
+`bounded_map`; `particle_run` is the run of a cloud of such
 robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`. Of
 several angles it takes the one that leaves the least expected entropy. A plan of such a robot
 arrives with `plan_probability`; `slip_policy` chooses an angle by the fine cell instead, and has

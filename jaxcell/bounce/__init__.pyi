@@ -35,12 +35,10 @@ from .plans.all_pairs import (
 )
 from .plans.navigate import Plan as Plan, plan as plan, replay as replay
 from .plans.roadmap import Roadmap as Roadmap
-from .slip.bounds import bounded_matrices as bounded_matrices
+from .slip.bounds import bounded_map as bounded_map
 from .slip.fine_cells import (
     FineCells as FineCells,
-    slip_choices as slip_choices,
     slip_map as slip_map,
-    slip_matrices as slip_matrices,
 )
 from .slip.particles import particle_run as particle_run
 from .slip.plan import SlippedPlan as SlippedPlan

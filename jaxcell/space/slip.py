@@ -136,7 +136,7 @@ def to_wall(
 def slipping_step(
     pose: Float[Any, "*batch 3"],
     legs: Float[Any, "*batch 3"],
-    bounce: Float[Any, "..."] | float,
+    bounce: float,
     errors: Float[Any, "*batch 9"],
     walls: Float[Any, "walls 2 2"],
     slip: Slip,
@@ -208,8 +208,7 @@ def slipping_step(
     back = back + across[..., None] * _unit(xp, chord + math.pi / 2)
     aside = xp.where(xp.isfinite(ahead), 0.0, math.sqrt(2) * turn * slip.turn * e[6])
     veered = heading + slip.heading * xp.sqrt(2 * way) * e[1] + aside
-    angle = bounce - 2 * math.pi * xp.round(bounce / (2 * math.pi) + xp.zeros_like(heading))
-    faces = veered + angle * (1 + slip.turn * e[TURNING])
+    faces = veered + math.remainder(bounce, 2 * math.pi) * (1 + slip.turn * e[TURNING])
 
     there = xp.where(bumped[..., None], back, xp.where(straight[..., None], middle, end))
     facing = xp.where(bumped, faces, goes)

@@ -123,8 +123,7 @@ class Localize(MapStudy):
     def _slipped(self, cells: "CellSpace", start: int, say: Say) -> "Slipped":
         import numpy as np
 
-        from ..automata import HiddenMap
-        from ..bounce import FineCells, slip_choices, slipping_run
+        from ..bounce import FineCells, slip_map, slipping_run
         from ..bounce.plans.roadmap import different_shifts
         from ..robot.emulation.body import bumper_give
         from ..space import Slip
@@ -136,9 +135,7 @@ class Localize(MapStudy):
         slip = Slip.of(self.slip, give=bumper_give(cells.cell))
         fine = FineCells.within(cells, slip)
         say(f"mapping {fine.size:,} fine cells")
-        choices = slip_choices(fine, bounces.tolist(), slip, step=self.step)
-        bumps = [one for _, one in choices]
-        hidden = HiddenMap.of(choices[0][0], bumps, fine.coarse, fine.centres)
+        hidden = slip_map(fine, bounces.tolist(), slip, step=self.step)
         say("driving the robot")
         return slipping_run(
             hidden,

@@ -39,7 +39,7 @@ def slipped_plan(
         arrival_by,
         bounce_shift,
         plan_probability,
-        slip_choices,
+        slip_map,
         slip_policy,
     )
     from ..bounce.slip.policy import PolicyRobot, driven
@@ -51,17 +51,17 @@ def slipped_plan(
     slip = Slip.of(error, give=bumper_give(cells.cell))
     fine = FineCells.within(cells, slip)
     say(f"mapping {fine.size:,} fine cells")
-    choices = slip_choices(fine, bounces, slip, step=step)
+    hidden = slip_map(fine, bounces, slip, step=step)
     start, goal = fine.at(plan.start), fine.coarse == plan.goal
     shifts = bounce_shift(np.asarray(bounces), cells.directions).tolist()
     turns = bounce_shift(plan.actions, cells.directions).tolist()
-    told = [
-        -1 if not action else shifts.index(turn)
+    events = [
+        1 + shifts.index(turn) if action else 0
         for action, turn in zip(plan.actions, turns, strict=True)
     ]
-    weight = plan_probability(choices, start, told)
+    weight = plan_probability(hidden, start, events)
     say("improving the policy")
-    policy = slip_policy(choices, goal, start)
+    policy = slip_policy(hidden, goal, start)
     mean = float(start @ np.where(start > 0, policy.time, 0.0)) if policy.sure else math.inf
     limit = max(_PLANS * plan.actions.size, math.ceil(_MEANS * mean) if policy.sure else 0)
     limit = min(limit, _MOST)
@@ -79,7 +79,7 @@ def slipped_plan(
                 walker.step,
                 walker.rotate,
                 lambda body=body: int(nearest_cell(cells, *body.pose)) == plan.goal,  # type: ignore[misc]
-                PolicyRobot(choices, policy, start),
+                PolicyRobot(hidden, policy, start),
                 bounces,
                 limit,
             )
@@ -92,7 +92,7 @@ def slipped_plan(
         plan_arrives=float(weight[goal].sum()) if plan.found else 0.0,
         policy_surely_arrives=policy.sure,
         policy_mean_steps=mean,
-        policy_arrival=arrival_by(choices, policy.choice, goal, start, limit),
+        policy_arrival=arrival_by(hidden, policy.choice, goal, start, limit),
         simulated_runs=_RUNS,
         simulated_plan_arrives=float(np.mean(plans)) if plans else 0.0,
         simulated_policy_arrives=len(arrived) / _RUNS,

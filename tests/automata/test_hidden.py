@@ -99,6 +99,16 @@ def test_sets_are_those_of_all_paths(seed, observations):
     assert list(members) == state.tolist()
 
 
+def test_few_cells_are_followed_row_by_row_to_where_the_whole_matrix_leads():
+    hidden = random_map(1, cells=40)
+    one = np.eye(40)[7] / 2
+    for event, part in enumerate((hidden.moves, *hidden.bumps)):
+        again = one @ part.toarray()
+        np.testing.assert_allclose(hidden.after(event, one), again, atol=1e-15)
+        found = Bounded.of(hidden).observe(np.array([7], np.int32), event)
+        np.testing.assert_array_equal(found, np.flatnonzero(again))
+
+
 def test_a_map_with_one_image_has_the_automaton_of_the_subset_construction():
     rng = np.random.default_rng(3)
     image, bumped = rng.integers(0, 30, 30), rng.random(30) < 0.3

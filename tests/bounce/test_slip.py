@@ -1,5 +1,6 @@
 """Maps of a robot that slips against the physics of the emulator and of a plain robot."""
 
+import dataclasses
 import itertools
 import math
 
@@ -11,7 +12,8 @@ import shapely
 from hypothesis import given, settings, strategies as st
 
 from jaxcell import bounce, space
-from jaxcell.automata import Belief, Bounded, HiddenMap
+from jaxcell.automata import Belief, Bounded
+from jaxcell.mapping import ObservedChain
 from jaxcell.markov import filtered, possible, smoothed
 from jaxcell.robot import Particles, Walker, run_belief
 from jaxcell.robot.create.motion import Moved
@@ -31,8 +33,7 @@ def fine():
 
 @pytest.fixture(scope="module")
 def hidden(fine):
-    moves, bumps = bounce.slip_matrices(fine, TURN, space.Slip.of(0.03, give=0.02))
-    return HiddenMap.of(moves, bumps, fine.coarse, fine.centres)
+    return bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02))
 
 
 class Plain:
@@ -132,8 +133,7 @@ def test_rows_are_distributions_and_the_start_is_at_the_centres(fine, hidden):
 
 def test_a_heading_spreads_among_fine_directions_as_it_drifts():
     fine = bounce.FineCells.of(CELLS, squares=1, directions=8, reach=4)
-    moves, _ = bounce.slip_matrices(fine, TURN, space.Slip.of(0.03, give=0.02))
-    after = moves.T @ fine.at(0)
+    after = bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02)).after(0, fine.at(0))
     off = np.arange(fine.size) // fine.fine.positions % 9 - 4
     variance = after @ off**2 / after.sum() * (2 * math.pi / 64) ** 2
     # Of so few samples one more or less goes to the next direction.
@@ -156,11 +156,10 @@ def test_the_credible_set_holds_the_emulated_robot(fine, hidden):
 
 def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
     bounces = np.radians([90, 45]).tolist()
-    choices = bounce.slip_choices(fine, bounces, space.Slip.of(0.03, give=0.02))
+    both = bounce.slip_map(fine, bounces, space.Slip.of(0.03, give=0.02))
     bumps, held = {1: 0, 2: 0}, []
     for angles in ([1], [0, 1]):
-        parts = [choices[i][1] for i in angles]
-        belief = Belief(HiddenMap.of(choices[0][0], parts, fine.coarse, fine.centres))
+        belief = Belief(dataclasses.replace(both, bumps=tuple(both.bumps[i] for i in angles)))
         for seed in range(1, 9):
             walker, body = walker_of((37 * seed) % CELLS.size, 0.03, seed)
             outcome = run_belief(walker, belief, [bounces[i] for i in angles], limit=40)
@@ -200,7 +199,7 @@ SLIP = space.Slip(step=0.02, turn=0.02, heading=0.02, give=0.02)
 def sets():
     # Off by any angle, so that nothing can be off more.
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=16)
-    return Bounded(bounce.bounded_matrices(fine, TURN, SLIP), fine.coarse, fine.centres)
+    return bounce.bounded_map(fine, TURN, SLIP)
 
 
 @settings(max_examples=40, deadline=None)
@@ -219,8 +218,7 @@ def test_sets_never_lose_a_robot_whose_errors_are_bounded(sets, cell, errors):
 
 def test_sets_of_a_robot_without_errors_leave_cells_out():
     fine = bounce.FineCells.of(CELLS, squares=5, directions=4, reach=2)
-    images = bounce.bounded_matrices(fine, TURN, space.Slip(give=0.02))
-    sets = Bounded(images, fine.coarse, fine.centres)
+    sets = bounce.bounded_map(fine, TURN, space.Slip(give=0.02))
     state = sets.start()
     for observation in run_of_the_emulator(0, 0.0, 12, 0)[0]:
         state = sets.observe(state, observation)
@@ -229,9 +227,7 @@ def test_sets_of_a_robot_without_errors_leave_cells_out():
 
 @pytest.mark.slow
 def test_the_batch_gives_what_the_host_does(fine, hidden):
-    model = bounce.slip_map(fine, TURN, space.Slip.of(0.03, give=0.02))
-    for ours, theirs in zip(model.to_scipy(), (hidden.moves, hidden.bumps[0]), strict=True):
-        assert abs(ours - theirs).max() < 1e-12
+    model = ObservedChain.from_scipy(hidden.moves, hidden.bumps[0])
     runs = np.array([run_of_the_emulator(c, 0.03, 6, c)[0] for c in (3, 40)])
     found, _ = jax.vmap(filtered, (None, None, 0))(model, fine.centres, jnp.asarray(runs))
     early = jax.vmap(smoothed, (None, None, 0))(model, fine.centres, jnp.asarray(runs))

@@ -6,6 +6,7 @@ import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
+from ...automata import Bounded
 from ...base import memory
 from ...space import Slip, stride_legs
 from ..dynamics import bounce_shift
@@ -19,9 +20,9 @@ _TOUCH = 1e-9
 _BYTES = 1500
 
 
-def bounded_matrices(
+def bounded_map(
     cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
-) -> tuple[tuple[scipy.sparse.csr_array, ...], tuple[scipy.sparse.csr_array, ...]]:
+) -> Bounded:
     """Where a robot may be after a step from anywhere in each cell, if its errors are bounded.
 
     The numbers of `slip` are bounds here: no relative error of a stretch or a turn is larger, nor
@@ -37,21 +38,21 @@ def bounded_matrices(
     - `slip`: the bounds of the errors.
     - `step`: length of a step in metres, by default one cell of the map.
 
-    **Returns:** for observation 0 and 1 three sparse matrices each, which
-    [`jaxcell.automata.Bounded`][] follows one after the other: how far a robot may be to the right,
-    in walls too, then how far up, and which way it may look. The last is among the rows of fine
-    cells alone.
+    **Returns:** the sets of a robot that starts at the centre of any cell. Of three images for each
+    observation the first is how far it may be to the right, in walls too, then how far up, and the
+    last, among the rows of fine cells alone, which way it may look.
 
     **Raises:** `MemoryError` where the map would not fit the free memory.
 
     A robot without errors in a corridor of three cells may go from anywhere in the first to the
     edge of that, or to the next:
 
+        >>> import numpy as np
         >>> from jaxcell import bounce, examples, space
         >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=1, directions=9, reach=0)
-        >>> moves, bumps = bounce.bounded_matrices(cells, 0.0, space.Slip())
-        >>> sorted((moves[0] @ moves[1])[[0]].indices.tolist())
+        >>> sets = bounce.bounded_map(cells, 0.0, space.Slip())
+        >>> sets.observe(np.array([0]), 0).tolist()
         [0, 1]
     """
     coarse, fine = cells.cells, cells.fine
@@ -100,7 +101,7 @@ def bounded_matrices(
         )
         for i in (0, 1)
     ]
-    return images[0], images[1]
+    return Bounded((images[0], images[1]), cells.coarse, cells.centres)
 
 
 def _way(

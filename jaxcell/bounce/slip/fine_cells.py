@@ -10,8 +10,8 @@ import scipy.sparse
 from jaxtyping import Array, Float, Int
 from scipy.stats import qmc
 
+from ...automata import HiddenMap
 from ...base import memory
-from ...mapping import ObservedChain
 from ...space import CellSpace, Slip, felt_walls, nearest_cell, slipping_step, stride_legs
 from ...space.slip import ERRORS, TURNING, to_wall
 from ..dynamics import bounce_shift
@@ -170,8 +170,8 @@ class FineCells:
 
 
 def slip_map(
-    cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
-) -> ObservedChain:
+    cells: FineCells, bounces: Sequence[float], slip: Slip, *, step: float | None = None
+) -> HiddenMap:
     """The generalized map of a robot that slips, with what its bump sensor says on the way.
 
     Configurations are drawn evenly in each cell, each with errors of its own, and each driven a
@@ -182,11 +182,12 @@ def slip_map(
     **Arguments:**
 
     - `cells`: the fine cells.
-    - `bounce`: bouncing angle in radians, counter-clockwise.
+    - `bounces`: the bouncing angle, or those to choose from, in radians, counter-clockwise.
     - `slip`: how large the errors are.
     - `step`: length of a step in metres, by default one cell of the map.
 
-    **Returns:** [`jaxcell.mapping.ObservedChain`][] over the fine cells, which nothing leaves.
+    **Returns:** the hidden map of the fine cells, which nothing leaves; it starts at the centre of
+    any cell. With one angle, [`jaxcell.mapping.ObservedChain`][] takes its moves and its bumps.
 
     **Raises:** `MemoryError` where the map would not fit the free memory.
 
@@ -195,56 +196,9 @@ def slip_map(
         >>> from jaxcell import bounce, examples, space
         >>> corridor = examples.corridor(directions=4)
         >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
-        >>> model = bounce.slip_map(cells, 0.0, space.Slip())
-        >>> moves, bumps = model.to_scipy()
-        >>> moves.shape
-        (12, 12)
-    """
-    return ObservedChain.from_scipy(*slip_matrices(cells, bounce, slip, step=step))
-
-
-def slip_matrices(
-    cells: FineCells, bounce: float, slip: Slip, *, step: float | None = None
-) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
-    """The probabilities of [`slip_map`][] with observation 0, and with observation 1.
-
-    **Arguments:**
-
-    - `cells`, `bounce`, `slip`, `step`: as for [`slip_map`][].
-
-    **Returns:** two sparse matrices over the fine cells, whose sum has rows that sum to 1.
-
-    **Raises:** as [`slip_map`][].
-
-        >>> from jaxcell import bounce, examples, space
-        >>> corridor = examples.corridor(directions=4)
-        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
-        >>> moves, bumps = bounce.slip_matrices(cells, 0.0, space.Slip.of(0.02))
-        >>> (moves + bumps).sum(axis=1).round(6).tolist()
-        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
-    """
-    return slip_choices(cells, [bounce], slip, step=step)[0]
-
-
-def slip_choices(
-    cells: FineCells, bounces: Sequence[float], slip: Slip, *, step: float | None = None
-) -> list[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]]:
-    """The probabilities of [`slip_matrices`][] for each of several bouncing angles.
-
-    **Arguments:**
-
-    - `cells`, `slip`, `step`: as for [`slip_map`][].
-    - `bounces`: bouncing angles in radians, counter-clockwise.
-
-    **Returns:** for each angle two sparse matrices; the first, of the moves, is the same for all.
-
-    **Raises:** as [`slip_map`][].
-
-        >>> from jaxcell import bounce, examples, space
-        >>> corridor = examples.corridor(directions=4)
-        >>> cells = bounce.FineCells.of(corridor, squares=1, directions=1, reach=0)
-        >>> len(bounce.slip_choices(cells, [1.5707963267948966, 0.0], space.Slip()))
-        2
+        >>> hidden = bounce.slip_map(cells, [0.0], space.Slip())
+        >>> hidden.moves[[1]].indices.tolist(), hidden.moves[[1]].data.tolist()
+        ([2], [1.0])
     """
     coarse, fine = cells.cells, cells.fine
     assert coarse.workspace is not None
@@ -272,7 +226,7 @@ def slip_choices(
         told = cells.believed[rows]
         after, bumped = map(
             np.asarray,
-            _drive(cells.poses[rows], legs[told], 0.0, offsets, errors, walls, slip),
+            _drive(cells.poses[rows], legs[told], offsets, errors, walls, slip),
         )
         # Chunks have one shape; what the last has too many is dropped.
         count = min(_CHUNK, size - begin)
@@ -288,7 +242,7 @@ def slip_choices(
             image = cells.index(pose, (told[row] + shift) % coarse.directions)
             found.append(_shares(row, image, count, size))
     moves, *bumps = (scipy.sparse.vstack(part, format="csr") for part in parts)
-    return [(moves, one) for one in bumps]
+    return HiddenMap.of(moves, bumps, cells.coarse, cells.centres)
 
 
 def _spread(
@@ -346,19 +300,18 @@ def needed(cells: int = MAX_CELLS, angles: int = 1) -> int:
 def _drive(
     middle: Float[Array, "cells 3"],
     legs: Float[Array, "cells 3"],
-    bounce: Float[Array, ""] | float,
     offsets: Float[Array, "samples 3"],
     errors: Float[Array, "samples errors"],
     walls: Float[Array, "walls 2 2"],
     slip: Slip,
 ) -> tuple[Float[Array, "cells samples 3"], Array]:
-    """Where the samples of each cell are after a step, and whether they bump."""
+    """Where the samples of each cell are after a step, without a turn, and whether they bump."""
     shape = (middle.shape[0], *offsets.shape)
     pose = middle[:, None] + offsets[None]
     return slipping_step(
         pose,
         jnp.broadcast_to(legs[:, None], shape),
-        bounce,
+        0.0,
         jnp.broadcast_to(errors, (*shape[:2], errors.shape[-1])),
         walls,
         slip,

@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -7,44 +8,37 @@ import scipy.sparse
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csgraph
 
+from ...automata import HiddenMap
 from ...base.certificate import Certificate
 
-
-Choices = Sequence[tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]]
-"""For each angle to choose from, the probabilities of moves, the same for all, and of bumps."""
 
 # A policy is improved until its mean time is known to this part, or so often.
 _TOLERANCE, _MOST_SWEEPS = 1e-3, 20_000
 
 
 def plan_probability(
-    choices: Choices, start: Float[np.ndarray, "fine"], actions: Sequence[int]
+    hidden: HiddenMap, start: Float[np.ndarray, "fine"], events: Sequence[int]
 ) -> Float[np.ndarray, "fine"]:
     """Where a robot is, and how probably, that follows a plan and senses all that it foretells.
 
     **Arguments:**
 
-    - `choices`: of [`jaxcell.bounce.slip_choices`][].
+    - `hidden`: of [`jaxcell.bounce.slip_map`][].
     - `start`: its distribution at the start.
-    - `actions`: -1 for a step forward, else the angle to turn by at a bump, by its number.
+    - `events`: those of the plan, as [`jaxcell.automata.HiddenMap.leaving`][] counts them.
 
     **Returns:** the probabilities, whose sum is that of sensing just what the plan foretells.
 
     A robot that is to make two steps, each of which meets a wall one time of ten:
 
         >>> import numpy as np
-        >>> import scipy.sparse
-        >>> from jaxcell import bounce
-        >>> free = scipy.sparse.csr_array(np.array([[0, 0.9, 0], [0, 0, 0.9], [0, 0, 0.9]]))
-        >>> choices = [(free, scipy.sparse.csr_array(np.eye(3) / 10))]
-        >>> bounce.plan_probability(choices, np.array([1.0, 0, 0]), [-1, -1]).round(2).tolist()
+        >>> from jaxcell import automata, bounce
+        >>> free, start = np.array([[0, 0.9, 0], [0, 0, 0.9], [0, 0, 0.9]]), np.array([1.0, 0, 0])
+        >>> hidden = automata.HiddenMap.of(free, np.eye(3) / 10, np.arange(3), start)
+        >>> bounce.plan_probability(hidden, start, [0, 0]).round(2).tolist()
         [0.0, 0.0, 0.81]
     """
-    weight = start
-    for action in actions:
-        moves, bumps = choices[max(action, 0)]
-        weight = (moves if action < 0 else bumps).T @ weight
-    return weight
+    return functools.reduce(lambda weight, event: hidden.after(event, weight), events, start)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,7 +59,7 @@ class SlipPolicy:
 
 
 def slip_policy(
-    choices: Choices, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
+    hidden: HiddenMap, goal: Bool[np.ndarray, "fine"], start: Float[np.ndarray, "fine"]
 ) -> SlipPolicy:
     """Find the policy that gets a robot to a goal for sure and soonest, by value iteration.
 
@@ -75,7 +69,7 @@ def slip_policy(
 
     **Arguments:**
 
-    - `choices`: of [`jaxcell.bounce.slip_choices`][].
+    - `hidden`: of [`jaxcell.bounce.slip_map`][].
     - `goal`: the fine cells of the goal.
     - `start`: where the robot starts; only what can be reached from there counts.
 
@@ -84,34 +78,30 @@ def slip_policy(
     A robot that moves on one time of two, or bumps and stays:
 
         >>> import numpy as np
-        >>> import scipy.sparse
-        >>> from jaxcell import bounce
-        >>> moves = scipy.sparse.csr_array(np.diag([0.5], k=1))
-        >>> bumps = scipy.sparse.csr_array(np.diag([0.5, 1.0]))
-        >>> policy = bounce.slip_policy(
-        ...     [(moves, bumps)], np.array([False, True]), np.array([1.0, 0.0])
-        ... )
+        >>> from jaxcell import automata, bounce
+        >>> moves, bumps, start = np.diag([0.5], k=1), np.diag([0.5, 1.0]), np.array([1.0, 0.0])
+        >>> hidden = automata.HiddenMap.of(moves, bumps, np.arange(2), start)
+        >>> policy = bounce.slip_policy(hidden, np.array([False, True]), start)
         >>> policy.time.round(2).tolist(), policy.sure
         ([2.0, 0.0], True)
     """
-    moves = choices[0][0]
-    anywhere = moves + sum((bumps for _, bumps in choices[1:]), choices[0][1])
+    anywhere = sum(hidden.bumps, hidden.moves)
     inside = _reached(anywhere, start > 0, goal)
     time, sweeps, gap = np.zeros(goal.size), 0, 1.0
-    part = [matrix[inside] for matrix in (moves, *(bumps for _, bumps in choices))]
+    part = [matrix[inside] for matrix in (hidden.moves, *hidden.bumps)]
     while gap > _TOLERANCE and sweeps < _MOST_SWEEPS:
         after = 1 + part[0] @ time + np.min([one @ time for one in part[1:]], axis=0)
         gap = float((after - time[inside]).max(initial=0))
         time[inside] = after
         sweeps += 1
-    choice = np.argmin([bumps @ time for _, bumps in choices], axis=0)
+    choice = np.argmin([bumps @ time for bumps in hidden.bumps], axis=0)
     certificate = Certificate(sweeps, gap, _TOLERANCE)
     known = inside | goal
     return SlipPolicy(choice, np.where(known, time, np.inf), certificate)
 
 
 def arrival_by(
-    choices: Choices,
+    hidden: HiddenMap,
     choice: Int[np.ndarray, "fine"],
     goal: Bool[np.ndarray, "fine"],
     start: Float[np.ndarray, "fine"],
@@ -121,7 +111,7 @@ def arrival_by(
 
     **Arguments:**
 
-    - `choices`, `goal`, `start`: as for [`slip_policy`][].
+    - `hidden`, `goal`, `start`: as for [`slip_policy`][].
     - `choice`: the number of the angle in each cell.
     - `times`: how many observations.
 
@@ -130,20 +120,18 @@ def arrival_by(
     A robot that moves on one time of two, or bumps and stays:
 
         >>> import numpy as np
-        >>> import scipy.sparse
-        >>> from jaxcell import bounce
-        >>> moves = scipy.sparse.csr_array(np.diag([0.5], k=1))
-        >>> bumps = scipy.sparse.csr_array(np.diag([0.5, 1.0]))
-        >>> bounce.arrival_by(
-        ...     [(moves, bumps)], np.zeros(2, int), np.array([False, True]), np.array([1.0, 0.0]), 2
-        ... ).tolist()
+        >>> from jaxcell import automata, bounce
+        >>> moves, bumps, start = np.diag([0.5], k=1), np.diag([0.5, 1.0]), np.array([1.0, 0.0])
+        >>> hidden = automata.HiddenMap.of(moves, bumps, np.arange(2), start)
+        >>> goal = np.array([False, True])
+        >>> bounce.arrival_by(hidden, np.zeros(2, int), goal, start, 2).tolist()
         [0.0, 0.5, 0.75]
     """
     weight, found = np.where(goal, 0.0, start), [float(start[goal].sum())]
     for _ in range(times):
-        after = choices[0][0].T @ weight
-        for number, (_, bumps) in enumerate(choices):
-            after = after + bumps.T @ np.where(choice == number, weight, 0.0)
+        after = hidden.after(0, weight)
+        for number in range(hidden.angles):
+            after = after + hidden.after(1 + number, np.where(choice == number, weight, 0.0))
         found.append(found[-1] + float(after[goal].sum()))
         weight = np.where(goal, 0.0, after)
     return np.array(found)
@@ -156,24 +144,24 @@ class PolicyRobot:
     """
 
     def __init__(
-        self, choices: Choices, policy: SlipPolicy, start: Float[np.ndarray, "fine"]
+        self, hidden: HiddenMap, policy: SlipPolicy, start: Float[np.ndarray, "fine"]
     ) -> None:
         """**Arguments:**
 
-        - `choices`: of [`jaxcell.bounce.slip_choices`][].
+        - `hidden`: of [`jaxcell.bounce.slip_map`][].
         - `policy`: what it follows.
         - `start`: where it is at the start.
         """
         self.weight = start
-        self._choices = choices
+        self._hidden = hidden
         self._time = np.where(np.isfinite(policy.time), policy.time, _MOST_SWEEPS)
 
     def turn(self, observation: int) -> int | None:
         """The number of the angle to turn by after an observation, `None` after a step."""
         if not observation:
-            self.weight = _normal(self._choices[0][0].T @ self.weight, self.weight)
+            self.weight = _normal(self._hidden.after(0, self.weight), self.weight)
             return None
-        beliefs = [bumps.T @ self.weight for _, bumps in self._choices]
+        beliefs = [self._hidden.after(1 + i, self.weight) for i in range(self._hidden.angles)]
         best = int(np.argmin([one @ self._time for one in beliefs]))
         self.weight = _normal(beliefs[best], self.weight)
         return best
@@ -202,13 +190,12 @@ def driven(
     One that is there after its first step:
 
         >>> import numpy as np
-        >>> import scipy.sparse
-        >>> from jaxcell import bounce
+        >>> from jaxcell import automata, bounce
         >>> from jaxcell.bounce.slip.policy import PolicyRobot, driven
-        >>> free, never = scipy.sparse.eye_array(2, format="csr"), scipy.sparse.csr_array((2, 2))
         >>> start = np.array([1.0, 0.0])
-        >>> policy = bounce.slip_policy([(free, never)], np.array([True, False]), start)
-        >>> robot = PolicyRobot([(free, never)], policy, start)
+        >>> hidden = automata.HiddenMap.of(np.eye(2), np.zeros((2, 2)), np.arange(2), start)
+        >>> policy = bounce.slip_policy(hidden, np.array([True, False]), start)
+        >>> robot = PolicyRobot(hidden, policy, start)
         >>> driven(lambda: False, print, lambda: True, robot, [0.0], 5)
         1
     """

@@ -160,11 +160,10 @@ def slipping_run(
     A corridor of three cells looks the same from its other end:
 
         >>> import math
-        >>> from jaxcell import automata, bounce, examples, space
+        >>> from jaxcell import bounce, examples, space
         >>> cells, slip = examples.corridor(), space.Slip.of(0.01)
         >>> fine = bounce.FineCells.of(cells, squares=3, directions=9, reach=3)
-        >>> matrices = bounce.slip_matrices(fine, math.pi, slip)
-        >>> hidden = automata.HiddenMap.of(*matrices, fine.coarse, fine.centres)
+        >>> hidden = bounce.slip_map(fine, [math.pi], slip)
         >>> run = bounce.slipping_run(
         ...     hidden, cells, [math.pi], slip, 1, fine_side=1 / 3, fine_directions=18
         ... )
@@ -194,10 +193,10 @@ def slipping_run(
         if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
             break
 
+    position = hidden.configuration % cells.positions
+
     def by_position(weight: Float[np.ndarray, "fine"]) -> Float[np.ndarray, "positions"]:
-        masses = belief.masses(weight)
-        masses = np.pad(masses, (0, cells.size - masses.size))
-        return masses.reshape(cells.directions, cells.positions).sum(axis=0)
+        return np.bincount(position, weight, cells.positions)
 
     turned_by = np.array([-1 if one.turn is None else one.turn for one in states], np.int32)
     events = (1 + turned_by[1:]).tolist()

@@ -40,9 +40,8 @@ class BeliefHeat:
 
     def log(self, stream: rr.RecordingStream) -> None:
         """Log what is believed now."""
-        cells, masses = self.cells, self.belief.masses(self.state.weight)
-        masses = np.pad(masses, (0, cells.size - masses.size))
-        share = masses.reshape(cells.directions, cells.positions).sum(axis=0)
+        cells, position = self.cells, self.belief.hidden.configuration % self.cells.positions
+        share = np.bincount(position, self.state.weight, cells.positions)
         picture = on_squares(cells, heat(share))
         stream.log("map/grid/heat", rr.SegmentationImage(picture))
         known = self.belief.estimate(self.state).cells
