@@ -28,7 +28,7 @@ from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
 from .regions import Exchange
-from .sea_layers import SeaLayers
+from .sea_currents import SeaCurrents
 from .sea_voyage import SeaVoyage
 from .voyage import Voyage, discounted_voyage, surest_voyage
 from .water import Water
@@ -44,7 +44,7 @@ _SQUARES = "layer y x"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeaDrift(SeaLayers):
+class SeaDrift(SeaCurrents):
     """What becomes of drifters in some layers of the sea, and where to drop them.
 
     What is not asked for is not computed. The surface of the bundled sea at its first record:
@@ -184,7 +184,7 @@ class SeaDrift(SeaLayers):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
             known = None if made is None else made[k]
             layers.append(Layer.of(water, flows[k], step, by=by[k], made=known, **options))
-        return cls(currents, tuple(layers), start, reach, seconds, notices=tuple(notices))
+        return cls(tuple(layers), currents, start, reach, seconds, notices=tuple(notices))
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """The same with voyages to a goal.

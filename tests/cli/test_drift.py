@@ -250,7 +250,7 @@ def test_advice_names_no_option_that_is_on(capsys):
 @pytest.mark.slow
 def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
     """Where no drifter can leave, and where none can stay, however large the table would be."""
-    monkeypatch.setattr("jaxcell.drift.layer._MAX_TABLE", -1)
+    monkeypatch.setattr("jaxcell.drift.ends._MAX_TABLE", -1)
     _, found, _ = run(capsys, *STEP, "--depths", 0)
     assert found["layers"][0]["mean_leaving"] == 0
     _, found, _ = run(capsys, "--edge", "exit", file=stream)
