@@ -93,6 +93,7 @@ class Ends(Result):
 class LayerEnds(Ends):
     """Where drifters of one layer end up, and when."""
 
+    brief: ClassVar[tuple[str, ...]] = ("cells", "persistent_groups")
     tables: ClassVar[Mapping[str, str]] = {"group_index": "groups", "transient": "transients"}
 
     water: Water

@@ -12,6 +12,7 @@ from ..base import memory
 from ..base.quantities import derived
 from ..mapping import Chain
 from ..space import estimates
+from .beaches import Stranded
 from .chains import phases
 from .closed_sets import ClosedSets
 from .deploy import (
@@ -83,6 +84,8 @@ class SeaDrift(SeaCurrents):
     "The way that most likely arrives."
     exchange: Exchange | None = None
     "How drifters go between regions of the surface."
+    beaching: Stranded | None = None
+    "Drifters of the surface that strand at coasts."
     nearly_closed_sets: ClosedSets | None = None
     "Parts of the water that drifters hardly leave."
     notices: tuple[str, ...] = ()

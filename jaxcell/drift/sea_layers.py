@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from ..base.quantities import Checks, derived
 from .ends import Ends, LayerEnds
+from .ranks import basin_ranks
 from .sea import Sea
 from .water import Water
 
@@ -75,6 +76,24 @@ class SeaLayers(Ends):
         return self.sea.on_squares(
             np.concatenate([np.asarray(values(layer)) for layer in self.layers]), fill
         )
+
+    @functools.cached_property
+    def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
+        """The rank of each group of each layer: that of the group which it goes on from above."""
+        basins = ((one.water, np.asarray(one.begins.basin)) for one in self.layers)
+        return basin_ranks([water.on_grid(basin, -1) for water, basin in basins])
+
+    @derived(
+        "layer group_index",
+        "number of the group on maps, which goes on from layer to layer",
+        kind="index",
+        padding="-1: no such group",
+    )
+    def group_number(self) -> Int[np.ndarray, "layers groups"]:
+        found = np.full((len(self.layers), max(one.size for one in self.group_ranks)), -1)
+        for row, rank in zip(found, self.group_ranks, strict=True):
+            row[: rank.size] = rank
+        return found
 
     @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
     def lon(self) -> Float[np.ndarray, "rows columns"]:

@@ -11,10 +11,11 @@ import xarray as xr
 from seas import sea
 
 from jaxcell import drift, record
+from jaxcell.drift.ranks import basin_ranks
 from jaxcell.mapping import Chain
 from jaxcell.record.canvas.stream import new_stream
-from jaxcell.record.drift.groups import basin_ranks, group_classes, group_ranks
-from jaxcell.record.drift.map import Clock, SeaMap, place_name, round_below
+from jaxcell.record.drift.groups import group_classes
+from jaxcell.record.drift.map import Clock, CurrentMap, place_name, round_below
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
@@ -55,7 +56,7 @@ def leaving():
 
 def map_of(sea, number):
     """The map of one layer."""
-    return SeaMap(new_stream("test"), sea, Clock.of(sea), number)
+    return CurrentMap(new_stream("test"), sea, Clock.of(sea), number)
 
 
 def matrix_of(dataset):
@@ -244,7 +245,7 @@ def test_the_recording_shows_groups(gyres, found):
                 expected = f"may end in groups {', '.join(map(str, homes))}"
             assert labels[kind] == expected
     # A group and what leads there for sure have one colour, in two shades.
-    kind, classes = group_classes(gyres.layers[0], group_ranks(gyres.layers)[0])
+    kind, classes = group_classes(gyres.layers[0], gyres.group_ranks[0])
     colors = {one.label: np.array(one.color[:3], float) for one in classes}
     for number in range(3):
         full, pale = (
