@@ -25,21 +25,19 @@ class Compared(Ends):
         """Of each layer."""
         raise NotImplementedError
 
-    @derived(
-        "", "drifters that the map has in a wrong cell after about 6 h, at worst", kind="share"
-    )
+    @derived("", "drifters that the map has in a wrong cell after 6 h", kind="share")
     def distance_6h(self) -> float:
         return max(float(one.total_variation[0]) for one in self._distances)
 
-    @derived("", "drifters that it has there after about 24 h", kind="share")
+    @derived("", "drifters that the map has in a wrong cell after 24 h", kind="share")
     def distance_24h(self) -> float:
         return max(float(one.total_variation[-1]) for one in self._distances)
 
-    @derived("", "drifters that left the map after about 24 h", kind="share")
+    @derived("", "drifters that left the map after 24 h", kind="share")
     def drifters_left(self) -> float:
         return self._mean([float(one.drifters_left[-1]) for one in self._distances])
 
-    @derived("", "and that left by the map of cells", kind="share")
+    @derived("", "drifters that left it after 24 h, by the map of cells", kind="share")
     def map_left(self) -> float:
         return self._mean([float(one.map_left[-1]) for one in self._distances])
 
@@ -68,7 +66,6 @@ class Layer(LayerEnds, Compared):
 
     brief: ClassVar[tuple[str, ...]] = (
         *("depth", "cells", "persistent_groups", "distance_24h", "drifters_left", "median_hours"),
-        *("self_image_share", "almost_for_ever_cells"),
     )
 
     flow: Flow

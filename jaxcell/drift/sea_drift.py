@@ -66,9 +66,9 @@ class SeaDrift(SeaCurrents):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("persistent_groups", "mean_leaving", "median_hours", "drifter_count"),
-        *("distance_6h", "distance_24h", "drifters_left", "map_left", "compared_cells"),
-        *("cells", "fewest_count", "step"),
+        *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
+        *("drifter_count", "fewest_count", "distance_6h", "map_left", "compared_cells"),
+        *("cells", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 

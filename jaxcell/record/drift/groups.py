@@ -42,6 +42,8 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
             title += f", {layer.distance_24h:.0%} of drifters elsewhere in a day"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
     legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
+    if isinstance(drift, SeaDrift):
+        legend.append(("a drifter", DRIFTER))
     return maps[0].tab("groups", "Groups", views, text, legend)
 
 
@@ -110,7 +112,7 @@ def _legend(layers: Sequence[LayerEnds], most: int) -> list[tuple[str, Color]]:
         entries.append(("may end in several", _SEVERAL))
     if (-1,) in ends:
         entries.append(("leaves the map for sure", _AWAY))
-    return [*entries, ("a drifter", DRIFTER)]
+    return entries
 
 
 def groups_text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -81,6 +81,9 @@ class Clock:
 @dataclasses.dataclass(frozen=True, eq=False)
 class SeaMap:
     """The map of a layer in a recording."""
+
+    dry: ClassVar[str] = "land"
+    "What squares without a cell are."
 
     stream: rr.RecordingStream
     drift: SeaLayers
@@ -178,7 +181,7 @@ class SeaMap:
         self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
     ) -> rrb.Container:
         """Log the text and the legend of a tab with maps side by side."""
-        legend = [*legend, ("land", LAND)]
+        legend = [*legend, (self.dry, LAND)]
         return log_tab(self.stream, path, name, views, text, legend, timeline=self.clock.unit)
 
 
@@ -208,7 +211,7 @@ def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> lis
     maps = [kind(stream, drift, clock, number) for number in range(count)]
     stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
     stream.log("map/grid", rr.Transform3D(scale=[*maps[0].side.tolist(), 1]), static=True)
-    classes = [PictureClass("land", LAND), PictureClass("water", FREE)]
+    classes = [PictureClass(kind.dry, LAND), PictureClass("water", FREE)]
     for map in maps:
         wet = np.ones(map.water.cells, np.uint8)
         map.picture(f"water_{map.number}", classes, wet, order=-20.0)

@@ -1,5 +1,6 @@
 """What observed drifters say: where they were, where they end up, and how sure that is."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +12,8 @@ from jaxtyping import Float
 from ...drift import ObservedDrift
 from ...drift.currents.sphere import EARTH_RADIUS
 from ..canvas.marks import log_lines
-from ..canvas.prose import counted, described, made_with
+from ..canvas.palette import CLEAR, Color
+from ..canvas.prose import described, made_with
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
@@ -23,7 +25,15 @@ from .map import DRIFTER, SeaMap, log_maps
 
 _LEGEND_ROWS = 5
 # So that the file stays small, and cells can be seen.
-_MAX_TRACKS, _MAX_PLACES = 200, 100_000
+_MAX_TRACKS, _MAX_PLACES = 40, 100_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ObservedMap(SeaMap):
+    """The map of where drifters were."""
+
+    dry = "too few were there"
+    drift: ObservedDrift
 
 
 def log_observed_drift(
@@ -35,7 +45,7 @@ def log_observed_drift(
     all of that is, and where observations are. Over days, or shorter units: where drifters come to
     be that are released in all cells alike.
     """
-    maps = log_maps(stream, found, SeaMap)
+    maps = log_maps(stream, found, ObservedMap)
     tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
     tabs.append(_log_observations(maps[0]))
     if found.layers[0].transient_groups:
@@ -46,14 +56,13 @@ def log_observed_drift(
     send_blueprint(stream, tabs, clock.unit, clock.speed)
 
 
-def _of_cells(map: SeaMap, values: Float[np.ndarray, "1 rows columns"]) -> np.ndarray:
+def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> np.ndarray:
     return values[0, map.water.row, map.water.column]
 
 
-def _log_places(map: SeaMap) -> rrb.Container:
+def _log_places(map: ObservedMap) -> rrb.Container:
     """Log where drifters come to be step by step, and then."""
     found = map.drift
-    assert isinstance(found, ObservedDrift)
     when = "In the long run" if found.after is None else f"After {found.after / 86400:g} days"
     kind = levels(_of_cells(map, found.distribution))
     then = map.view(when, [map.picture("distribution", density().classes, kind)])
@@ -61,29 +70,29 @@ def _log_places(map: SeaMap) -> rrb.Container:
     return log_distribution([map], [then], about)
 
 
-def _log_errors(map: SeaMap) -> rrb.Container:
+def _log_errors(map: ObservedMap) -> rrb.Container:
     """Log how much answers vary with the drifters that happened to be there."""
     found = map.drift
-    assert isinstance(found, ObservedDrift)
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)
     more = map.water.cells * _of_cells(map, found.distribution_error)
     scales = {
-        "in a group": Scale.over(share, "in {} % of draws".format, least=0, most=100),
-        "hours": Scale.over(hours, "{} h".format, least=0, most=_most(hours), open=True),
-        "there": Scale.over(more, "{} x".format, least=0, most=_most(more), open=True),
+        "In a persistent group": Scale.over(share, "{} % of draws".format, least=0, most=100),
+        "Error of the time to the end": Scale.over(
+            hours, "{} h".format, least=0, most=_most(hours), open=True
+        ),
+        "Error of how many come to be there": Scale.over(
+            more, "{} x".format, least=0, most=_most(more), open=True
+        ),
     }
-    titles = (
-        "In a persistent group, of drifters drawn anew",
-        "Error of the time to the end",
-        "Error of how many come to be there",
-    )
-    values = zip(titles, scales.items(), (share, hours, more), strict=True)
+    values = zip(scales.items(), (share, hours, more), strict=True)
     views = [
         map.numbers(f"errors_{k}", title, scale, one)
-        for k, (title, (_, scale), one) in enumerate(values)
+        for k, ((title, scale), one) in enumerate(values)
     ]
-    legend = [row for scale in scales.values() for row in scale.legend(3)]
+    legend: list[tuple[str, Color]] = []
+    for name, scale in scales.items():
+        legend += [(name, CLEAR), *scale.legend(3)]
     text = f"""# How sure is that?
 
 As many drifters are drawn with replacement from those that were observed, again and again, each
@@ -100,10 +109,9 @@ def _most(values: Float[np.ndarray, "cells"]) -> float:
     return float(np.quantile(known, 0.95)) if known.size else 1.0
 
 
-def _log_observations(map: SeaMap) -> rrb.Container:
+def _log_observations(map: ObservedMap) -> rrb.Container:
     """Log how many moves are known from each cell, and the ways of some drifters."""
     found, water = map.drift, map.water
-    assert isinstance(found, ObservedDrift)
     count = found.counted.count.astype(float)
     scale = Scale.over(count, "{} moves".format, spaced=np.geomspace, ground="no cell")
     known = map.numbers("moves", f"{found.moves:,} moves, by where they begin", scale, count)
@@ -119,7 +127,7 @@ def _log_observations(map: SeaMap) -> rrb.Container:
     ways = np.split(place[shown], np.flatnonzero(new[shown]))
     ways = [way for way in ways if len(way) > 1]
     log_lines(map.stream, "map/ways", ways, DRIFTER, 0.6)
-    title = f"Ways of {counted(-(-seen.drifters // every), 'drifter')} of {seen.drifters:,}"
+    title = f"Ways of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
     views = [known, map.view(title, ["ways"])]
     text = f"""# What was observed
 
