@@ -365,7 +365,8 @@ def test_as_many_strand_as_of_drifters_that_strand(capsys, stream, tmp_path, bac
     """Drifters of the current, followed one by one, of which those at a coast toss a coin."""
     with xr.open_dataset(stream, decode_times=False) as sea:
         sea.where(sea.lon < sea.lon[-1]).transpose(*sea.u.dims).to_netcdf(tmp_path / "coast.nc")
-    step, after, half = 1800, 18_000, 7200
+    # Four of the five points of a cell along its way come to the next one.
+    step, after, half = 2880, 14_400, 7200
     args = ["--duration", step, "--after", after, "--beaching", half]
     args += [] if back is None else ["--resuspension", back]
     _, found, _ = run(capsys, *args, file=tmp_path / "coast.nc")
