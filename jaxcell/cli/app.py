@@ -24,6 +24,7 @@ from .run import Run
 from .studies import (
     Cover,
     Drift,
+    Drifters,
     Dynamics,
     Groups,
     Localize,
@@ -44,6 +45,7 @@ COMMANDS = {
     "cover": Cover,
     "demo": Demo,
     "drift": Drift,
+    "drifters": Drifters,
     "dynamics": Dynamics,
     "export": Export,
     "groups": Groups,

@@ -24,6 +24,7 @@ _EXAMPLES = {
     "cover": "@complex --bounces 30 75 315 --error 5 --reliability 0.8",
     "demo": "",
     "drift": "@gyres --depths 0 --out runs/drift",
+    "drifters": "@drifters --nearly-closed 2 --out runs/drifters",
     "dynamics": "pendulum --params T=0.1:0.9:17",
     "export": "runs/lab/filter.jxf filter.h",
     "groups": "@lab_a --bounce 45 90 135",
@@ -53,7 +54,7 @@ or currents are a file, or a name such as @lab_a, which `jaxcell maps` lists.
 With --memory 8G a command refuses what would take more than that in a process.
 
 Exit status: 0 done, 1 the task has no answer or --verify found a difference, 2 bad input."""
-_UNITS = {"deg": "DEG", "m": "M", "s": "S"}
+_UNITS = {"d": "DAYS", "deg": "DEG", "m": "M", "s": "S"}
 _NOTHING = {"None", "", "False"}
 
 

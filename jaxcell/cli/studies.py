@@ -6,6 +6,7 @@ from .study import command
 
 Cover = command(study.Cover)
 Drift = command(study.Drift)
+Drifters = command(study.Drifters)
 Dynamics = command(study.Dynamics)
 Groups = command(study.Groups)
 Localize = command(study.Localize)

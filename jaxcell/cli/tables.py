@@ -50,7 +50,7 @@ def show(
     for name, part in parts(result).items():
         title = name.replace("_", " ").capitalize()
         if isinstance(part, tuple):
-            _side_by_side(part, title)
+            _side_by_side(part, title, set(described) if len(part) == 1 else set())
         else:
             show(part, title, cells=cells)
 
@@ -90,20 +90,20 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
             table(f"{title[:1].upper()}{title[1:]}", tuple(shown), rows)
 
 
-def _side_by_side(several: tuple[Result, ...], title: str) -> None:
+def _side_by_side(several: tuple[Result, ...], title: str, known: set[str]) -> None:
     """Print the numbers of results of one kind, a column for each, or a row for each of more than
-    three; and the tables of each."""
+    three, without those that are known; and the tables of each."""
     across = len(several) <= _MAX_COLUMNS
     rows: dict[str, list[str]] = {}
     for column, one in enumerate(several):
         for name, (about, value) in _brief(one).items():
-            if is_single(about):
+            if is_single(about) and name not in known:
                 key = about.meaning if across else name.replace("_", " ")
                 rows.setdefault(key, [""] * len(several))[column] = written(value, about)
     numbers = [*map(str, range(len(several)))]
-    if across:
+    if across and rows:
         table(title, ("quantity", *numbers), [(name, *row) for name, row in rows.items()])
-    else:
+    elif rows:
         table(title, ("", *rows), [*zip(numbers, *rows.values(), strict=True)])
     for number, part in enumerate(several):
         _tables(part, f"{title.removesuffix('s')} {number}: ", None)

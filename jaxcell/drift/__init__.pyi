@@ -1,4 +1,4 @@
-from .beaches import beaching as beaching, coast as coast
+from .beaches import Stranded as Stranded, beaching as beaching, coast as coast
 from .behaviour import (
     LongTermBehaviour as LongTermBehaviour,
     long_term_behaviour as long_term_behaviour,
@@ -58,6 +58,7 @@ from .flow import (
     flow_map as flow_map,
 )
 from .layer import Layer as Layer
+from .observed import ObservedDrift as ObservedDrift
 from .reachability import (
     reachable as reachable,
     reachable_at_depth as reachable_at_depth,

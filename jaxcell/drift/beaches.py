@@ -1,10 +1,16 @@
 """Drifters that strand at a coast, and come afloat again."""
 
+import dataclasses
+import functools
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
-from ..mapping import Chain
+from ..base.quantities import Result, derived
+from ..mapping import Chain, ChainSequence
+from ..mapping.sequence import as_sequence
+from .behaviour import LongTermBehaviour
 from .water import NEIGHBORS, Water
 
 
@@ -31,13 +37,13 @@ def coast(water: Water) -> Bool[np.ndarray, "cells"]:
 
 
 def beaching(
-    chain: Chain,
+    chain: Chain | ChainSequence,
     at_coast: Bool[np.ndarray, "cells"],
     duration: float | int,
     *,
     afloat: float | int,
     stranded: float | int = np.inf,
-) -> tuple[Chain, Int[np.ndarray, "coast"]]:
+) -> tuple[Chain | ChainSequence, Int[np.ndarray, "coast"]]:
     """Give the map of drifters that may strand at a coast.
 
     Each cell at a coast has a beach, which is one more state. In a step, a drifter in the cell
@@ -46,7 +52,8 @@ def beaching(
 
     **Arguments:**
 
-    - `chain`: the map of a layer, as from [`jaxcell.drift.drift_map`][].
+    - `chain`: the map of a layer, as from [`jaxcell.drift.drift_map`][], or maps that follow on one
+        another, as from [`jaxcell.drift.drift_maps`][].
     - `at_coast`: the cells with a beach, as from [`coast`][].
     - `duration`: of a step, in seconds.
     - `afloat`: the time in seconds in which half of the drifters in a cell at a coast strand.
@@ -72,8 +79,17 @@ def beaching(
     if at_coast.shape != (chain.cells,):
         raise ValueError(f"at_coast: expected {chain.cells} cells, got {at_coast.shape}")
     cell = np.flatnonzero(at_coast).astype(np.int32)
+    shares = [-np.expm1(-np.log(2) * duration / half) for half in (afloat, stranded)]
+    if isinstance(chain, ChainSequence):
+        phases = [_with_beaches(chain.at(k), cell, *shares) for k in range(chain.phases)]
+        return ChainSequence.of(phases), cell
+    return _with_beaches(chain, cell, *shares), cell
+
+
+def _with_beaches(
+    chain: Chain, cell: Int[np.ndarray, "coast"], strands: float, floats: float
+) -> Chain:
     beach = chain.cells + np.arange(cell.size, dtype=np.int32)
-    strands, floats = (-np.expm1(-np.log(2) * duration / half) for half in (afloat, stranded))
     image, probability = (
         np.pad(np.asarray(one), ((0, 1), (0, cell.size)))
         for one in (chain.image, chain.probability)
@@ -82,4 +98,100 @@ def beaching(
     image[-1], image[-1, cell], probability[-1, cell] = np.arange(image.shape[1]), beach, strands
     image[:, beach], probability[:, beach] = beach, 0
     image[0, beach], probability[0, beach], probability[-1, beach] = cell, floats, 1 - floats
-    return Chain(jnp.asarray(image), jnp.asarray(probability)), cell
+    return Chain(jnp.asarray(image), jnp.asarray(probability))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Stranded(Result):
+    """What becomes of drifters that may strand, released in all cells of a layer alike.
+
+    Still water beside land, from which half strand in an hour and come back in another:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.int32([[-1, 0]]), np.full((1, 2), 1000.0)
+        >>> water = drift.Water(number, side, side, *[0 * side] * 3, 0.0)
+        >>> still = drift.long_term_behaviour(mapping.Chain.from_scipy(np.eye(1)), 3600)
+        >>> found = drift.Stranded.of(water, still, 2 * 3600, afloat=3600, stranded=3600)
+        >>> found.beaches, found.share_by_step.tolist(), found.share
+        (1, [0.0, 0.5, 0.5], 0.5)
+    """
+
+    water: Water
+    chain: Chain | ChainSequence
+    "Over the cells and the beaches, as from [`beaching`][]."
+    cell: Int[np.ndarray, "beaches"]
+    "The cell of each beach."
+    hours: float | int
+    "Of a step."
+    steps: int
+    "After which it is asked where they are."
+
+    @classmethod
+    def of(
+        cls,
+        water: Water,
+        behaviour: LongTermBehaviour,
+        seconds: float | int,
+        *,
+        afloat: float | int,
+        stranded: float | int = np.inf,
+    ) -> "Stranded":
+        """Drifters that strand by the map of a layer.
+
+        **Arguments:**
+
+        - `water`, `behaviour`: of the layer.
+        - `seconds`: after which it is asked where they are; the nearest whole step is taken.
+        - `afloat`, `stranded`: as for [`beaching`][].
+
+        **Raises:** `ValueError` as [`beaching`][].
+        """
+        step = behaviour.duration
+        both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)
+        return cls(water, *both, step / 3600, max(1, round(seconds / step)))
+
+    @derived("", "time between release and the answer", "h", kind="time")
+    def after_hours(self) -> float:
+        return float(self.steps * self.hours)
+
+    @derived("", "drifters on a beach then", kind="share")
+    def share(self) -> float:
+        return float(self.share_by_step[-1])
+
+    @derived("", "drifters off the map then", kind="share")
+    def left(self) -> float:
+        return max(0.0, float(1 - self._shares[-1].sum()))
+
+    @derived("", "cells at a coast", kind="count")
+    def beaches(self) -> int:
+        return self.cell.size
+
+    @derived("beaching_step", "drifters on a beach after so many steps", "1", kind="share")
+    def share_by_step(self) -> Float[np.ndarray, "steps"]:
+        return self._shares[:, self.water.cells :].sum(axis=1)
+
+    @derived("y x", "share of all drifters on the beach then", "1", padding="NaN: no beach")
+    def on_beach(self) -> Float[np.ndarray, "rows columns"]:
+        found = np.full(self.water.cells, np.nan)
+        found[self.cell] = self._shares[-1, self.water.cells :]
+        return self.water.on_grid(found)
+
+    @derived(
+        "y x", "probability to be on a beach then, by the cell of release", "1", padding="NaN: land"
+    )
+    def chance(self) -> Float[np.ndarray, "rows columns"]:
+        ashore = jnp.arange(self.chain.cells) >= self.water.cells
+        later = as_sequence(self.chain).pull(ashore.astype(float), self.steps)
+        return self.water.on_grid(np.asarray(later)[: self.water.cells].clip(0, 1))
+
+    @functools.cached_property
+    def _shares(self) -> Float[np.ndarray, "steps states"]:
+        """Of the drifters in each cell and on each beach after each step, from the release on."""
+        cells, sequence = self.water.cells, as_sequence(self.chain)
+        share = jnp.where(jnp.arange(self.chain.cells) < cells, 1 / cells, 0.0)
+        found = [share]
+        for n in range(self.steps):
+            share = sequence.at(n).push(share)
+            found.append(share)
+        return np.stack([np.asarray(one) for one in found])

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
 from ..markov import NearlyClosedSets, almost_invariant_sets, coherent_sets
+from .ranks import basin_ranks
 from .water import Water
 
 
@@ -120,6 +121,10 @@ class ClosedSets(Result):
     def window_hours(self) -> float:
         return self.layers[0].steps * self.duration / 3600
 
+    @derived("closed_set", "number on maps", kind="index")
+    def rank(self) -> Int[np.ndarray, "sets"]:
+        return np.concatenate(self.ranks)
+
     @derived("closed_set", "depth", "m")
     def depth(self) -> Float[np.ndarray, "sets"]:
         return np.concatenate([np.full(s.count, w.depth) for w, s in self._pairs])
@@ -149,6 +154,11 @@ class ClosedSets(Result):
         return np.stack(
             [w.on_grid(one, -2) for w, one in zip(self.waters, self.labels, strict=True)]
         )
+
+    @functools.cached_property
+    def ranks(self) -> list[Int[np.ndarray, "_sets"]]:
+        """The rank of each set of each layer: that of the set which it goes on from above."""
+        return basin_ranks([water.on_grid(sets.begin, -1) for water, sets in self._pairs])
 
     @functools.cached_property
     def labels(self) -> list[Int[np.ndarray, "_cells"]]:

@@ -93,6 +93,8 @@ class Spread:
 
     value: np.ndarray
     "Of all drifters."
+    mean: np.ndarray
+    "The mean over resampled drifters."
     error: np.ndarray
     "The standard deviation over resampled drifters; NaN where one is not finite."
     low: np.ndarray
@@ -271,8 +273,8 @@ def bootstrap(
     drawn = [np.asarray(quantity(moves.resampled(random)), float) for _ in range(samples)]
     low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
     with np.errstate(invalid="ignore"):
-        error = np.std(drawn, axis=0, ddof=1)
-    return Spread(*map(np.asarray, (quantity(moves.chain), error, low, high)))
+        mean, error = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
+    return Spread(*map(np.asarray, (quantity(moves.chain), mean, error, low, high)))
 
 
 def located(

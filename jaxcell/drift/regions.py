@@ -101,14 +101,15 @@ class Exchange(Result):
         "region to_region", "share of its drifters in each region then", kind="share", listed=True
     )
     def share(self) -> Float[np.ndarray, "regions regions"]:
-        return self._after @ self.inside.T
+        return self.after @ self.inside.T
 
     @derived("region", "share of its drifters that are off the map then", kind="share")
     def left(self) -> Float[np.ndarray, "regions"]:
-        return np.clip(1 - self._after.sum(axis=1), 0, 1)
+        return np.clip(1 - self.after.sum(axis=1), 0, 1)
 
     @functools.cached_property
-    def _after(self) -> Float[np.ndarray, "regions cells"]:
+    def after(self) -> Float[np.ndarray, "regions cells"]:
+        """The share of the drifters of each region in each cell then."""
         sequence = as_sequence(self.chain)
         return np.stack(
             [np.asarray(sequence.push(jnp.asarray(one), self.steps)) for one in self._begin]

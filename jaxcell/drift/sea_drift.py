@@ -12,6 +12,7 @@ from ..base import memory
 from ..base.quantities import derived
 from ..mapping import Chain
 from ..space import estimates
+from .beaches import Stranded
 from .chains import phases
 from .closed_sets import ClosedSets
 from .deploy import (
@@ -28,7 +29,7 @@ from .flow import Flow, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
 from .regions import Exchange
-from .sea_layers import SeaLayers
+from .sea_currents import SeaCurrents
 from .sea_voyage import SeaVoyage
 from .voyage import Voyage, discounted_voyage, surest_voyage
 from .water import Water
@@ -44,7 +45,7 @@ _SQUARES = "layer y x"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeaDrift(SeaLayers):
+class SeaDrift(SeaCurrents):
     """What becomes of drifters in some layers of the sea, and where to drop them.
 
     What is not asked for is not computed. The surface of the bundled sea at its first record:
@@ -65,9 +66,9 @@ class SeaDrift(SeaLayers):
     }
 
     brief: ClassVar[tuple[str, ...]] = (
-        *("persistent_groups", "mean_leaving", "median_hours", "drifter_count"),
-        *("distance_6h", "distance_24h", "drifters_left", "map_left", "compared_cells"),
-        *("cells", "fewest_count", "step"),
+        *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
+        *("drifter_count", "fewest_count", "distance_6h", "map_left", "compared_cells"),
+        *("cells", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 
@@ -83,6 +84,8 @@ class SeaDrift(SeaLayers):
     "The way that most likely arrives."
     exchange: Exchange | None = None
     "How drifters go between regions of the surface."
+    beaching: Stranded | None = None
+    "Drifters of the surface that strand at coasts."
     nearly_closed_sets: ClosedSets | None = None
     "Parts of the water that drifters hardly leave."
     notices: tuple[str, ...] = ()
@@ -184,7 +187,7 @@ class SeaDrift(SeaLayers):
             say(f"mapping {water.cells:,} cells at {water.depth:g} m")
             known = None if made is None else made[k]
             layers.append(Layer.of(water, flows[k], step, by=by[k], made=known, **options))
-        return cls(currents, tuple(layers), start, reach, seconds, notices=tuple(notices))
+        return cls(tuple(layers), currents, start, reach, seconds, notices=tuple(notices))
 
     def towards(self, goal: npt.ArrayLike | int, discount: float = 0.99) -> "SeaDrift":
         """The same with voyages to a goal.

@@ -5,20 +5,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from jaxtyping import Float, Int
 
 from ..base.quantities import Checks, derived
-from .chains import phases
-from .diagnosis import group_counts
-from .layer import Ends, Layer
+from .ends import Ends, LayerEnds
+from .ranks import basin_ranks
 from .sea import Sea
 from .water import Water
 
 
-# The groups for other steps take seconds.
-_MAX_FOR_COUNTS = 100_000
-_FACTORS = (0.5, 1.0, 2.0, 4.0)
 _SQUARES = "layer y x"
 _LAND = "-2: no water"
 _UNKNOWN = "NaN: no such group, no water, or not known"
@@ -28,22 +23,17 @@ _UNKNOWN = "NaN: no such group, no water, or not known"
 class SeaLayers(Ends):
     """Where drifters end up in some layers of the sea, by the squares of its grid."""
 
-    currents: xr.Dataset
-    "As from [`jaxcell.drift.open_currents`][]."
-    layers: tuple[Layer, ...]
+    layers: tuple[LayerEnds, ...]
     "The surface first, by steps of one duration."
 
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for layers that do not belong together."""
-        layers = self.currents.sizes["layer"]
-        if len(self.layers) != layers:
-            raise ValueError(f"layers: expected {layers}, got {len(self.layers)}")
         durations = {one.behaviour.duration for one in self.layers}
         if len(durations) > 1:
             raise ValueError(f"layers: expected steps of one duration, got {sorted(durations)}")
 
     @property
-    def _layers(self) -> tuple[Layer, ...]:
+    def _layers(self) -> tuple[LayerEnds, ...]:
         return self.layers
 
     @property
@@ -80,12 +70,30 @@ class SeaLayers(Ends):
         return self.waters[0].lon[row, column], self.waters[0].lat[row, column]
 
     def _on_squares(
-        self, values: Callable[[Layer], npt.ArrayLike], fill: float | int = np.nan
+        self, values: Callable[[LayerEnds], npt.ArrayLike], fill: float | int = np.nan
     ) -> Any:
         """Values of the cells of each layer, on the squares of the grid."""
         return self.sea.on_squares(
             np.concatenate([np.asarray(values(layer)) for layer in self.layers]), fill
         )
+
+    @functools.cached_property
+    def group_ranks(self) -> list[Int[np.ndarray, "_groups"]]:
+        """The rank of each group of each layer: that of the group which it goes on from above."""
+        basins = ((one.water, np.asarray(one.begins.basin)) for one in self.layers)
+        return basin_ranks([water.on_grid(basin, -1) for water, basin in basins])
+
+    @derived(
+        "layer group_index",
+        "number of the group on maps, which goes on from layer to layer",
+        kind="index",
+        padding="-1: no such group",
+    )
+    def group_number(self) -> Int[np.ndarray, "layers groups"]:
+        found = np.full((len(self.layers), max(one.size for one in self.group_ranks)), -1)
+        for row, rank in zip(found, self.group_ranks, strict=True):
+            row[: rank.size] = rank
+        return found
 
     @derived("y x", "longitude", "degrees_east", kind="coordinate", standard_name="longitude")
     def lon(self) -> Float[np.ndarray, "rows columns"]:
@@ -99,82 +107,9 @@ class SeaLayers(Ends):
     def depth(self) -> Float[np.ndarray, "layers"]:
         return np.array(self.depths)
 
-    @derived("", "current towards the East")
-    def east_from(self) -> str:
-        return self.currents.attrs["east_from"]
-
-    @derived("", "current towards the North")
-    def north_from(self) -> str:
-        return self.currents.attrs["north_from"]
-
-    @derived("note", "notes on the currents", listed=True)
-    def notes(self) -> np.ndarray:
-        return np.array(self.currents.attrs["notes"].splitlines(), np.str_)
-
-    @derived("record", "records of the currents", listed=True)
-    def records(self) -> np.ndarray:
-        return np.datetime_as_string(self.currents.time.values, unit="s")
-
     @derived("", "duration of a step", "s")
     def step(self) -> float:
         return self.layers[0].behaviour.duration
-
-    @derived("", "the current repeats itself after", "h", kind="time")
-    def period_hours(self) -> float | None:
-        period = self.layers[0].by.period
-        return None if period is None else float(period) / 3600
-
-    @derived("", "maps that follow on one another meanwhile", kind="count")
-    def phases(self) -> int | None:
-        return None if self.period_hours is None else self.sea.phases
-
-    @derived("other_step", "duration of another step", "s")
-    def sensitivity_duration(self) -> Float[np.ndarray, "steps"] | None:
-        return np.array(self._other_steps) if self._counts is not None else None
-
-    @derived("other_step", "persistent groups at the surface", kind="count")
-    def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
-        return None if self._counts is None else self._counts[:, 0]
-
-    @derived("other_step", "persistent groups, by the centres of cells alone", kind="count")
-    def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
-        return None if self._counts is None else self._counts[:, -1]
-
-    @functools.cached_property
-    def _counts(self) -> Int[np.ndarray, "steps rhos"] | None:
-        surface = self.layers[0]
-        states = surface.cells * phases(surface.by, self._other_steps[0])
-        # Diffusion joins all groups but those that are pieces of water.
-        if states > _MAX_FOR_COUNTS or surface.by.diffusivity:
-            return None
-        options = dict(surface.options)
-        rho = options.pop("rho", 0.8)
-        of = surface.water, surface.by, self._other_steps
-        counts = group_counts(*of, [rho], **options)
-        # A current that is known carries the centre of a cell to one place.
-        known = group_counts(*of, [1.0], **(options | {"spread": "turned"}))
-        return np.concatenate([counts, known], axis=1)
-
-    @property
-    def _other_steps(self) -> list[float]:
-        """The durations of other steps, in seconds; the second is that of the maps."""
-        return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
-
-    @derived("layer compared", "time of the comparison with drifters", "h", kind="time")
-    def compared_hours(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.distance.hours for one in self.layers])
-
-    @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
-    def compared_distance(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.distance.total_variation for one in self.layers])
-
-    @derived("layer compared", "drifters that left the map", "1", kind="share")
-    def compared_drifters_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.distance.drifters_left for one in self.layers])
-
-    @derived("layer compared", "drifters that left, by the map of cells", "1", kind="share")
-    def compared_map_left(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.distance.map_left for one in self.layers])
 
     @derived(_SQUARES, "number of the cell", kind="index", padding=_LAND)
     def cell(self) -> Int[np.ndarray, "layers rows columns"]:
@@ -255,12 +190,6 @@ class SeaLayers(Ends):
     @derived("entry", "cell one step later", kind="index")
     def to_cell(self) -> Int[np.ndarray, "entries"]:
         return (self._entries.col % self.cells).astype(np.int32)
-
-    @derived("entry", "phase of the current, from 0 at the first record", kind="index")
-    def entry_phase(self) -> Int[np.ndarray, "entries"] | None:
-        if self.phases is None:
-            return None
-        return (self._entries.row // self.cells).astype(np.int32)
 
     @derived("entry", "probability; what a cell lacks of 1 has left the map", "1", kind="share")
     def transition(self) -> Float[np.ndarray, "entries"]:

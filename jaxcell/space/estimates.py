@@ -119,6 +119,16 @@ def drift(cells: Sequence[int]) -> float | int:
     return 200 * sum(cells) + 1500 * max(cells)
 
 
+def draws(cells: int, samples: int) -> float | int:
+    """Bytes of what is asked of every cell for each of some draws of observed drifters.
+
+    **Arguments:**
+
+    - `cells`, `samples`: their numbers.
+    """
+    return 80 * cells * samples
+
+
 def walk(vertices: int, edges: int, weighted: bool) -> float | int:
     """Bytes of a walk on a graph with what is measured between all pairs of vertices.
 

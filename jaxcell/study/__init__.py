@@ -21,6 +21,7 @@ Studies know nothing of terminals, files and engines. Importing this imports no 
 
 from .cover import Cover as Cover
 from .drift import Drift as Drift
+from .drifters import Drifters as Drifters
 from .dynamics import Dynamics as Dynamics
 from .groups import Groups as Groups
 from .localize import Localize as Localize
@@ -30,6 +31,7 @@ from .patrol_graph import PatrolGraph as PatrolGraph
 from .patrol_map import PatrolMap as PatrolMap
 from .rooms import Rooms as Rooms
 from .study import (
+    Days as Days,
     Degrees as Degrees,
     Metres as Metres,
     Seconds as Seconds,

@@ -70,7 +70,11 @@ class Drift(Study):
     regions: Path | None = None
     """GeoJSON file of polygons: how do drifters at the surface go from one to another?"""
     after: Seconds = 432_000.0
-    """Seconds after which it is asked in which of the regions they are."""
+    """Seconds after which it is asked in which of the regions they are, and how many on beaches."""
+    beaching: Seconds | None = None
+    """Seconds in which half of the drifters in a cell at a coast strand, at the surface."""
+    resuspension: Seconds | None = None
+    """Seconds in which half of those on a beach are afloat again; by default they stay there."""
     range: Metres | None = None
     """How far a drifter that looks at the sea bed sees, in metres."""
     search: Seconds | None = None
@@ -87,6 +91,10 @@ class Drift(Study):
         require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
         require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
         require("after", self.after, "more than 0 seconds", lambda x: x > 0)
+        require("beaching", self.beaching, "more than 0 seconds", lambda x: x > 0)
+        require("resuspension", self.resuspension, "more than 0 seconds", lambda x: x > 0)
+        if self.resuspension is not None and self.beaching is None:
+            raise ValueError("resuspension: expected a time of beaching too, got none")
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
         require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
@@ -113,7 +121,7 @@ class Drift(Study):
         return needed
 
     def run(self, say: Say = silent) -> "SeaDrift":
-        from ..drift import ClosedSets, Exchange, SeaDrift, Water, read_regions
+        from ..drift import ClosedSets, Exchange, SeaDrift, Stranded, Water, read_regions
 
         self.memory()
         currents = self.currents()
@@ -140,6 +148,18 @@ class Drift(Study):
             say("following drifters between regions")
             exchange = Exchange.of(found.layers[0].behaviour, *regions, self.after)
             found = dataclasses.replace(found, exchange=exchange)
+        if self.beaching is not None:
+            say("stranding drifters")
+            halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
+            behaviour = found.layers[0].behaviour
+            beaches = Stranded.of(waters[0], behaviour, self.after, **halves)
+            found = dataclasses.replace(found, beaching=beaches)
+            if found.step > self.beaching:
+                rough = (
+                    f"A step takes {found.step:g} s, and those that pass a coast meanwhile do not "
+                    f"strand; give a --duration below the {self.beaching:g} s of beaching."
+                )
+                found = dataclasses.replace(found, notices=(*found.notices, rough))
         if (count := self.nearly_closed) is not None:
             say("finding nearly closed sets")
             chains = [layer.behaviour.chain for layer in found.layers]

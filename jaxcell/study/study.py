@@ -19,6 +19,7 @@ class Unit:
     suffix: str
 
 
+Days: TypeAlias = Annotated[float, Unit("d")]
 Degrees: TypeAlias = Annotated[float, Unit("deg")]
 Metres: TypeAlias = Annotated[float, Unit("m")]
 Seconds: TypeAlias = Annotated[float, Unit("s")]

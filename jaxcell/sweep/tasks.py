@@ -12,5 +12,6 @@ TASKS: dict[str, str] = {
     "plans": "jaxcell.study:Plans",
     "patrol": "jaxcell.study:PatrolGraph",
     "drift": "jaxcell.study:Drift",
+    "drifters": "jaxcell.study:Drifters",
     "dynamics": "jaxcell.study:Dynamics",
 }

@@ -5,7 +5,9 @@ import scipy.sparse
 from scipy.sparse import csgraph
 
 from ..base.certificate import Outcome
-from ..drift import Layer, SeaDrift, SeaVoyage
+from ..drift import SeaDrift, SeaVoyage
+from ..drift.ends import LayerEnds
+from ..drift.sea_layers import SeaLayers
 from .comparison import Comparison, solve_transient
 
 
@@ -16,7 +18,7 @@ _MAX_NODES = 20_000
 _MAX_PROGRAM = 5000
 
 
-def compare_drift(drift: SeaDrift) -> list[Comparison]:
+def compare_drift(drift: SeaLayers) -> list[Comparison]:
     """Groups by networkx, where and when drifters end by direct solves, voyages by linear programs.
 
     **Arguments:**
@@ -24,6 +26,8 @@ def compare_drift(drift: SeaDrift) -> list[Comparison]:
     - `drift`: what becomes of drifters.
     """
     found = [one for layer in drift.layers[:_MAX_LAYERS] for one in _compare_layer(layer)]
+    if not isinstance(drift, SeaDrift):
+        return found
     surface = drift.layers[0].behaviour.chain.to_scipy()
     cells = drift.deployment.cells
     steps = csgraph.dijkstra(surface, indices=cells, unweighted=True, min_only=True)
@@ -35,7 +39,7 @@ def compare_drift(drift: SeaDrift) -> list[Comparison]:
     return found if drift.surest is None else [*found, _compare_voyage(drift.surest)]
 
 
-def _compare_layer(layer: Layer) -> list[Comparison]:
+def _compare_layer(layer: LayerEnds) -> list[Comparison]:
     behaviour, at = layer.behaviour, f" at {layer.depth:g} m"
     # Of a current that repeats itself, of the cells at each phase.
     P, group = behaviour.chain.to_scipy(), np.asarray(behaviour.groups.group)

@@ -252,7 +252,7 @@ def test_advice_names_no_option_that_is_on(capsys):
 @pytest.mark.slow
 def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
     """Where no drifter can leave, and where none can stay, however large the table would be."""
-    monkeypatch.setattr("jaxcell.drift.layer._MAX_TABLE", -1)
+    monkeypatch.setattr("jaxcell.drift.ends._MAX_TABLE", -1)
     _, found, _ = run(capsys, *STEP, "--depths", 0)
     assert found["layers"][0]["mean_leaving"] == 0
     _, found, _ = run(capsys, "--edge", "exit", file=stream)
@@ -332,6 +332,80 @@ def test_tables_for_people(capsys):
     assert "Deployment" not in out
     assert re.search(r"cells reached, by keeping the depth +│ 536, 530, 433 ", out)
     assert re.search(r"depth of the goal +│ -118.096, 33.454, 5 ", out)
+
+
+@pytest.mark.slow
+def test_six_layers_fit_on_a_screen_and_begin_with_what_people_ask(
+    capsys, monkeypatch, stream, tmp_path
+):
+    monkeypatch.setenv("COLUMNS", "80")
+    with xr.open_dataset(stream) as one:
+        depths = {"depth": ("depth", [0.0, 10, 25, 50, 75, 100], one.depth.attrs)}
+        deep = xr.concat([one.load().drop_vars("depth")] * 6, "depth").assign_coords(depths)
+    deep.transpose("time", "depth", "lat", "lon").to_netcdf(tmp_path / "deep.nc")
+    # So short a step is warned of in every layer.
+    assert main(["drift", str(tmp_path / "deep.nc"), "--duration", "300"]) == 0
+    captured = capsys.readouterr()
+    said = captured.out.splitlines() + captured.err.splitlines()
+    assert len(said) <= 40
+    assert "more of that kind, at other depths" in captured.err
+    rows = [line.split("│")[1].strip() for line in said if line.startswith("│")]
+    assert rows[:5] == [
+        "persistent groups",
+        "probability of leaving the map, mean",
+        "time to the end, transient cells, median",
+        "drifters that left the map after 24 h",
+        "drifters that the map has in a wrong cell after 24 h",
+    ]
+    # One row for each layer.
+    assert rows[-6:] == [str(layer) for layer in range(6)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("back", [None, 14_400])
+def test_as_many_strand_as_of_drifters_that_strand(capsys, stream, tmp_path, back):
+    """Drifters of the current, followed one by one, of which those at a coast toss a coin."""
+    with xr.open_dataset(stream, decode_times=False) as sea:
+        sea.where(sea.lon < sea.lon[-1]).transpose(*sea.u.dims).to_netcdf(tmp_path / "coast.nc")
+    # Four of the five points of a cell along its way come to the next one.
+    step, after, half = 2880, 14_400, 7200
+    args = ["--duration", step, "--after", after, "--beaching", half]
+    args += [] if back is None else ["--resuspension", back]
+    _, found, _ = run(capsys, *args, file=tmp_path / "coast.nc")
+    random = np.random.default_rng(4)
+    currents = drift.open_currents(tmp_path / "coast.nc")
+    water, flow = drift.Water.of(currents), drift.Flow.of(currents)
+    coast = drift.coast(water)
+    assert coast.sum() == found["beaching"]["beaches"] == 4
+    cell = random.integers(0, water.cells, 20_000)
+    x, y = (one[cell] + random.uniform(-0.5, 0.5, cell.size) for one in (water.column, water.row))
+    ashore, gone = np.zeros((2, cell.size), bool)
+    strands, floats = 1 - 2 ** (-step / half), 0 if back is None else 1 - 2 ** (-step / back)
+    for _ in range(after // step):
+        draw = random.random(cell.size)
+        lands = ~ashore & ~gone & coast[cell] & (draw < strands)
+        moves = ~ashore & ~gone & ~lands
+        ashore = (ashore & (draw >= floats)) | lands
+        moved = drift.advect(flow, x, y, float(step), method="rk4", steps=4)
+        x, y = (np.where(moves, a, b) for a, b in zip(moved, (x, y), strict=True))
+        landed = water.landing(x[None], y[None], origin=cell, exits=True)[0]
+        gone |= moves & (landed < 0)
+        cell = np.where(moves & (landed >= 0), landed, cell)
+    assert found["beaching"]["share"] == pytest.approx(ashore.mean(), abs=0.02)
+    assert found["beaching"]["left"] == pytest.approx(gone.mean(), abs=0.02)
+    assert 0.2 < ashore.mean() < 0.7
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--beaching", 0), "--beaching: expected more than 0 seconds, got 0"),
+        (("--resuspension", 60), "--resuspension: expected a time of beaching too, got none"),
+    ],
+)
+def test_beaching_out_of_range_is_refused(capsys, stream, args, message):
+    status, found, error = run(capsys, *args, file=stream)
+    assert (status, found, error) == (2, None, f"jaxcell drift: {message}\n")
 
 
 def test_writes_its_results(capsys, tmp_path):

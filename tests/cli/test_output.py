@@ -21,6 +21,7 @@ WRITING = {
     "cover": [LAB, "--bounces", "45", "--error", "45", "--reliability", "0.8"],
     "demo": [],
     "drift": [str(bundled("ocean/gyres.nc"))],
+    "drifters": [str(bundled("ocean/drifters.nc"))],
     "dynamics": ["duffing"],
     "groups": [LAB, "--bounce", "45"],
     "localize": [LAB, "--bounce", "45"],

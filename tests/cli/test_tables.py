@@ -30,3 +30,15 @@ def test_more_than_three_of_a_kind_have_a_row_each(capsys, count, lines):
     assert len(rows) == lines
     assert ("depth of the middle of the layer" in below) == (count == 3)
     assert ("mean depth" in below) == (count == 6)
+
+
+def test_what_stands_above_is_not_said_again_of_one_layer(capsys):
+    @dataclasses.dataclass(frozen=True, eq=False)
+    class Pond(Result):
+        cells: Annotated[int, quantity("", "cells of water", kind="count")]
+        layers: tuple[Layer, ...]
+
+    show(Pond(5, (Layer(3.0, 5),)), "a pond")
+    out = capsys.readouterr().out
+    assert out.count("cells of water") == 1
+    assert "depth of the middle of the layer" in out.split("Layers")[1]

@@ -1,5 +1,6 @@
 import csv
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 
@@ -11,10 +12,11 @@ import xarray as xr
 from seas import sea
 
 from jaxcell import drift, record
+from jaxcell.drift.ranks import basin_ranks
 from jaxcell.mapping import Chain
 from jaxcell.record.canvas.stream import new_stream
-from jaxcell.record.drift.groups import basin_ranks, group_classes, group_ranks
-from jaxcell.record.drift.map import Clock, SeaMap, place_name, round_below
+from jaxcell.record.drift.groups import group_classes
+from jaxcell.record.drift.map import Clock, CurrentMap, place_name, round_below
 
 
 GYRES = Path(__file__).parents[2] / "data" / "ocean" / "gyres.nc"
@@ -57,7 +59,7 @@ def leaving():
 
 def map_of(sea, number):
     """The map of one layer."""
-    return SeaMap(new_stream("test"), sea, Clock.of(sea), number)
+    return CurrentMap(new_stream("test"), sea, Clock.of(sea), number)
 
 
 def matrix_of(dataset):
@@ -238,15 +240,16 @@ def test_the_recording_shows_groups(gyres, found):
         group, part = np.asarray(behaviour.groups.group), np.asarray(behaviour.transient.group)
         for cell, kind in enumerate(picture[water.row, water.column].tolist()):
             homes = () if group[cell] >= 0 else behaviour.transient.domiciles[part[cell]]
+            rank = gyres.group_ranks[layer]
             if group[cell] >= 0:
-                expected = f"persistent group {group[cell]}"
+                expected = f"persistent group {rank[group[cell]]}"
             elif len(homes) == 1:
-                expected = f"ends in group {homes[0]} for sure"
+                expected = f"ends in group {rank[homes[0]]} for sure"
             else:
-                expected = f"may end in groups {', '.join(map(str, homes))}"
+                expected = f"may end in groups {', '.join(map(str, sorted(rank[list(homes)])))}"
             assert labels[kind] == expected
     # A group and what leads there for sure have one colour, in two shades.
-    kind, classes = group_classes(gyres.layers[0], group_ranks(gyres.layers)[0])
+    kind, classes = group_classes(gyres.layers[0], gyres.group_ranks[0])
     colors = {one.label: np.array(one.color[:3], float) for one in classes}
     for number in range(3):
         full, pale = (
@@ -255,6 +258,72 @@ def test_the_recording_shows_groups(gyres, found):
         )
         assert full.argmax() == pale.argmax() or np.ptp(pale) < np.ptp(full)
         assert pale.sum() > full.sum()
+
+
+def test_the_dataset_has_the_numbers_of_the_maps(gyres, dataset):
+    for layer, ranks in enumerate(gyres.group_ranks):
+        assert dataset.group_number[layer].values.tolist() == ranks.tolist()
+    basin = dataset.basin.values
+    number = np.where(basin >= 0, np.take_along_axis(
+        dataset.group_number.values, basin.clip(0).reshape(3, -1), axis=1
+    ).reshape(basin.shape), -1)  # fmt: skip
+    # Groups of one number lie over one another.
+    for above, below in itertools.pairwise(number):
+        for one in set(above[above >= 0]) & set(below[below >= 0]):
+            assert ((above == one) & (below == one)).any()
+
+
+def test_the_distribution_plays(gyres, found):
+    pictures = found.over("minute", "/map/grid/distribution_1", "SegmentationImage:buffer")
+    water, chain = gyres.waters[1], gyres.layers[1].behaviour.chain.to_scipy()
+    assert [*pictures][:3] == [0, 57, 113]
+    share = np.full(water.cells, 1 / water.cells)
+    for buffer in list(pictures.values())[:4]:
+        kind = np.reshape(buffer, water.number.shape)[water.row, water.column].astype(int)
+        # The class is higher where there are more, and 1 below a sixteenth of what was there.
+        np.testing.assert_array_equal(kind == 1, share * water.cells < 1 / 16)
+        assert (np.diff(kind[np.argsort(share)]) >= 0).all()
+        share = share @ chain
+
+
+@pytest.fixture(scope="module")
+def asked(leaving, tmp_path_factory, read):
+    """A recording with regions and beaches, and what it shows."""
+    surface = leaving.layers[0]
+    column = surface.water.column
+    inside = np.stack([column < 3, column == 3])
+    exchange = drift.Exchange.of(surface.behaviour, ["west", "strait"], inside, 2 * leaving.step)
+    beaching = drift.Stranded.of(surface.water, surface.behaviour, 6000, afloat=2000.0)
+    found = dataclasses.replace(leaving, exchange=exchange, beaching=beaching)
+    file = tmp_path_factory.mktemp("asked") / "drift.rrd"
+    record.save_recording(found, file, spec={})
+    return found, read(file)
+
+
+@pytest.mark.slow
+def test_the_recording_shows_regions_and_what_goes_between(asked):
+    found, shown = asked
+    exchange = found.exchange
+    labels = shown.static("/exchange/matrix/labels", "Points2D:labels")
+    assert labels[:6] == ["west", "strait", "west", "strait", "elsewhere", "off the map"]
+    numbers = np.array(labels[6:], float).reshape(2, 4)
+    np.testing.assert_allclose(numbers.sum(axis=1), 100, atol=0.2)
+    np.testing.assert_allclose(numbers[:, :2], 100 * exchange.share, rtol=5e-3, atol=1e-9)
+    names = shown.static("/map/region_names", "Points2D:labels")
+    assert names == [f"west: {exchange.residence_hours[0]:.3g} h",
+                     f"strait: {exchange.residence_hours[1]:.3g} h"]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_recording_shows_who_strands(asked):
+    found, shown = asked
+    water, beaching = found.waters[0], found.beaching
+    buffer = shown.static("/map/grid/beached", "SegmentationImage:buffer")[0]
+    kind = np.reshape(buffer, water.number.shape)[water.row, water.column]
+    np.testing.assert_array_equal(kind > 1, drift.coast(water))
+    ends = np.array(shown.static("/beaching/curve/share", "LineStrips2D:strips")[0])
+    assert len(ends) == beaching.steps + 1
+    assert np.ptp(ends[:, 1]) > 0
 
 
 def test_a_colour_is_of_one_place_in_all_layers():

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from ...drift.layer import ALMOST_FOR_EVER, Layer
+from ...drift.ends import ALMOST_FOR_EVER, LayerEnds
 from ..canvas.palette import FREE, PLAIN, mix
 from ..canvas.prose import described
 from ..canvas.scale import Scale
@@ -44,7 +44,7 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
     return maps[0].tab("absorption", "Absorption times", views, text, legend)
 
 
-def _text(layers: Sequence[Layer]) -> str:
+def _text(layers: Sequence[LayerEnds]) -> str:
     columns = "depth", "median_hours", "longest_hours", "almost_for_ever_cells"
     caught = ""
     if any(layer.almost_for_ever_cells for layer in layers):

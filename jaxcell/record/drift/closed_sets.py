@@ -9,7 +9,7 @@ from ...drift import ClosedSets
 from ..canvas.marks import log_labels
 from ..canvas.palette import CLEAR, FREE, PictureClass
 from ..canvas.prose import described
-from .groups import HOMES, basin_ranks, home_color
+from .groups import HOMES, home_color
 from .map import SeaMap
 
 
@@ -19,27 +19,21 @@ _NONE = PictureClass("in no nearly closed set", FREE)
 def log_closed_sets(maps: Sequence[SeaMap], sets: ClosedSets) -> rrb.Container:
     """Log the nearly closed sets of each layer."""
     views = []
-    grids = [map.water.on_grid(label, -1) for map, label in zip(maps, sets.labels, strict=False)]
     # Numbers go on from layer to layer, while ranks are of the sets of one.
     firsts = np.cumsum([0, *(one.count for one in sets.layers)]).tolist()
-    ranks = basin_ranks(
-        [np.where(grid < 0, -1, grid - first) for grid, first in zip(grids, firsts, strict=False)]
-    )
+    ranks = sets.ranks
     for map, first, rank in zip(maps, firsts, ranks, strict=False):
         label = sets.labels[map.number]
         classes = [PictureClass("land", CLEAR), _NONE]
         for number, place in enumerate(rank.tolist(), first):
-            classes.append(
-                PictureClass(f"set {number}: {_leaves(sets, number)}", home_color(place))
-            )
+            classes.append(PictureClass(f"set {place}: {_leaves(sets, number)}", home_color(place)))
         kind = np.where(label < 0, 1, label - first + 2)
         picture = map.picture(f"nearly_closed_{map.number}", classes, kind)
         _log_numbers(map, sets, range(first, first + rank.size))
         shown = [picture, f"nearly_closed_numbers_{map.number}", f"drifters_{map.number}/here"]
         views.append(map.view(map.title, shown))
     most = max(int(rank.max(initial=-1)) + 1 for rank in ranks)
-    names = [f"{place} set" for place in ("largest", "second", "third", "fourth", "fifth")][:most]
-    legend = [*zip(names, HOMES, strict=False), _NONE]
+    legend = [*((f"set {rank}", home_color(rank)) for rank in range(min(most, len(HOMES)))), _NONE]
     return maps[0].tab("nearly_closed", "Nearly closed sets", views, _text(sets), legend)
 
 
@@ -54,19 +48,21 @@ def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
     for number in numbers:
         x, y = np.median(centres[label == number], axis=0).tolist()
         hours = sets.hours[number]
-        labels.append((f"set {number}: {hours:{',.0f' if hours >= 100 else '.3g'}} h", x, y))
+        written = f"{hours:{',.0f' if hours >= 100 else '.3g'}} h"
+        labels.append((f"set {sets.rank[number]}: {written}", x, y))
     log_labels(map.stream, f"map/nearly_closed_numbers_{map.number}", labels)
 
 
 def _text(sets: ClosedSets) -> str:
-    columns = "depth", "size", "leakage", "hours", "lon", "lat"
+    columns = "rank", "depth", "size", "leakage", "hours", "lon", "lat"
     return f"""# Parts that drifters hardly leave
 
 Whether a part of the sea is a persistent group hangs on single drifters. These parts are *nearly
 closed*: of the drifters that are released in one everywhere alike, only a small share is outside
 of it after **{sets.window_hours:.3g} hours**, and few come in. At that rate 1/e of them are left
 after the time that stands on the map. They come from the leading eigenvectors of the Markov chain
-and of its reversal in time.
+and of its reversal in time. A set has the colour and the number, its *rank*, of that above it with
+which it has most in common.
 
-{described(sets, *columns, first={"set": range(sets.size.size)})}
+{described(sets, *columns)}
 """

@@ -11,7 +11,7 @@ from ...drift import SeaDrift, simulate_drifters
 from ..canvas.marks import points
 from ..canvas.palette import Color
 from ..canvas.stream import send_changing
-from .map import DRIFTER, SeaMap
+from .map import DRIFTER, CurrentMap
 
 
 _MAX_ARROWS = 700
@@ -24,7 +24,7 @@ _ARROW: Color = (70, 110, 150)
 _MAX_LENGTH = 2.5
 
 
-def log_currents(maps: Sequence[SeaMap], seed: int) -> rrb.Container:
+def log_currents(maps: Sequence[CurrentMap], seed: int) -> rrb.Container:
     """Log the current of each layer by time, and drifters that it carries."""
     views = []
     for map in maps:
@@ -51,7 +51,7 @@ def _moment(time: np.datetime64) -> str:
     return f"{np.datetime_as_string(time, unit='m').replace('T', ' ')} UTC"
 
 
-def _text(map: SeaMap) -> str:
+def _text(map: CurrentMap) -> str:
     drift, clock = map.drift, map.clock
     notes = "\n".join(f"- {note}" for note in drift.notes)
     return f"""# The current
@@ -68,7 +68,7 @@ Time 0 of `{clock.unit}` is {_moment(drift.currents.time.values[0])}.
 """
 
 
-def _log_arrows(map: SeaMap, layers: int) -> None:
+def _log_arrows(map: CurrentMap, layers: int) -> None:
     """Log the current at some of the cells, record by record."""
     water, flow, clock = map.water, map.flow, map.clock
     cells = map.thinned(_MAX_ARROWS)
@@ -101,7 +101,7 @@ def _log_arrows(map: SeaMap, layers: int) -> None:
     )
 
 
-def _log_drifters(map: SeaMap, seed: int) -> None:
+def _log_drifters(map: CurrentMap, seed: int) -> None:
     """Log drifters that the current itself carries, without disturbances."""
     water, clock, stream = map.water, map.clock, map.stream
     moved = simulate_drifters(

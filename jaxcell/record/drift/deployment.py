@@ -8,8 +8,8 @@ from ..canvas.marks import log_dots, log_lines
 from ..canvas.palette import BELIEF, CLEAR, Color, PictureClass, tint
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import described
-from .groups import group_classes, group_ranks, home_color
-from .map import SeaMap
+from .groups import group_classes, home_color
+from .map import CurrentMap
 
 
 _CELL: Color = (20, 20, 24)
@@ -21,11 +21,11 @@ _CORNERS = 48
 _MAX_ROWS = 24
 
 
-def log_deployment(map: SeaMap) -> rrb.Container:
+def log_deployment(map: CurrentMap) -> rrb.Container:
     """Log where to drop drifters at the surface."""
     drift = map.drift
     found = drift.deployment
-    kind, classes = group_classes(drift.layers[0], group_ranks(drift.layers[:1])[0])
+    kind, classes = group_classes(drift.layers[0], drift.group_ranks[0])
     faint = [PictureClass(one.label, tint(one.color, _PALE)) for one in classes[1:]]
     picture = map.picture("deployment", [classes[0], *faint], kind)
     log_dots(map.stream, "map/deployment", map.xy(found.cells), map.mark, _CELL)
@@ -47,7 +47,7 @@ def log_deployment(map: SeaMap) -> rrb.Container:
     return map.tab("deployment", "Deployment", views, _text(drift), legend)
 
 
-def _log_views(map: SeaMap) -> rrb.View:
+def _log_views(map: CurrentMap) -> rrb.View:
     """Log the cells from which the sea bed is seen, with the discs that are seen."""
     views, reach = map.drift.views, map.drift.reach
     assert views is not None
@@ -65,7 +65,7 @@ def _log_views(map: SeaMap) -> rrb.View:
     return map.view(title, [picture, "views/**"])
 
 
-def _log_curve(map: SeaMap) -> rrb.View:
+def _log_curve(map: CurrentMap) -> rrb.View:
     """Log how many cells so many drifters may visit."""
     assert map.drift.curve is not None
     share = 100 * map.drift.curve.covered / map.water.cells
@@ -94,9 +94,12 @@ def _text(drift: SeaDrift) -> str:
             "\n**The curve** shows how many cells so many drifters may visit, if each is dropped "
             "where it adds most.\n"
         )
-    names = ("cell", "lon", "lat", "group", "transient_group", "gained")
-    columns = [f"deployment_{name}" for name in names]
-    numbered = {"number": range(1, found.cells.size + 1)}
+    columns = [f"deployment_{name}" for name in ("cell", "lon", "lat", "gained")]
+    rank = [*drift.group_ranks[0].tolist(), "transient"]
+    numbered = {
+        "number": range(1, found.cells.size + 1),
+        "group": [rank[group] for group in found.group.tolist()],
+    }
     return f"""# Where to drop drifters
 
 Dropped at the black circles of the surface, **{found.cells.size:,}** drifters may come to every

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
-from scipy.optimize import linear_sum_assignment
 
 from ...drift import Layer, SeaDrift
+from ...drift.ends import LayerEnds
 from ..canvas.marks import log_labels
-from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, ranks, tint
+from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, tint
 from ..canvas.prose import counted, described, made_with
 from .currents import currents_of
 from .map import DRIFTER, SeaMap
@@ -28,19 +28,23 @@ _MAX_CLASSES = 120
 _MIN_LABELLED = 0.01
 
 
-def log_groups(maps: Sequence[SeaMap], spec: Mapping[str, Any]) -> rrb.Container:
+def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
     """Log the groups of each layer."""
     drift, views = maps[0].drift, []
-    ranks = group_ranks(drift.layers)
+    ranks = drift.group_ranks
     for map in maps:
         layer, number = drift.layers[map.number], map.number
         kind, classes = group_classes(layer, ranks[number])
         picture = map.picture(f"groups_{number}", classes, kind)
         _log_numbers(map, layer, ranks[number])
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
+        if isinstance(layer, Layer):
+            title += f", {layer.distance_24h:.0%} of drifters elsewhere in a day"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
     legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
-    return maps[0].tab("groups", "Groups", views, _text(drift, spec), legend)
+    if isinstance(drift, SeaDrift):
+        legend.append(("a drifter", DRIFTER))
+    return maps[0].tab("groups", "Groups", views, text, legend)
 
 
 def home_color(rank: int) -> Color:
@@ -48,49 +52,8 @@ def home_color(rank: int) -> Color:
     return HOMES[rank] if rank < len(HOMES) else _OTHERS
 
 
-def group_ranks(layers: Sequence[Layer]) -> list[Int[np.ndarray, "_groups"]]:
-    """The rank of each group of each layer, by which it has its colour."""
-    basins = ((layer.water, np.asarray(layer.begins.basin)) for layer in layers)
-    return basin_ranks([water.on_grid(basin, -1) for water, basin in basins])
-
-
-def basin_ranks(
-    basins: Sequence[Int[np.ndarray, "rows columns"]],
-) -> list[Int[np.ndarray, "_groups"]]:
-    """The ranks of groups in layers that lie one over the other.
-
-    At the top they are by the size of the basins. Below, a group has the rank of that above it with
-    which its basin has most in common, each rank going to one group; others come after all ranks
-    so far, by size.
-
-    **Arguments:**
-
-    - `basins`: of each layer, the group that drifters in a square end in for sure, or -1.
-    """
-    found: list[np.ndarray] = []
-    above, given = np.full_like(basins[0], -1), 0
-    for basin in basins:
-        size = np.bincount(basin[basin >= 0])
-        rank = np.full(size.size, -1)
-        if found and size.size:
-            colored = np.argsort(found[-1])[: len(HOMES)]
-            place = np.full(found[-1].size + 1, -1)
-            place[colored] = np.arange(colored.size)
-            both = (place[above] >= 0) & (basin >= 0)
-            shared = np.zeros((colored.size, size.size))
-            np.add.at(shared, (place[above[both]], basin[both]), 1)
-            one, other = linear_sum_assignment(shared, maximize=True)
-            same = shared[one, other] > 0
-            rank[other[same]] = found[-1][colored[one[same]]]
-        others = np.flatnonzero(rank < 0)
-        rank[others] = given + ranks(size[others])
-        found.append(rank)
-        above, given = basin, max(given, 1 + rank.max(initial=-1))
-    return found
-
-
 def group_classes(
-    layer: Layer, rank: Int[np.ndarray, "groups"]
+    layer: LayerEnds, rank: Int[np.ndarray, "groups"]
 ) -> tuple[UInt8[np.ndarray, "cells"], list[PictureClass]]:
     """The class of each cell in a picture of groups, and what the classes mean; 0 is land.
 
@@ -103,7 +66,8 @@ def group_classes(
     of_group = np.full(rank.size + 1, 1 + len(groups))
     of_group[groups] = 1 + np.arange(len(groups))
     classes += [
-        PictureClass(f"persistent group {group}", home_color(int(rank[group]))) for group in groups
+        PictureClass(f"persistent group {rank[group]}", home_color(int(rank[group])))
+        for group in groups
     ]
     classes.append(PictureClass("a smaller persistent group", _OTHERS))
     order = np.argsort(-np.asarray(transient.size), kind="stable")[:_MAX_CLASSES].tolist()
@@ -120,26 +84,26 @@ def _transient_class(homes: tuple[int, ...], rank: Int[np.ndarray, "groups"]) ->
         return PictureClass("leaves the map for sure", _AWAY)
     if len(homes) == 1:
         color = mix(home_color(int(rank[homes[0]])), FREE, _PALE)
-        return PictureClass(f"ends in group {homes[0]} for sure", color)
-    named = ["off the map" if home < 0 else str(home) for home in homes[:8]]
+        return PictureClass(f"ends in group {rank[homes[0]]} for sure", color)
+    named = ["off the map"] * (-1 in homes)
+    named += [str(one) for one in sorted(int(rank[home]) for home in homes if home >= 0)[:8]]
     more = ", ..." if len(homes) > 8 else ""
     return PictureClass(f"may end in groups {', '.join(named)}{more}", _SEVERAL)
 
 
-def _log_numbers(map: SeaMap, layer: Layer, rank: Int[np.ndarray, "groups"]) -> None:
+def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"]) -> None:
     """Log the numbers of groups that have a colour of their own and are not tiny, over them."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     centres = map.xy()
     middle = [np.median(centres[layer.group == number], axis=0).tolist() for number in shown]
-    labels = [(f"group {number}", x, y) for number, (x, y) in zip(shown, middle, strict=True)]
+    labels = [(f"group {rank[k]}", x, y) for k, (x, y) in zip(shown, middle, strict=True)]
     log_labels(map.stream, f"map/numbers_{map.number}", labels)
 
 
-def _legend(layers: Sequence[Layer], most: int) -> list[tuple[str, Color]]:
+def _legend(layers: Sequence[LayerEnds], most: int) -> list[tuple[str, Color]]:
     ends = {homes for layer in layers for homes in layer.begins.transient.domiciles}
-    ordinals = ("largest", "second", "third", "fourth", "fifth")
-    named = [f"group of the {ordinal} basin" for ordinal in ordinals]
+    named = [f"group {rank}" for rank in range(len(HOMES))]
     colors = dict(zip(named, HOMES, strict=True)) | {"another persistent group": _OTHERS}
     entries: list[tuple[str, Color]] = []
     for name, color in [*colors.items()][:most]:
@@ -148,10 +112,11 @@ def _legend(layers: Sequence[Layer], most: int) -> list[tuple[str, Color]]:
         entries.append(("may end in several", _SEVERAL))
     if (-1,) in ends:
         entries.append(("leaves the map for sure", _AWAY))
-    return [*entries, ("a drifter", DRIFTER)]
+    return entries
 
 
-def _text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
+def groups_text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
+    """The text beside the groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"
     distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
@@ -179,8 +144,8 @@ map. All other cells are *transient*.
 
 - **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
   group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
-  read in which. A group has the colour of that above it whose basin is most the same; its number
-  counts the groups of its own layer.
+  read in which. A group has the colour and the number of that above it whose basin is most the
+  same (`group_number` in the dataset).
 
 How far that is from drifters in the current as it changes, released everywhere alike: the share
 that it has in a wrong cell, and the shares that left the map in a day.

@@ -8,6 +8,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import rerun as rr
@@ -15,10 +16,12 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int, Integer
 
 from ...drift import Flow, SeaDrift, Water
+from ...drift.sea_layers import SeaLayers
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels, log_lines
 from ..canvas.page import Legend, log_tab
 from ..canvas.palette import FREE, PLAIN, TEXT, Color, PictureClass
+from ..canvas.scale import Scale
 from ..canvas.stream import plane
 
 
@@ -30,7 +33,10 @@ _MAX_MAPS = 6
 _FRAMES_PER_STEP, _MAX_FRAMES = 4, 240
 # So many steps of the chain are shown at least.
 _MIN_STEPS = 40
-_UNITS = {"hour": 3600, "minute": 60, "second": 1}
+_UNITS = {"day": 86400, "hour": 3600, "minute": 60, "second": 1}
+
+
+M = TypeVar("M", bound="SeaMap")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,10 +51,12 @@ class Clock:
     "Number of pictures after the first."
 
     @classmethod
-    def of(cls, drift: SeaDrift) -> "Clock":
+    def of(cls, drift: SeaLayers) -> "Clock":
         """One that is fine enough for a step of the chain, and goes on as the current changes."""
-        time = drift.layers[0].flow.time
-        total = max(float(time[-1] - time[0]), _MIN_STEPS * drift.step)
+        total = _MIN_STEPS * drift.step
+        if isinstance(drift, SeaDrift):
+            time = drift.layers[0].flow.time
+            total = max(float(time[-1] - time[0]), total)
         wanted = max(drift.step / _FRAMES_PER_STEP, total / _MAX_FRAMES)
         unit = next((name for name, size in _UNITS.items() if wanted >= size), "second")
         frame = max(1, round(wanted / _UNITS[unit]))
@@ -74,8 +82,11 @@ class Clock:
 class SeaMap:
     """The map of a layer in a recording."""
 
+    dry: ClassVar[str] = "land"
+    "What squares without a cell are."
+
     stream: rr.RecordingStream
-    drift: SeaDrift
+    drift: SeaLayers
     clock: Clock
     number: int
     "The layer, 0 at the surface."
@@ -84,11 +95,6 @@ class SeaMap:
     def water(self) -> Water:
         """The cells."""
         return self.drift.waters[self.number]
-
-    @property
-    def flow(self) -> Flow:
-        """The current."""
-        return self.drift.layers[self.number].flow
 
     @property
     def title(self) -> str:
@@ -118,13 +124,6 @@ class SeaMap:
         """The radius of a mark that fills most of a cell, and can be seen on a large map."""
         return max(0.4 * float(self.side.min()), 0.004 * self.extent)
 
-    @functools.cached_property
-    def arrow(self) -> float:
-        """What makes an arrow of the mean speed as long as a cell, in cells for a cell a second."""
-        rates = (np.asarray(layer.flow.rate) for layer in self.drift.layers)
-        speed = [np.hypot(rate[:, 0], rate[:, 1]) for rate in rates]
-        return 0.9 / float(np.concatenate([one[one > 0] for one in speed]).mean())
-
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
     ) -> Float[np.ndarray, "*points 2"]:
@@ -149,16 +148,26 @@ class SeaMap:
         self,
         name: str,
         classes: Sequence[PictureClass],
-        kind: Integer[np.ndarray, "cells"],
+        kind: Integer[np.ndarray, "*times cells"],
         order: float = -10.0,
+        times: Int[np.ndarray, "times"] | None = None,
     ) -> str:
-        """Log the class of each cell as a picture; land has class 0.
+        """Log the class of each cell as a picture, or one for each time; land has class 0.
 
         **Returns:** the name of the entity, for [`SeaMap.view`][].
         """
-        squares = self.water.on_grid(kind.astype(np.uint8), 0).astype(np.uint8)
-        log_pictures(self.stream, f"map/grid/{name}", classes, squares, order=order)
+        water = self.water
+        squares = np.zeros((*kind.shape[:-1], *water.number.shape), np.uint8)
+        squares[..., water.row, water.column] = kind
+        path, unit = f"map/grid/{name}", self.clock.unit
+        log_pictures(self.stream, path, classes, squares, unit, times, order)
         return f"grid/{name}"
+
+    def numbers(
+        self, name: str, title: str, scale: Scale, values: Float[np.ndarray, "cells"]
+    ) -> rrb.Spatial2DView:
+        """Log the numbers of the cells by the colours of a scale, and give a view of them."""
+        return self.view(title, [self.picture(name, scale.classes, scale.levels(values))])
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
         """A view of entities on the map, with the length and the North below it."""
@@ -172,18 +181,37 @@ class SeaMap:
         self, path: str, name: str, views: Sequence[rrb.View], text: str, legend: Legend
     ) -> rrb.Container:
         """Log the text and the legend of a tab with maps side by side."""
-        legend = [*legend, ("land", LAND)]
+        legend = [*legend, (self.dry, LAND)]
         return log_tab(self.stream, path, name, views, text, legend, timeline=self.clock.unit)
 
 
-def log_maps(stream: rr.RecordingStream, drift: SeaDrift) -> list[SeaMap]:
+@dataclasses.dataclass(frozen=True, eq=False)
+class CurrentMap(SeaMap):
+    """The map of a layer and its current."""
+
+    drift: SeaDrift
+
+    @property
+    def flow(self) -> Flow:
+        """The current."""
+        return self.drift.layers[self.number].flow
+
+    @functools.cached_property
+    def arrow(self) -> float:
+        """What makes an arrow of the mean speed as long as a cell, in cells for a cell a second."""
+        rates = (np.asarray(layer.flow.rate) for layer in self.drift.layers)
+        speed = [np.hypot(rate[:, 0], rate[:, 1]) for rate in rates]
+        return 0.9 / float(np.concatenate([one[one > 0] for one in speed]).mean())
+
+
+def log_maps(stream: rr.RecordingStream, drift: SeaLayers, kind: type[M]) -> list[M]:
     """Turn y up for all that is under `map`, and log what is on every map."""
     clock = Clock.of(drift)
     count = min(len(drift.layers), _MAX_MAPS)
-    maps = [SeaMap(stream, drift, clock, number) for number in range(count)]
+    maps = [kind(stream, drift, clock, number) for number in range(count)]
     stream.log("map", rr.Transform3D(scale=[1, -1, 1]), static=True)
     stream.log("map/grid", rr.Transform3D(scale=[*maps[0].side.tolist(), 1]), static=True)
-    classes = [PictureClass("land", LAND), PictureClass("water", FREE)]
+    classes = [PictureClass(kind.dry, LAND), PictureClass("water", FREE)]
     for map in maps:
         wet = np.ones(map.water.cells, np.uint8)
         map.picture(f"water_{map.number}", classes, wet, order=-20.0)

@@ -9,7 +9,7 @@ from ...drift import SeaDrift
 from ..canvas.marks import log_dots
 from ..canvas.palette import BELIEF, CATEGORIES, CLEAR, FREE, START, PictureClass, tint
 from ..canvas.prose import described
-from .map import SeaMap, place_name
+from .map import CurrentMap, place_name
 
 
 _CLASSES = [
@@ -20,7 +20,7 @@ _CLASSES = [
 ]
 
 
-def log_reach(maps: Sequence[SeaMap]) -> rrb.Container:
+def log_reach(maps: Sequence[CurrentMap]) -> rrb.Container:
     """Log what may be reached in each layer."""
     drift, first = maps[0].drift, maps[0]
     assert drift.reachable is not None

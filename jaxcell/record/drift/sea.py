@@ -6,11 +6,14 @@ import rerun as rr
 from ...drift import SeaDrift
 from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
+from .beaching import log_beaching
 from .closed_sets import log_closed_sets
 from .currents import log_currents
 from .deployment import log_deployment
-from .groups import log_groups
-from .map import log_maps
+from .distribution import log_distribution
+from .exchange import log_exchange
+from .groups import groups_text, log_groups
+from .map import CurrentMap, log_maps
 from .reach import log_reach
 from .voyage import log_voyage
 
@@ -19,18 +22,24 @@ def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Mapping[str, An
     """Log what becomes of drifters in a sea.
 
     Over a timeline of hours, minutes or seconds from the first record: the current of each layer as
-    arrows, drifters that it carries, and drifters that follow the policy to a goal. Without time:
-    the persistent groups and what leads to them; nearly closed sets; how long that takes; where to
-    drop drifters; what one may reach from the start; and in three dimensions the value function and
-    the policy. The drifters have the `seed` of `spec`.
+    arrows, drifters that it carries, where the map of cells brings those that are released
+    everywhere, and drifters that follow the policy to a goal. Without time: the persistent groups
+    and what leads to them; nearly closed sets; how long that takes; where to drop drifters; what
+    goes from region to region, and ashore; what one may reach from the start; and in three
+    dimensions the value function and the policy. The drifters have the `seed` of `spec`.
     """
     seed = int(spec.get("seed", 0))
-    maps = log_maps(stream, drift)
-    tabs = [log_groups(maps, spec), log_currents(maps, seed), log_deployment(maps[0])]
+    maps = log_maps(stream, drift, CurrentMap)
+    groups = log_groups(maps, groups_text(drift, spec))
+    tabs = [groups, log_currents(maps, seed), log_distribution(maps), log_deployment(maps[0])]
     if any(drift.layers[map.number].transient_groups for map in maps):
-        tabs.insert(2, log_absorption(maps))
+        tabs.insert(3, log_absorption(maps))
     if drift.nearly_closed_sets is not None:
         tabs.insert(1, log_closed_sets(maps, drift.nearly_closed_sets))
+    if drift.exchange is not None:
+        tabs.append(log_exchange(maps[0], drift.exchange))
+    if drift.beaching is not None:
+        tabs.append(log_beaching(maps[0], drift.beaching))
     if drift.start is not None:
         tabs.append(log_reach(maps))
     if drift.voyage is not None:

@@ -16,7 +16,7 @@ from ..canvas.palette import CATEGORIES, FREE, GOAL, OBSTACLE, PLAIN, ROBOT, TEX
 from ..canvas.prose import described
 from ..canvas.scale import Scale
 from ..canvas.stream import send_changing
-from .map import DRIFTER, LAND, SeaMap, place_name
+from .map import DRIFTER, LAND, CurrentMap, place_name
 
 
 # Squares and arrows of a layer.
@@ -34,10 +34,10 @@ _SIDE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 class _Space:
     """Where the cells of all layers are in space; depths are stretched."""
 
-    surface: SeaMap
+    surface: CurrentMap
 
     @property
-    def layers(self) -> list[SeaMap]:
+    def layers(self) -> list[CurrentMap]:
         """The maps of all layers."""
         return [
             dataclasses.replace(self.surface, number=k)
@@ -73,7 +73,7 @@ class _Space:
         )
 
 
-def log_voyage(surface: SeaMap, seed: int) -> rrb.Container:
+def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
     """Log the value function, the policy, and drifters that follow it."""
     stream, drift, space = surface.stream, surface.drift, _Space(surface)
     assert drift.voyage is not None

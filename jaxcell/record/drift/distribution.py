@@ -1,0 +1,86 @@
+"""Where drifters come to be, by the map of cells, as the current changes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...mapping.sequence import as_sequence
+from ..canvas.palette import FREE
+from ..canvas.scale import Scale
+from .map import SeaMap
+
+
+# Times as many drifters as at first, from which on and up to which they have colours.
+_LEAST, _MOST = 1 / 16, 16.0
+_HARDLY = "hardly any"
+# Over all times and layers, so that the file stays small.
+_MAX_SQUARES = 20_000_000
+_LEGEND_ROWS = 5
+
+
+def log_distribution(
+    maps: Sequence[SeaMap], more: Sequence[rrb.View] = (), about: str = ""
+) -> rrb.Container:
+    """Log the distribution of drifters over the cells after each step.
+
+    **Arguments:**
+
+    - `maps`: of the layers.
+    - `more`: further views, with colours of [`density`][] too.
+    - `about`: what they show.
+    """
+    drift, clock = maps[0].drift, maps[0].clock
+    steps = int(clock.last * clock.seconds / drift.step)
+    squares = maps[0].water.number.size * len(maps)
+    every = max(1, -(-steps * squares // _MAX_SQUARES))
+    scale, views = density(), []
+    for map in maps:
+        kept, times = _pushed(map, steps, every)
+        picture = map.picture(f"distribution_{map.number}", scale.classes, kept, times=times)
+        views.append(map.view(map.title, [picture]))
+    legend = scale.legend(_LEGEND_ROWS)
+    return maps[0].tab("distribution", "Distribution", [*views, *more], _text(about), legend)
+
+
+def density() -> Scale:
+    """The scale of how many times as many drifters as at first are in a cell."""
+    return Scale.over(
+        np.zeros(0),
+        "{} x".format,
+        least=_LEAST,
+        most=_MOST,
+        spaced=np.geomspace,
+        special={_HARDLY: FREE},
+        ground="land",
+        open=True,
+    )
+
+
+def levels(share: np.ndarray) -> np.ndarray:
+    """The class of each cell by its share of the drifters."""
+    times = share * share.shape[-1]
+    return density().levels(times, {_HARDLY: times < _LEAST})
+
+
+def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
+    """The classes of cells after every so many steps, and when that is."""
+    chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
+    share = np.full(map.water.cells, 1 / map.water.cells)
+    kept, at = [levels(share)], np.arange(0, steps + 1, every)
+    for n in range(1, at[-1] + 1):
+        share = chain.at(n - 1).push(share)
+        if n % every == 0:
+            kept.append(levels(np.asarray(share)))
+    times = np.rint(at * (map.drift.step / map.clock.seconds)).astype(np.int64)
+    return np.stack(kept), times
+
+
+def _text(about: str) -> str:
+    return f"""# Where drifters come to be
+
+Drifters are released in all cells alike and go on by the map of cells, step by step: press play.
+The colours say by how much there are more or fewer than at first.
+
+{about}
+"""

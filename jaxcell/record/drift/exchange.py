@@ -1,0 +1,66 @@
+"""How drifters go from region to region, and how long they stay."""
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from ...drift import Exchange
+from ..canvas.marks import log_labels
+from ..canvas.matrix import log_matrix, matrix_view
+from ..canvas.palette import CATEGORIES, CLEAR, FREE, PictureClass, tint
+from ..canvas.prose import described
+from .map import SeaMap
+
+
+# Squares beside the heat map for a letter of the names of its rows.
+_LETTER = 0.1
+_PALE = 0.4
+
+
+def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
+    """Log the regions on the map, and the share that goes from each to each as a heat map."""
+    names = exchange.name.tolist()
+    colors = [tint(color, _PALE) for color in CATEGORIES.values()]
+    classes = [PictureClass("land", CLEAR), PictureClass("in no region", FREE)]
+    classes += [PictureClass(name, colors[k % len(colors)]) for k, name in enumerate(names)]
+    # The last of regions that overlap.
+    kind = (exchange.inside * (np.arange(len(names))[:, None] + 1)).max(axis=0) + 1
+    picture = map.picture("regions", classes, kind)
+    labels = []
+    for name, here, hours in zip(names, exchange.inside, exchange.residence_hours, strict=True):
+        x, y = np.median(map.xy(np.flatnonzero(here)), axis=0).tolist()
+        labels.append((f"{name}: {_hours(hours)}", x, y))
+    log_labels(map.stream, "map/region_names", labels)
+    longest = max(len(name) for name in names)
+    ends = 100 * np.column_stack([exchange.share, _elsewhere(exchange), exchange.left])
+    columns, margin = [*names, "elsewhere", "off the map"], 0.4 + _LETTER * longest
+    path = "exchange/matrix"
+    legend = log_matrix(map.stream, path, ends, names, columns, "%", margin)
+    title = f"Of 100 drifters from a row, after {_hours(exchange.after_hours)}"
+    views = [
+        map.view("Regions, and how long drifters stay in them", [picture, "region_names"]),
+        matrix_view(path, title, ends.shape, margin),
+    ]
+    return map.tab("exchange", "Regions", views, _text(exchange), legend)
+
+
+def _elsewhere(exchange: Exchange) -> np.ndarray:
+    """The share of the drifters of each region that are on the map and in no region then."""
+    outside = ~exchange.inside.any(axis=0)
+    return exchange.after @ outside
+
+
+def _hours(hours: float) -> str:
+    if not np.isfinite(hours):
+        return "for ever"
+    return f"{hours / 24:.3g} days" if hours >= 72 else f"{hours:.3g} h"
+
+
+def _text(exchange: Exchange) -> str:
+    return f"""# From region to region
+
+Drifters are released in each region of the surface everywhere alike. **Left**: the regions, with
+the mean time until a drifter first leaves each. **Right**: where those of a row are after
+**{_hours(exchange.after_hours)}**, in percent.
+
+{described(exchange, "name", "cell_count", "residence_hours", "left")}
+"""

@@ -1,0 +1,158 @@
+"""What observed drifters say: where they were, where they end up, and how sure that is."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float
+
+from ...drift import ObservedDrift
+from ...drift.currents.sphere import EARTH_RADIUS
+from ..canvas.marks import log_lines
+from ..canvas.palette import CLEAR, Color
+from ..canvas.prose import described, made_with
+from ..canvas.scale import Scale
+from ..canvas.stream import send_blueprint
+from .absorption import log_absorption
+from .closed_sets import log_closed_sets
+from .distribution import density, levels, log_distribution
+from .groups import log_groups
+from .map import DRIFTER, SeaMap, log_maps
+
+
+_LEGEND_ROWS = 5
+# So that the file stays small, and cells can be seen.
+_MAX_TRACKS, _MAX_PLACES = 40, 100_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ObservedMap(SeaMap):
+    """The map of where drifters were."""
+
+    dry = "too few were there"
+    drift: ObservedDrift
+
+
+def log_observed_drift(
+    stream: rr.RecordingStream, found: ObservedDrift, spec: Mapping[str, Any]
+) -> None:
+    """Log what becomes of drifters that were observed.
+
+    Without time: the persistent groups, nearly closed sets, how long it takes to the end, how sure
+    all of that is, and where observations are. Over days, or shorter units: where drifters come to
+    be that are released in all cells alike.
+    """
+    maps = log_maps(stream, found, ObservedMap)
+    tabs = [log_groups(maps, _text(found, spec)), _log_places(maps[0]), _log_errors(maps[0])]
+    tabs.append(_log_observations(maps[0]))
+    if found.layers[0].transient_groups:
+        tabs.insert(1, log_absorption(maps))
+    if found.nearly_closed_sets is not None:
+        tabs.insert(1, log_closed_sets(maps, found.nearly_closed_sets))
+    clock = maps[0].clock
+    send_blueprint(stream, tabs, clock.unit, clock.speed)
+
+
+def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> np.ndarray:
+    return values[0, map.water.row, map.water.column]
+
+
+def _log_places(map: ObservedMap) -> rrb.Container:
+    """Log where drifters come to be step by step, and then."""
+    found = map.drift
+    when = "In the long run" if found.after is None else f"After {found.after / 86400:g} days"
+    kind = levels(_of_cells(map, found.distribution))
+    then = map.view(when, [map.picture("distribution", density().classes, kind)])
+    about = f"The second map shows where they are {when.lower()}."
+    return log_distribution([map], [then], about)
+
+
+def _log_errors(map: ObservedMap) -> rrb.Container:
+    """Log how much answers vary with the drifters that happened to be there."""
+    found = map.drift
+    share = 100 * _of_cells(map, found.persistent_share)
+    hours = _of_cells(map, found.absorption_time_error)
+    more = map.water.cells * _of_cells(map, found.distribution_error)
+    scales = {
+        "In a persistent group": Scale.over(share, "{} % of draws".format, least=0, most=100),
+        "Error of the time to the end": Scale.over(
+            hours, "{} h".format, least=0, most=_most(hours), open=True
+        ),
+        "Error of how many come to be there": Scale.over(
+            more, "{} x".format, least=0, most=_most(more), open=True
+        ),
+    }
+    values = zip(scales.items(), (share, hours, more), strict=True)
+    views = [
+        map.numbers(f"errors_{k}", title, scale, one)
+        for k, ((title, scale), one) in enumerate(values)
+    ]
+    legend: list[tuple[str, Color]] = []
+    for name, scale in scales.items():
+        legend += [(name, CLEAR), *scale.legend(3)]
+    text = f"""# How sure is that?
+
+As many drifters are drawn with replacement from those that were observed, again and again, each
+with all of its moves. The *error* is the standard deviation of an answer over these draws.
+
+{described(found, *(f"estimates_{name}" for name in ("name", "value", "error", "low", "high")))}
+"""
+    return map.tab("errors", "Errors", views, text, legend)
+
+
+def _most(values: Float[np.ndarray, "cells"]) -> float:
+    """The end of a scale that a few large numbers do not stretch."""
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, 0.95)) if known.size else 1.0
+
+
+def _log_observations(map: ObservedMap) -> rrb.Container:
+    """Log how many moves are known from each cell, and the ways of some drifters."""
+    found, water = map.drift, map.water
+    count = found.counted.count.astype(float)
+    scale = Scale.over(count, "{} moves".format, spaced=np.geomspace, ground="no cell")
+    known = map.numbers("moves", f"{found.moves:,} moves, by where they begin", scale, count)
+    seen, side = found.seen, np.degrees(water.dy[0, 0] / EARTH_RADIUS)
+    column = (seen.lon - water.lon[0, 0] + side / 2) % 360 / side - 0.5
+    place = map.on_grid(column, (seen.lat - water.lat[0, 0]) / side)
+    every = max(1, seen.drifters // _MAX_TRACKS, seen.lon.size // _MAX_PLACES)
+    shown = np.flatnonzero(seen.drifter % every == 0)
+    # A way ends with the drifter, and where it goes round the Earth or off the map.
+    off = (place < 0).any(axis=1) | (place > map.size).any(axis=1)
+    far = np.abs(np.diff(column, prepend=column[:1])) > water.number.shape[1] / 2
+    new = (np.diff(seen.drifter, prepend=-1) != 0) | far | off
+    ways = np.split(place[shown], np.flatnonzero(new[shown]))
+    ways = [way for way in ways if len(way) > 1]
+    log_lines(map.stream, "map/ways", ways, DRIFTER, 0.6)
+    title = f"Ways of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
+    views = [known, map.view(title, ["ways"])]
+    text = f"""# What was observed
+
+**{found.drifters:,} drifters** of `{found.source}` were seen {found.observations:,} times. A *move*
+takes {found.step / 86400:.3g} days, and ends where the same drifter was then. Where few begin,
+answers are not sure.
+"""
+    legend = [*scale.legend(_LEGEND_ROWS), ("the way of a drifter", DRIFTER)]
+    return map.tab("observations", "Observations", views, text, legend)
+
+
+def _text(found: ObservedDrift, spec: Mapping[str, Any]) -> str:
+    return f"""# Where observed drifters end up
+
+{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
+**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
+shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
+
+Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
+map. All other cells are *transient*.
+
+{described(found.layers, "cells", "persistent_groups", "single_domicile_cells")}
+
+- **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
+  group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
+  read in which.
+
+{made_with(spec)}"""

@@ -1,0 +1,90 @@
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import tyro
+
+from .study import Days, Degrees, Say, Study, require, silent
+
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..base.quantities import Result
+    from ..drift import ObservedDrift
+    from ..verify import Comparison
+
+
+_DAY = 86_400.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Drifters(Study):
+    """Find where observed drifters end up, and how sure that is, from their trajectories."""
+
+    name: ClassVar[str] = "drifters"
+
+    file: tyro.conf.Positional[tuple[Path, ...]]
+    """Trajectories of the Global Drifter Program, OpenDrift, Parcels or any CF file of them, a
+    pattern, a Zarr store, an address of OPeNDAP, or @drifters."""
+    lag: Days = 5.0
+    """Days that a move takes."""
+    cell: Degrees = 1.0
+    """Side of a cell of longitude and latitude."""
+    bounds: tuple[float, float, float, float] | None = None
+    """West, south, east and north of the part to cut into cells, in degrees; drifters may go
+    through the date line."""
+    least: int = 1
+    """Moves that must be known from a cell; cells of fewer are off the map."""
+    after: Days | None = None
+    """Days after which it is asked where drifters are; by default in the long run."""
+    nearly_closed: int | None = None
+    """How many parts of the water to find that drifters hardly leave."""
+    samples: int = 100
+    """How often drifters are drawn anew, with replacement, for the errors."""
+    seed: int = 0
+    """Seed of these draws."""
+
+    def __post_init__(self) -> None:
+        require("lag", self.lag, "more than 0 days", lambda x: x > 0)
+        require("after", self.after, "more than 0 days", lambda x: x > 0)
+        require("cell", self.cell, "more than 0 and at most 90 degrees", lambda x: 0 < x <= 90)
+        require("least", self.least, "1 or more", lambda n: n >= 1)
+        require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
+        require("samples", self.samples, "2 or more", lambda n: n >= 2)
+        require("seed", self.seed, "a whole number from 0", lambda n: n >= 0)
+
+    def run(self, say: Say = silent) -> "ObservedDrift":
+        from ..base import memory
+        from ..drift import ObservedDrift, boxes, count_moves, open_trajectories
+        from ..space import estimates
+
+        say("reading trajectories")
+        seen = open_trajectories(self.file)
+        water = boxes(seen, self.cell, self.bounds)
+        say(f"counting moves between {water.cells:,} cells")
+        moves = count_moves(seen, water, self.lag * _DAY, least=self.least)
+        cells = moves.water.cells
+        needed = estimates.drift([cells]) + estimates.draws(cells, self.samples)
+        memory.check(needed, f"drifters in {cells:,} cells", "give larger cells, or fewer samples")
+        return ObservedDrift.of(
+            seen,
+            moves,
+            after=None if self.after is None else self.after * _DAY,
+            sets=self.nearly_closed,
+            samples=self.samples,
+            seed=self.seed,
+            say=say,
+        )
+
+    def spec(self, result: "Result") -> dict[str, Any]:
+        asked = super().spec(result)
+        return {**asked, "file": " ".join(asked["file"])}
+
+    def heading(self, spec: dict[str, Any]) -> str:
+        return str(spec["file"])
+
+    def verify(self, result: "ObservedDrift") -> "Sequence[Comparison]":
+        from ..verify import compare_drift
+
+        return compare_drift(result)
