@@ -14,8 +14,9 @@ hypothesis.settings.load_profile("quick")
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-# Most of the time of the tests goes into compilation. Programs that are not optimized take a third
-# of it, and are slower; `make test-all` has optimized ones. Both processes and the next run share it.
+# Most of the time of the tests goes into compilation. Programs that are not optimized take a
+# third of it, and are slower; `make test-all` has optimized ones. Both processes and the next run
+# share them.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
