@@ -32,7 +32,7 @@ def test_the_two_gyres_are_found_in_trajectories(capsys, tmp_path):
     status, found, error = run(capsys, *args)
     assert (status, error) == (0, "")
     assert found["verified"]["agrees"]
-    assert (found["file"], found["lag_d"], found["cell_deg"]) == ("drifters.nc", 5, 1)
+    assert (found["file"], found["lag_d"], found["cell_deg"]) == ("data/ocean/drifters.nc", 5, 1)
     assert (found["drifters"], found["cells"]) == (200, 288)
     west, east = found["nearly_closed_sets"]["sets"]
     assert west["size"] + east["size"] > 280
@@ -51,7 +51,7 @@ def test_the_two_gyres_are_found_in_trajectories(capsys, tmp_path):
         share = dataset.distribution[0].values
         assert np.nansum(share[middle]) > 1.3 * middle[~np.isnan(share)].mean()
         assert np.nanmax(dataset.distribution_error) < 0.05
-        assert (dataset.layers_persistent_groups == dataset.persistent_groups).all()
+        assert (dataset.layer_persistent_groups == dataset.persistent_groups).all()
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ DATA = Path(__file__).parents[2] / "data"
 LAB = str(DATA / "maps" / "lab_a.json")
 LINE = str(DATA / "graphs" / "eight.json")
 GYRES = str(DATA / "ocean" / "gyres.nc")
+DRIFTERS = str(DATA / "ocean" / "drifters.nc")
 
 
 def task(name):
@@ -151,6 +152,15 @@ def test_rooms_are_the_rooms_of_their_numbers():
     assert environment.positions[0] == place(0, "E3", 2).free.sum()
 
 
+@pytest.mark.slow
+def test_observed_drifters_are_a_task():
+    batch, fixed = {"lag": np.array([5.0, 10.0])}, {"file": DRIFTERS, "cell": 3, "samples": 2}
+    found = task("drifters")(batch, fixed, 0)
+    assert found.cells.values.tolist() == [40, 40]
+    assert found.moves.values[1] < found.moves.values[0] == 3722
+    assert found.estimates_value.shape == (2, 4)
+
+
 @pytest.mark.parametrize("name", sorted(TASKS))
 def test_parameters_are_refused_by_name(name):
     needed = {
@@ -161,12 +171,14 @@ def test_parameters_are_refused_by_name(name):
         "plans": {"map": LAB, "bounces": [90]},
         "patrol": {"file": LINE},
         "drift": {"file": GYRES},
+        "drifters": {"file": DRIFTERS},
         "dynamics": {"system": "henon"},
     }[name]
     swept, bad = {
         "rooms": ("room", -1),
         "patrol": ("share", 1.5),
         "drift": ("rho", 1.5),
+        "drifters": ("lag", 0.0),
         "dynamics": ("follow", -1),
     }.get(name, ("cell", 0.0))
     called = study_of(name).__name__ if study_of(name) else f"'{name}'"
