@@ -39,7 +39,7 @@ from jaxcell.automata import Filter, subset_construction
 from jaxcell.record import save_dataset
 from jaxcell.robot import Walker, cell_strides, run_filter
 from jaxcell.robot.create.driver import RobotStopped
-from jaxcell.robot.emulation.body import Body, Noise, bumper_give
+from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.space import CellSpace, Workspace, free_steps
 
@@ -69,15 +69,7 @@ def problem(name: str, bounce_deg: float) -> tuple[CellSpace, Filter]:
 def run(name: str, bounce_deg: float, noise: float, start: int) -> tuple[str, int]:
     """How one run ended, and after how many observations."""
     cells, filter = problem(name, bounce_deg)
-    assert cells.workspace is not None
-    x, y, theta = cells.centre(start)
-    body = Body(
-        cells.workspace,
-        (float(x), float(y), float(theta)),
-        give=bumper_give(cells.cell),
-        noise=Noise(distance=noise, rotation=noise, veer=noise),
-        rng=np.random.default_rng([0, start]),
-    )
+    body = Body.in_cell(cells, start, noise, np.random.default_rng([0, start]))
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
     direction = start // cells.positions
     walker = Walker(SimulatedCreate(body), cells.cell, strides=strides, direction=direction)

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxcell.robot import Walker, cell_strides
 from jaxcell.robot.create.driver import RobotStopped
-from jaxcell.robot.emulation.body import Body, Noise, bumper_give
+from jaxcell.robot.emulation.body import Body
 from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.space import CellSpace
@@ -20,17 +20,9 @@ def robot(
     cells: CellSpace, noise: float, seed: int, *, driver: bool = False
 ) -> tuple[Walker, Body]:
     """A robot at the centre of a random cell, in whose direction it takes itself to look."""
-    assert cells.workspace is not None
     rng = np.random.default_rng([17, seed])
     start = int(rng.integers(cells.size))
-    x, y, theta = cells.centre(start)
-    body = Body(
-        cells.workspace,
-        (float(x), float(y), float(theta)),
-        give=bumper_give(cells.cell),
-        noise=Noise(distance=noise, rotation=noise, veer=noise),
-        rng=rng,
-    )
+    body = Body.in_cell(cells, start, noise, rng)
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
     driven = SimulatedCreate(body) if driver else DirectBody(body)
     direction = start // cells.positions

@@ -105,21 +105,12 @@ def _robot(plan: "Plan", error: float, step: float | None, seed: int) -> "tuple[
     import numpy as np
 
     from ..robot import Walker
-    from ..robot.emulation.body import Body, Noise, bumper_give
+    from ..robot.emulation.body import Body
     from ..robot.emulation.direct import DirectBody
     from ..space import cell_strides
 
-    cells = plan.cells
-    assert cells.workspace is not None
-    x, y, theta = map(float, cells.centre(plan.start))
-    body = Body(
-        cells.workspace,
-        (x, y, theta),
-        give=bumper_give(cells.cell),
-        noise=Noise(distance=error, rotation=error, veer=error),
-        rng=np.random.default_rng([0, seed]),
-    )
-    length = cells.cell if step is None else step
+    cells, length = plan.cells, plan.cells.cell if step is None else step
+    body = Body.in_cell(cells, plan.start, error, np.random.default_rng([0, seed]))
     strides = cell_strides(cells.directions, cells.cell, length)
     direction = plan.start // cells.positions
     return Walker(DirectBody(body), length, strides=strides, direction=direction), body

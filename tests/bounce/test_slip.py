@@ -16,9 +16,8 @@ from jaxcell.automata import Belief, Bounded
 from jaxcell.mapping import ObservedChain
 from jaxcell.markov import filtered, possible, smoothed
 from jaxcell.robot import Particles, Walker, run_belief
-from jaxcell.robot.create.motion import Moved
-from jaxcell.robot.create.packets import WHEEL_BASE
-from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.body import Body
+from jaxcell.robot.emulation.direct import DirectBody
 
 
 ROOM = space.Workspace([(0, 0), (4, 0), (4, 3), (0, 3)], [[(2, 1), (3, 1), (3, 2), (2, 2)]])
@@ -36,39 +35,12 @@ def hidden(fine):
     return bounce.slip_map(fine, [TURN], space.Slip.of(0.03, give=0.02))
 
 
-class Plain:
-    """The body of the emulator, driven stretch by stretch without a driver."""
-
-    def __init__(self, body):
-        self.body = body
-
-    def forward(self, distance, *, tolerance):
-        before, ticks = self.body.travelled.copy(), max(1, math.ceil(abs(distance) / 0.05))
-        for _ in range(ticks):
-            self.body.advance(distance / ticks, distance / ticks, 1.0)
-            if distance > 0 and (self.body.bump_left or self.body.bump_right):
-                break
-        bumped = distance > 0 and (self.body.bump_left or self.body.bump_right)
-        return Moved(float((self.body.travelled - before).mean()), 0.0, bumped)
-
-    def turn(self, angle, *, tolerance):
-        self.body.advance(-angle * WHEEL_BASE / 2, angle * WHEEL_BASE / 2, 1.0)
-        self.body.advance(0.0, 0.0, 1.0)
-        return Moved(0.0, angle, False)
-
-
 def walker_of(cell, noise, seed, cells=CELLS):
     """An emulated robot in a cell, and its body."""
-    pose = tuple(float(v) for v in cells.centre(cell))
-    body = Body(
-        cells.workspace,
-        pose,
-        noise=Noise(distance=noise, rotation=noise, veer=noise),
-        rng=np.random.default_rng(seed),
-    )
+    body = Body.in_cell(cells, cell, noise, np.random.default_rng(seed))
     strides = space.cell_strides(cells.directions, 1.0, 1.0)
     direction = cell // cells.positions
-    return Walker(Plain(body), 1.0, strides=strides, direction=direction), body
+    return Walker(DirectBody(body), 1.0, strides=strides, direction=direction), body
 
 
 def run_of_the_emulator(cell, noise, steps, seed, cells=CELLS):
@@ -155,7 +127,7 @@ def test_the_credible_set_holds_the_emulated_robot(fine, hidden):
 
 
 def test_a_robot_that_chooses_its_angle_is_localized_sooner(fine):
-    bounces = np.radians([90, 45]).tolist()
+    bounces = np.radians([90, 135]).tolist()
     both = bounce.slip_map(fine, bounces, space.Slip.of(0.03, give=0.02))
     bumps, held = {1: 0, 2: 0}, []
     for angles in ([1], [0, 1]):

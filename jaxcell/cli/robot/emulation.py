@@ -28,7 +28,8 @@ class Emulation:
     @property
     def pose(self) -> tuple[float, float, float]:
         """Where it starts, in metres and radians."""
-        return _pose(self.cells, self.start)
+        x, y, theta = self.cells.centre(self.start)
+        return float(x), float(y), float(theta)
 
     @property
     def end(self) -> int | None:
@@ -51,7 +52,7 @@ class Emulation:
 
 def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulation:
     """Emulate a robot in a map, at the start of a task, or at that of the options."""
-    from ...robot.emulation.body import Body, Noise, bumper_give
+    from ...robot.emulation.body import Body
     from ...robot.emulation.emulator import Emulator, Line
     from ...space import CellSpace, Workspace
 
@@ -61,14 +62,8 @@ def emulate(map: Path, task: "AnyTask", options: "RobotRun", rng: Any) -> Emulat
         start = cell_at(cells, options.start, "--start")
     else:
         start = _start(cells, task, options.heading, rng)
-    noise = Noise(distance=options.noise, rotation=options.noise, veer=options.noise)
-    body = Body(workspace, _pose(cells, start), give=bumper_give(task.cell), noise=noise, rng=rng)
+    body = Body.in_cell(cells, start, options.noise, rng)
     return Emulation(Emulator(body, line=Line(speedup=options.speedup)), cells, start)
-
-
-def _pose(cells: "CellSpace", cell: int) -> tuple[float, float, float]:
-    x, y, theta = cells.centre(cell)
-    return float(x), float(y), float(theta)
 
 
 def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any) -> int:
@@ -83,7 +78,7 @@ def _start(cells: "CellSpace", task: "AnyTask", heading: float | None, rng: Any)
         case MemberTask():
             pose = task.start
         case PatrolTask():
-            x, y, _ = _pose(task.cells, task.start)
+            x, y, _ = map(float, task.cells.centre(task.start))
             pose = x, y, math.radians(heading or 0)
         case _:
             return int(rng.integers(cells.size))

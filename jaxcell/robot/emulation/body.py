@@ -4,7 +4,7 @@ import math
 import numpy as np
 import shapely
 
-from ...space import Workspace
+from ...space import CellSpace, Workspace
 from ..create.packets import METRES_PER_COUNT, WHEEL_BASE
 
 
@@ -99,6 +99,23 @@ class Body:
         self._radius = self._walls.distance(shapely.Point(self._clear))
         self._stretch = (0, 0)
         self._slip = (0.0, 0.0)
+
+    @classmethod
+    def in_cell(cls, cells: CellSpace, cell: int, error: float, rng: np.random.Generator) -> "Body":
+        """A body at the centre of a cell, whose walls give as much as cells of that side allow.
+
+        **Arguments:**
+
+        - `cells`: the cells of a map.
+        - `cell`: where it is.
+        - `error`: the slip of straight stretches, of turns, and of the heading.
+        - `rng`: where that comes from.
+        """
+        assert cells.workspace is not None
+        x, y, theta = map(float, cells.centre(cell))
+        noise = Noise(distance=error, rotation=error, veer=error)
+        give = bumper_give(cells.cell)
+        return cls(cells.workspace, (x, y, theta), give=give, noise=noise, rng=rng)
 
     @property
     def pose(self) -> tuple[float, float, float]:
