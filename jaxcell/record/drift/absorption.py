@@ -49,9 +49,8 @@ def _text(layers: Sequence[LayerEnds]) -> str:
     caught = ""
     if any(layer.almost_for_ever_cells for layer in layers):
         caught = (
-            f"*Almost for ever* is more than {ALMOST_FOR_EVER:,} steps. Such cells are transient "
-            "only because of disturbances that hardly ever follow on one another; take what holds "
-            "drifters there for a persistent group."
+            f"*Almost for ever* is more than {ALMOST_FOR_EVER:,} steps: take what holds drifters "
+            "there for a persistent group."
         )
     return f"""# How long it takes
 

@@ -47,10 +47,9 @@ def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
 def _text(found: Stranded) -> str:
     return f"""# Ashore
 
-Drifters are released in all cells of the surface alike. In a cell at a coast they may strand, and
-those on a beach may come afloat again. After **{found.after_hours:.3g} hours**
-**{found.share:.1%}** are on a beach. The maps show on which, in the number of drifters that one
-cell had at first, and with what chance those of a cell are on some beach then.
+Drifters are released in all cells alike, strand at a coast, and come afloat again. After
+**{found.after_hours:.3g} hours** **{found.share:.1%}** are on a beach. The maps show on which, in
+the number of drifters that one cell had at first, and the chance to be on one, by where they began.
 
 {numbers(found)}
 """

@@ -57,12 +57,9 @@ def _text(sets: ClosedSets) -> str:
     columns = "rank", "depth", "size", "leakage", "hours", "lon", "lat"
     return f"""# Parts that drifters hardly leave
 
-Whether a part of the sea is a persistent group hangs on single drifters. These parts are *nearly
-closed*: of the drifters that are released in one everywhere alike, only a small share is outside
-of it after **{sets.window_hours:.3g} hours**, and few come in. At that rate 1/e of them are left
-after the time that stands on the map. They come from the leading eigenvectors of the Markov chain
-and of its reversal in time. A set has the colour and the number, its *rank*, of that above it with
-which it has most in common.
+These parts are *nearly closed*: of the drifters that are released in one everywhere alike, only a
+small share is outside after **{sets.window_hours:.3g} hours**. At that rate 1/e of them are left
+after the time that stands on the map. They come from the leading eigenvectors of the Markov chain.
 
 {described(sets, *columns)}
 """

@@ -56,15 +56,17 @@ def _text(map: CurrentMap) -> str:
     notes = "\n".join(f"- {note}" for note in drift.notes)
     return f"""# The current
 
-{currents_of(drift)} Arrows show the records one after the other. Faster
-water has longer arrows. Dots are drifters with their ways in the last
-{clock.frame * _TRAIL} {clock.unit}s.
+Arrows show the records one after the other, longer where water is faster. Dots are drifters with
+their tracks of the last {clock.frame * _TRAIL} {clock.unit}s. Time 0 is
+{_moment(drift.currents.time.values[0])}.
+
+## The file
+
+{currents_of(drift)}
 
 - towards the East: {drift.east_from}
 - towards the North: {drift.north_from}
 {notes}
-
-Time 0 of `{clock.unit}` is {_moment(drift.currents.time.values[0])}.
 """
 
 

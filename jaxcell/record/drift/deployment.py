@@ -84,16 +84,11 @@ def _text(drift: SeaDrift) -> str:
     no_fewer = ", and no fewer" if drift.phases is None else ""
     if drift.views is not None:
         views = (
-            f"\n**To see the sea bed** with a camera that sees {drift.reach:g} m far, one looks "
-            f"from {drift.views.cover.size:,} places. Of several in one persistent group the "
-            f"first is enough, for a drifter gets to the others: **{drift.views.cells.size:,}** "
-            "drifters.\n"
+            f"\n**To see the sea bed** {drift.reach:g} m far takes {drift.views.cover.size:,} "
+            f"places, and **{drift.views.cells.size:,}** drifters, one in each group.\n"
         )
     if drift.curve is not None:
-        curve = (
-            "\n**The curve** shows how many cells so many drifters may visit, if each is dropped "
-            "where it adds most.\n"
-        )
+        curve = "\n**The curve**: cells that so many drifters may visit.\n"
     columns = [f"deployment_{name}" for name in ("cell", "lon", "lat", "gained")]
     rank = [*drift.group_ranks[0].tolist(), "transient"]
     numbered = {
@@ -102,11 +97,8 @@ def _text(drift: SeaDrift) -> str:
     }
     return f"""# Where to drop drifters
 
-Dropped at the black circles of the surface, **{found.cells.size:,}** drifters may come to every
-cell, each within its own group: {persistent:,} are in persistent groups, one in each, and the
-others cover the transient cells, those first from where it takes longest.
-
-If it is enough that each cell may be visited from some drifter, whatever its group,
+Dropped at the black circles, **{found.cells.size:,}** drifters may come to every cell, each within
+its own group; {persistent:,} are in persistent groups. If any drifter may visit a cell,
 **{drift.minimum.size:,}** will do{no_fewer}.
 {views}{curve}
 {described(drift, *columns, first=numbered, most=_MAX_ROWS)}

@@ -115,6 +115,14 @@ def _legend(layers: Sequence[LayerEnds], most: int) -> list[tuple[str, Color]]:
     return entries
 
 
+GROUPS_SEEN = """Sooner or later a drifter is in a *persistent group* of cells, which it never
+leaves, or off the map.
+
+- **Full colours**: persistent groups.
+- **Pale colours**: from there it ends in the group of that colour for sure.
+- **White**: it may end in several. Hover over a cell to read in which."""
+
+
 def groups_text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
     """The text beside the groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
@@ -122,40 +130,30 @@ def groups_text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
     distance = "distance_6h", "distance_24h", "drifters_left", "map_left"
     hours = f"**{drift.step / 3600:.3g} hours**"
     current = "the mean current" if drift.phases is None else "the current, as it changes,"
-    if drift.layers[0].options.get("spread") == "sampled":
-        step = f"""In one step of {hours} points of a cell move to
-where {current} takes them, and as large as their share that ends in a cell is the chance of
-a drifter to be there."""
-    else:
-        step = f"""In one step of {hours} a drifter moves from its
-cell to where {current} takes it, or, as the current is not known exactly, to a cell beside
-that."""
+    spread = "on points of its cell"
+    if drift.layers[0].options.get("spread") != "sampled":
+        spread = "or to a cell beside that"
     warnings = [f"- **{one.depth:g} m**: {one.warning}." for one in drift.layers if one.warning]
     beware = "\n".join(["## Beware", "", *warnings]) if warnings else ""
     return f"""# Where drifters end up
 
-{currents_of(drift)} The water is cut into cells. {step}
-So the sea is a *Markov chain*. {_phases(drift)}
-
-Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
-map. All other cells are *transient*.
+{GROUPS_SEEN}
 
 {described(drift.layers, *columns, *domiciles)}
 
-- **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
-  group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
-  read in which. A group has the colour and the number of that above it whose basin is most the
-  same (`group_number` in the dataset).
+{beware}
 
-How far that is from drifters in the current as it changes, released everywhere alike: the share
-that it has in a wrong cell, and the shares that left the map in a day.
+## How sure
+
+Drifters that the current itself carries, without cells, are the **black dots**: press play. The
+share that the map has in a wrong cell, and the shares that left in a day:
 
 {described(drift.layers, "depth", *distance)}
 
-- **Black dots** are drifters, released everywhere alike, that the current itself carries while it
-  changes, without cells or disturbances: press play, and watch whether they gather as predicted.
+## The map
 
-{beware}
+{currents_of(drift)} In a step of {hours} a drifter goes where {current} takes it, {spread}: a
+*Markov chain*. {_phases(drift)}
 
 {made_with(spec)}"""
 
@@ -165,7 +163,6 @@ def _phases(drift: SeaDrift) -> str:
     if drift.phases is None:
         return ""
     return (
-        f"The current repeats itself after {drift.period_hours:.3g} hours, of "
-        f"{counted(drift.phases, 'step')}; groups and times are those of drifters that are "
-        "released at the first record."
+        f"It repeats itself after {drift.period_hours:.3g} hours, of "
+        f"{counted(drift.phases, 'step')}; drifters are released at the first record."
     )

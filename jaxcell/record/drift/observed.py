@@ -19,7 +19,7 @@ from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
 from .closed_sets import log_closed_sets
 from .distribution import density, levels, log_distribution
-from .groups import log_groups
+from .groups import GROUPS_SEEN, log_groups
 from .map import DRIFTER, SeaMap, log_maps
 
 
@@ -142,17 +142,14 @@ answers are not sure.
 def _text(found: ObservedDrift, spec: Mapping[str, Any]) -> str:
     return f"""# Where observed drifters end up
 
-{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
-**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
-shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
-
-Sooner or later a drifter is in a *persistent group* of cells, which it never leaves, or off the
-map. All other cells are *transient*.
+{GROUPS_SEEN}
 
 {described(found.layers, "cells", "persistent_groups", "single_domicile_cells")}
 
-- **Full colours**: persistent groups. **Pale colours**: cells from which a drifter ends in the
-  group of that colour for sure. **White**: it may end in several ways. Hover over a cell to
-  read in which.
+## The map
+
+{found.drifters:,} drifters of `{found.source}` made {found.moves:,} moves of
+**{found.step / 86400:.3g} days** between {found.cells:,} cells of longitude and latitude. The
+shares of the moves from each cell are a *Markov chain*; what ended in no cell has left the map.
 
 {made_with(spec)}"""

@@ -237,17 +237,13 @@ def _text(drift: SeaDrift, voyage: SeaVoyage, steps: int) -> str:
     policies = {name: policy for name, policy in both.items() if policy is not None}
     return f"""# A way to a goal
 
-A drifter can go up, go down, or drift, one step of {voyage.hours:.3g} hours each. It is to come to
-the **green** goal at {place_name(lon, lat)}, {depth:g} m deep. Depths are drawn farther apart than
-they are; drag to turn the view.
+A drifter goes up, down, or drifts, in steps of {voyage.hours:.3g} hours, to the **green** goal at
+{place_name(lon, lat)}, {depth:g} m deep.
 
-- **Left**: the *value* of each cell, by value iteration. Yellow is good: near in time, and sure.
-- **Right**: what to do there. **Upright arrows**: go down (dark blue) or up (light blue).
-  **Vermilion arrows**: drift; the current goes that way. Grey: from there it never arrives.
+- **Left**: the *value* of each cell, yellow if near in time, and sure.
+- **Right**: what to do: go down (dark blue), go up (light blue), drift (vermilion); grey never
+  arrives.
 - **Black dots** follow this policy for {steps:,} steps, released {released}.
-
-The *discounted* policy weighs being sure against being early; the *surest* arrives most likely, and
-then soonest.
 
 {described([*policies.values()], *columns, first={"policy": [*policies]})}
 """
