@@ -72,8 +72,8 @@ def test_groups_take_what_was_measured(name, cell, directions, step, collision, 
 LAB_A, CAFE_MAP = "maps/lab_a.json", "maps/cafe.json"
 HALL = "maps/room_200x125.json"
 STUDIES = {
-    "groups, 5.8e8 cells": (study.Groups, HALL, {"bounce": (90.0,), "cell": 0.125}, 360, 0.37e9),
-    "groups, 1.5e8 cells": (study.Groups, LAB_A, {"bounce": (45.0,), "cell": 0.001}, 8, 0.54e9),
+    "groups, 5.8e8 cells": (study.Groups, HALL, {"bounce": (90.0,), "cell": 0.125}, 360, 0.21e9),
+    "groups, 1.5e8 cells": (study.Groups, LAB_A, {"bounce": (45.0,), "cell": 0.001}, 8, 0.34e9),
     "groups, 1.3e7 cells": (study.Groups, CAFE_MAP, {"bounce": (90.0,), "cell": 0.01}, 72, 0.7e9),
     "groups, 3e6 cells": (study.Groups, CAFE_MAP, {"bounce": (90.0,), "cell": 0.02}, 72, 0.56e9),
     "filter, 6e4 cells": (study.Localize, LAB_A, {"bounce": 45.0, "cell": 0.05}, 8, 0.48e9),
