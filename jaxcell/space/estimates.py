@@ -23,8 +23,8 @@ Need: TypeAlias = Callable[[Extent], float | int]
 # persistent cell.
 IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
 
-# Bytes of compiling what finds groups on a section.
-SECTION = 100_000_000
+# Bytes of compiling what finds groups on a section, and what patrols a map.
+SECTION, PATROL = 100_000_000, 350_000_000
 
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
@@ -138,7 +138,7 @@ def walk(vertices: int, edges: int, weighted: bool) -> float | int:
 def patrol(extent: Extent) -> float | int:
     """Bytes of the patrol of a map: matrices of cells by cells, and of edges by edges on few."""
     cells = min(extent.positions, MAX_CELLS)
-    return cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
+    return PATROL + cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
 
 def check(
