@@ -6,6 +6,7 @@
 prints a Markdown table of bytes of the whole process, from 10^5 to some 10^9 cells.
 """
 
+import os
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ from jaxcell.base import memory
 
 ENDS: dict[str, Any] = {"bounces": (45.0, 90.0), "start": "0", "goal": "50"}
 TURNS: dict[str, Any] = {"bounces": (45.0, 90.0), "reliability": 0.8}
-CASES: dict[str, tuple[type[study.MapStudy], str, dict[str, Any]]] = {
+CASES: dict[str, tuple[type[study.CellStudy], str, dict[str, Any]]] = {
     "groups of a hall": (
         study.Groups,
         "room_200x125",
@@ -29,12 +30,22 @@ CASES: dict[str, tuple[type[study.MapStudy], str, dict[str, Any]]] = {
         "cafe",
         {"bounce": (90.0,), "cell": 0.01, "directions": 72},
     ),
+    "groups among slanted walls, 360 directions": (
+        study.Groups,
+        "cafe",
+        {"bounce": (90.0,), "cell": 0.005, "directions": 360},
+    ),
     "filter": (study.Localize, "lab_a", {"bounce": 45.0, "cell": 0.01}),
     "choice of angles": (study.Localize, "lab_a", {"bounces": (45.0, 90.0), "cell": 0.02}),
     "plan": (study.Navigate, "lab_a", {**ENDS, "cell": 0.005}),
     "cover": (study.Cover, "lab_a", {**TURNS, "error": 45.0, "directions": 8, "cell": 0.01}),
     "team": (study.Team, "lab_a", {"bounce": (90.0,), "cell": 0.01}),
+    "patrol of a map": (study.PatrolMap, "lab_a", {"cell": 0.2}),
 }
+
+
+# Nothing is compiled from before.
+_COLD = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}
 
 
 def measure(name: str) -> None:
@@ -63,7 +74,7 @@ def main() -> None:
     print("| --- | --: | --: | --: | --: | --: |", flush=True)
     for name in CASES:
         if name.startswith(begins):
-            subprocess.run([sys.executable, __file__, "--measure", name], check=True)
+            subprocess.run([sys.executable, __file__, "--measure", name], check=True, env=_COLD)
 
 
 if __name__ == "__main__":

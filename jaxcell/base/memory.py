@@ -12,7 +12,7 @@ _PROC = Path("/proc")
 _GROUPS = Path("/sys/fs/cgroup")
 # Of a control group without a limit, version 1 says a number next to 2^63.
 _NO_LIMIT = 2**60
-LIBRARIES = 400_000_000
+LIBRARIES = 200_000_000
 """The bytes that Python, JAX and other libraries take themselves, once they are loaded."""
 LIMIT = "JAXCELL_MEMORY"
 """The environment variable that says how much a process may take, such as `8G`."""

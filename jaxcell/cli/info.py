@@ -54,12 +54,15 @@ def _shown(value: Any) -> str:
 
 
 def _directory(path: Path) -> dict[str, Any]:
-    if (path / "spec.toml").is_file() or path.suffix == ".zarr":
+    if path.name == "sweep.zarr" or (path / "spec.toml").is_file():
         return _sweep(path.parent if path.suffix == ".zarr" else path)
+    if path.suffix == ".zarr":
+        return _zarr(path)
     files = sorted(
         str(file.relative_to(path))
         for file in path.rglob("*")
-        if file.suffix.lower() in _KINDS and file.is_file()
+        if (file.suffix.lower() in _KINDS and file.is_file()) or file.suffix == ".zarr"
+        if not any(folder.suffix == ".zarr" for folder in file.relative_to(path).parents)
     )
     if not files:
         raise ValueError(f"{path}: there is no file of jaxcell's in it")
@@ -120,6 +123,22 @@ def _netcdf(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not a NetCDF file that can be read: {message}") from None
 
 
+def _zarr(path: Path) -> dict[str, Any]:
+    import xarray as xr
+
+    with xr.open_zarr(path) as found:
+        attributes = {name: str(value) for name, value in found.attrs.items()}
+        title = attributes.pop("title", "without a title")
+        return {
+            "what": f"a result of jaxcell: {title}",
+            "dimensions": dict(found.sizes),
+            "variables": {
+                name: _variable(one.dims, one.attrs) for name, one in found.data_vars.items()
+            },
+            **attributes,
+        }
+
+
 def _contents(file: Any) -> dict[str, Any]:
     """What is in an open NetCDF file, whose values are not read: there may be very many."""
     everything = dict(file.__dict__)
@@ -134,17 +153,18 @@ def _contents(file: Any) -> dict[str, Any]:
         "what": f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}",
         "dimensions": {name: len(one) for name, one in file.dimensions.items()},
         "variables": {
-            name: _variable(one) for name, one in file.variables.items() if name not in coordinates
+            name: _variable(one.dimensions, one.__dict__)
+            for name, one in file.variables.items()
+            if name not in coordinates
         },
         **attributes,
     }
 
 
-def _variable(array: Any) -> str:
-    attributes = array.__dict__
+def _variable(dimensions: tuple[str, ...], attributes: dict[str, Any]) -> str:
     units = f", {attributes['units']}" if "units" in attributes else ""
     meaning = f": {attributes['long_name']}" if "long_name" in attributes else ""
-    return f"({', '.join(array.dimensions)}){units}{meaning}"
+    return f"({', '.join(dimensions)}){units}{meaning}"
 
 
 def _recording(path: Path) -> dict[str, Any]:

@@ -87,15 +87,18 @@ class Command:
             summary["verified"] = verified
             if self.out is not None:
                 _write_summary(summary, self.out)
+        drawn = asked.at_once(result)
         if self.json:
             print_line(json.dumps(summary))
         else:
             from .tables import show
 
             show(result, asked.heading(asked.spec(result)), summary["seconds"])
-            if self.out is not None:
+            if self.out is not None and drawn:
                 note_results(self.out)
-        if self.out is not None and not has_module("rerun"):
+            elif self.out is not None:
+                note(f"Results are in {self.out}, without a recording of so many cells.")
+        if self.out is not None and drawn and not has_module("rerun"):
             note(f"No recording is written: {missing_module('rerun')}")
         for remark in result.remarks:
             note(remark)

@@ -18,6 +18,7 @@ people and scripts want. What datasets guarantee:
 | of | dataset | recording |
 | --- | --- | --- |
 | any result of a study | `dataset` | `save_recording` |
+| groups of more cells than fit the memory | `save_cells`, a Zarr store | |
 | sweeps | `jaxcell.sweep.open_sweep` | `log_sweep` |
 | robots while they drive | `jaxcell.robot.RunLog` | `RobotRecording` |
 

@@ -13,6 +13,7 @@ from ..base import memory
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .extent import Extent
 from .occupancy import cutting_bytes
+from .segments import STEPS_AT_ONCE
 
 
 Need: TypeAlias = Callable[[Extent], float | int]
@@ -21,6 +22,9 @@ Need: TypeAlias = Callable[[Extent], float | int]
 # to localize with; a branch of a chain with its matrix; a limiting distribution, and its solve in a
 # persistent cell.
 IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
+
+# Bytes of compiling what finds groups on a section, and what patrols a map.
+SECTION, PATROL = 100_000_000, 350_000_000
 
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
@@ -37,7 +41,7 @@ def cutting(extent: Extent) -> float | int:
 def moves(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of where a step leads from every position, and of the runs to the walls."""
     ways, lines, looks = extent.steps(step, collision)
-    any_shape = 0 if extent.gridded else 8 * extent.size + 50 * extent.near_walls(step)
+    any_shape = (50 + extent.directions) * extent.near_walls(step)
     listed = 16 * extent.directions
     return 30 * ways * extent.positions + (25 * lines + looks) * extent.squares + any_shape + listed
 
@@ -50,18 +54,14 @@ def groups(extent: Extent, step: float | None, collision: str) -> float | int:
 
 
 def counts(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the numbers of periodic groups, which are found from the walls if ways are few.
-
-    On a grid these are known without the [`moves`][].
-    """
+    """Bytes of the numbers of periodic groups, which are found from the walls."""
     ways, _, _ = extent.steps(step, collision)
-    if ways > MAX_WALL_WAYS:
-        return groups(extent, step, collision)
-    if not extent.gridded:
-        return moves(extent, step, collision)
-    listed = 0
-    tables = 18 * ways**2 * extent.bumps(step) / extent.directions
-    return 5.7 * extent.squares + listed + tables
+    if ways <= MAX_WALL_WAYS:
+        known = 18 * ways**2 * extent.bumps(step) / extent.directions
+    else:
+        known = _section(extent, step)
+    tested = min(extent.near_walls(step) * extent.directions, STEPS_AT_ONCE)
+    return 5 * extent.squares + max(known, 40 * tested)
 
 
 def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
@@ -69,9 +69,13 @@ def images(extent: Extent, angles: int, step: float | None, collision: str) -> f
     return groups(extent, step, collision) + IMAGE * angles * extent.size
 
 
-def by_direction(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the images, groups and steps of the cells of one direction, and of all walls."""
-    return counts(extent, step, collision) + 40 * extent.bumps(step) + 60 * extent.positions
+def by_direction(extent: Extent, step: float | None) -> float | int:
+    """Bytes of the groups on the section, and of the cells of one direction at a time."""
+    return 5 * extent.squares + _section(extent, step) + 50 * extent.positions
+
+
+def _section(extent: Extent, step: float | None) -> float | int:
+    return SECTION + 80 * extent.bumps(step) + 16 * extent.positions
 
 
 def localization(extent: Extent, step: float | None, collision: str) -> float | int:
@@ -144,7 +148,7 @@ def walk(vertices: int, edges: int, weighted: bool) -> float | int:
 def patrol(extent: Extent) -> float | int:
     """Bytes of the patrol of a map: matrices of cells by cells, and of edges by edges on few."""
     cells = min(extent.positions, MAX_CELLS)
-    return cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
+    return PATROL + cutting(extent) + 60 * cells**2 + 140 * min(cells, MAX_VERTICES) ** 2
 
 
 def check(

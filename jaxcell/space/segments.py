@@ -8,7 +8,8 @@ from .cells import TOLERANCE, CellSpace
 from .stencils import displacement
 
 
-_CHUNK = 2**21
+# Steps that are tested with a wall at once.
+STEPS_AT_ONCE = 2**21
 # Squares in a row of a block.
 _BLOCK = 32
 
@@ -93,7 +94,7 @@ def meets_wall(
     reach = length + np.where(beyond, TOLERANCE, -TOLERANCE)
 
     blocked = np.empty((len(places), len(steps)), bool)
-    chunks = -(-len(near) * len(steps) // _CHUNK)
+    chunks = -(-len(near) * len(steps) // STEPS_AT_ONCE)
     for some in np.array_split(np.arange(len(places)), chunks) if chunks else ():
         pairs = slice(first[some[0]], first[some[-1] + 1] if some[-1] + 1 < len(first) else None)
         centre, w = centres[near[pairs]], wall[pairs]

@@ -126,10 +126,10 @@ class Workspace:
         a map of 8 m), so that polygons meant to touch, whose vertices differ by the rounding of
         float64, do touch and leave neither a sliver nor a gap between them.
         """
-        union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
         rounding = coordinate_rounding(self.boundary, self.obstacles)
         # GEOS meets denormal numbers in slivers, of which NumPy would warn.
         with np.errstate(all="ignore"):
+            union = shapely.disjoint_subset_union_all([shapely.Polygon(r) for r in self.obstacles])
             return shapely.normalize(
                 shapely.difference(shapely.Polygon(self.boundary), union, grid_size=rounding)
             )
