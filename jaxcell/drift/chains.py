@@ -104,29 +104,31 @@ def drift_map(
     if flow.diffusivity:
         branches = (2 * math.ceil(_TAILS * widest) + 3) ** 2
     memory.check(
-        40 * (branches + 1) * water.cells,
+        (40 * (branches + 1) + 100 * samples) * water.cells,
         f"a drift map of {water.cells:,} cells of water",
         "read less of the currents",
     )
 
-    def ends(right: float, up: float) -> tuple[np.ndarray, np.ndarray]:
+    def ends(right: np.ndarray, up: float) -> tuple[np.ndarray, np.ndarray]:
         """Where points of all cells drift, which are off the centres by some parts of a cell."""
-        x, y = jnp.asarray(water.column + right), jnp.asarray(water.row + up)
+        x = jnp.asarray(water.column + right[:, None])
+        y = jnp.broadcast_to(jnp.asarray(water.row + up), x.shape)
         found = advect(flow, x, y, duration, start=float(start), method=method, steps=steps)
         return np.asarray(found[0]), np.asarray(found[1])
 
     exits = edge == "exit"
     if spread == "sampled":
-        places = ((np.arange(samples) + 0.5) / samples - 0.5).tolist()
-        drifted = (ends(right, up) for up in places for right in places)
+        places = (np.arange(samples) + 0.5) / samples - 0.5
+        drifted = (ends(places, up) for up in places.tolist())
         if flow.diffusivity:
-            spreads = (_diffused(water, x, y, far, exits) for x, y in drifted)
+            points = (point for x, y in drifted for point in zip(x, y, strict=True))
+            spreads = (_diffused(water, x, y, far, exits) for x, y in points)
             image, probability = slots_of(functools.reduce(operator.add, spreads) / samples**2)
         else:
-            landed = (water.landing(x[None], y[None], exits=exits)[0] for x, y in drifted)
+            landed = (one for x, y in drifted for one in water.landing(x, y, exits=exits))
             image, probability = _shares(landed, samples**2, water.cells)
     else:
-        x, y = ends(0.0, 0.0)
+        x, y = (place[0] for place in ends(np.zeros(1), 0.0))
         if spread == "turned":
             targets = water.landing(*_turned(water, x, y), exits=exits)
         else:
@@ -285,19 +287,19 @@ def _shares(
     landed: Iterator[Int[np.ndarray, "cells"]], samples: int, cells: int
 ) -> tuple[Int[np.ndarray, "branches cells"], Float[np.ndarray, "branches cells"]]:
     """The cells in which samples landed and the shares of them, in as many slots as needed."""
-    image = np.full((1, cells), _NONE)
-    count = np.zeros((1, cells), np.int64)
-    every = np.arange(cells)
+    image, count = np.full((1, cells), _NONE, np.int32), np.zeros((1, cells), np.int32)
+    every, used = np.arange(cells), np.zeros(cells, np.int32)
     for target in landed:
         # The slot of this target, or the first that is empty.
-        fits = (image == target) | (image == _NONE)
-        if not fits.any(axis=0).all():
+        slot = used.copy()
+        for place, held in enumerate(image):
+            np.copyto(slot, place, where=held == target)
+        if slot.max() == len(image):
             image = np.pad(image, ((0, 1), (0, 0)), constant_values=_NONE)
             count = np.pad(count, ((0, 1), (0, 0)))
-            fits = np.pad(fits, ((0, 1), (0, 0)), constant_values=True)
-        slot = fits.argmax(axis=0)
         image[slot, every] = target
         count[slot, every] += 1
+        used = np.maximum(used, slot + 1)
     return image, count / samples
 
 

@@ -11,7 +11,12 @@ from ..base.precision import require_x64
 from .water import Water
 
 
-METHODS = ("euler", "rk4")
+# For each stage of a method, how much of the step it is ahead, and its weight in the mean.
+_STAGES = {
+    "euler": ((0.0, 1.0),),
+    "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
+}
+METHODS = tuple(_STAGES)
 
 
 @jax.tree_util.register_dataclass
@@ -232,27 +237,29 @@ def advect(
     """
     _check_method(method, steps)
     length = duration / steps
+    ahead, weight = (jnp.asarray(row, jnp.float64) for row in zip(*_STAGES[method], strict=True))
 
-    def euler(x, y, now):  # type: ignore[no-untyped-def]
-        rate_x, rate_y = flow.at(x, y, now)
-        return x + length * rate_x, y + length * rate_y
+    share = length * weight / jnp.sum(weight)
 
-    def rk4(x, y, now):  # type: ignore[no-untyped-def]
-        half = length / 2
-        ax, ay = flow.at(x, y, now)
-        bx, by = flow.at(x + half * ax, y + half * ay, now + half)
-        cx, cy = flow.at(x + half * bx, y + half * by, now + half)
-        dx, dy = flow.at(x + length * cx, y + length * cy, now + length)
-        sixth = length / 6
-        return x + sixth * (ax + 2 * bx + 2 * cx + dx), y + sixth * (ay + 2 * by + 2 * cy + dy)
+    # A stage at a time, which adds what the one before has found: of more at once XLA would compute
+    # early stages anew in the later ones.
+    def stage(number, state):  # type: ignore[no-untyped-def]
+        begun, reached, rates = state
+        step, stage = number // ahead.size, number % ahead.size
+        reached = _moved(reached, rates, share[stage - 1])
+        begun = jax.tree.map(lambda new, old: jnp.where(stage, old, new), reached, begun)
+        further = length * ahead[stage]
+        now = start + step.astype(jnp.float64) * length + further
+        return begun, reached, flow.at(*_moved(begun, rates, further), now)
 
-    step = euler if method == "euler" else rk4
+    begun = jnp.asarray(x, jnp.float64), jnp.asarray(y, jnp.float64)
+    still = jnp.zeros_like(begun[0]), jnp.zeros_like(begun[1])
+    state = jax.lax.fori_loop(0, ahead.size * steps, stage, (begun, begun, still))
+    return _moved(state[1], state[2], share[-1])
 
-    def move(number, place):  # type: ignore[no-untyped-def]
-        x, y = place
-        return step(x, y, start + number.astype(jnp.float64) * length)
 
-    return jax.lax.fori_loop(0, steps, move, (x, y))
+def _moved(places, rates, time):  # type: ignore[no-untyped-def]
+    return tuple(place + time * rate for place, rate in zip(places, rates, strict=True))
 
 
 def flow_map(

@@ -12,8 +12,9 @@ from ..mapping import Chain, ChainSequence
 
 # Of matrices with fewer rows all eigenvalues are computed.
 _MAX_DENSE = 200
-# How near to another eigenvalue one counts as it, and the tolerance of those that are found.
-_SAME, _TOLERANCE = 1e-7, 1e-9
+# How near to another eigenvalue one counts as it, and the tolerance of those that are found. Of a
+# symmetric matrix an eigenvalue is as near as the square of what its vector leaves.
+_SAME, _TOLERANCE, _SYMMETRIC_TOLERANCE = 1e-7, 1e-9, 1e-7
 # The tolerance that is enough to see whether there are more, and what counts as no direction.
 _ROUGH = 1e-4
 _MAX_RESTARTS = 2000
@@ -146,6 +147,7 @@ def _iterated(
         (rows, rows), lambda v: across(v.reshape(rows, 1)), matmat=across, dtype=np.float64
     )
     solve, which = (linalg.eigsh, "LA") if symmetric else (linalg.eigs, "LR")
+    fine = _SYMMETRIC_TOLERANCE if symmetric else _TOLERANCE
 
     def leading(wanted: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         start, size = random.standard_normal(rows), min(rows, max(20, 3 * wanted))
@@ -153,12 +155,12 @@ def _iterated(
             operator, wanted, v0=start, which=which, ncv=size, tol=tolerance, maxiter=_MAX_RESTARTS
         )
 
-    basis = _real_basis(*leading(count, _TOLERANCE), count)
+    basis = _real_basis(*leading(count, fine), count)
     for _ in range(count):
         least = np.linalg.eigvals(basis.T @ product(basis)).real.min() + _SAME
         if leading(1, _ROUGH)[0].real.max() <= least:
             break
-        together = np.hstack([basis, _real_basis(*leading(1, _TOLERANCE), 1)])
+        together = np.hstack([basis, _real_basis(*leading(1, fine), 1)])
         inner = np.linalg.eig(together.T @ product(together))
         basis = together @ _real_basis(*inner, count)
     return basis, products

@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given, strategies as st
 from seas import double_gyre, sea, seas
 
+from jaxcell import examples
+from jaxcell.base import memory
 from jaxcell.base.certificate import Outcome
 from jaxcell.drift.behaviour import long_term_behaviour
-from jaxcell.drift.chains import drift_map, drift_maps
+from jaxcell.drift.chains import METHODS, drift_map, drift_maps
 from jaxcell.drift.diagnosis import diagnose, group_counts
 from jaxcell.drift.flow import Flow, crossing_time, flow_map
 from jaxcell.drift.water import Water
@@ -404,3 +406,12 @@ def test_remedies_are_none_that_are_taken():
     assert short.remedies("sampled") == ("duration",)
     assert good.warning is None
     assert good.remedies("turned") == ()
+
+
+def test_a_map_of_ten_million_cells_is_refused_with_what_it_needs(monkeypatch):
+    water, flow = examples.gyres()
+    monkeypatch.setattr(memory, "free", lambda: 4_000_000_000)
+    monkeypatch.setattr(Water, "cells", 10_000_000)
+    needs = "drift map of 10,000,000 cells of water needs about 9.0 GB of memory, and 4.0 GB"
+    with pytest.raises(MemoryError, match=needs):
+        drift_map(water, flow, **METHODS["drifters"])

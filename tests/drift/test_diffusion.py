@@ -7,6 +7,7 @@ from scipy.special import ndtr
 from seas import sea
 
 from jaxcell import drift
+from jaxcell.drift.drifters import diffuse
 
 
 SIDE, STEP = 31, 3600.0
@@ -89,7 +90,7 @@ def test_no_drifter_diffuses_ashore():
     sides = np.stack([water.dx, water.dy])
     x, y = water.column.astype(float), water.row.astype(float)
     for key in jax.random.split(jax.random.key(0), 5):
-        x, y = drift.drifters.diffuse(key, flow, sides, wet, x, y, STEP)
+        x, y = diffuse(key, flow, sides, wet, x, y, STEP)
     cell, inside = water.at(*(np.rint(np.asarray(one)).astype(int) for one in (y, x)))
     assert (cell[inside] >= 0).all()
     assert not inside.all()

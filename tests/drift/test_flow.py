@@ -261,3 +261,14 @@ def test_a_layer_without_water_is_refused():
     nothing = np.zeros((2, 2))
     with pytest.raises(ValueError, match="layer 0 has no water"):
         Water.of(sea(nothing, nothing, np.zeros((2, 2), bool)))
+
+
+def test_a_stage_of_a_method_gathers_what_one_of_another_does():
+    flow = Flow(jnp.ones((1, 2, 4, 5)), jnp.zeros(1))
+    x = jnp.ones(7)
+
+    def gathers(method):
+        moved = jax.jit(lambda x: advect(flow, x, x, 1.0, method=method, steps=2))
+        return moved.lower(x).compile().as_text().count(" gather(")
+
+    assert 0 < gathers("rk4") <= gathers("euler")
