@@ -2,15 +2,15 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..base.quantities import Result, derived, quantity
-from ..mapping import PeriodicGroups, periodic_groups
+from ..mapping import PeriodicGroups
+from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
-from .imaging import Say, changed_by_half_step, images_of_each, self_images, torn_axes
+from .imaging import CHUNK, Say, changed_by_half_step, images_of_each, self_images, torn_axes
 from .maps import Flow, Map
 from .orbits import orbit_basins
 
@@ -95,8 +95,7 @@ class Basins(Result):
 
     @derived("attractor", "cells that lead to it", kind="share")
     def fraction(self) -> Float[np.ndarray, "attractors"]:
-        inside = np.bincount(self.basin + 1, minlength=self.attractors + 1)[1:]
-        return inside / self.box.size
+        return totals(self.basin, self.attractors) / self.box.size
 
     @derived("attractor", "cells of the attractor", kind="count")
     def cells_on(self) -> Int[np.ndarray, "attractors"]:
@@ -120,9 +119,8 @@ class Basins(Result):
         return self.step * (self.duration or 1.0) if self.time is None else self.time
 
     def _mean(self, of_cells: np.ndarray) -> Float[np.ndarray, "attractors"]:
-        found = self.basin >= 0
-        total = np.bincount(self.basin[found], of_cells[found], minlength=self.attractors)
-        return total / np.maximum(1, self.fraction * self.box.size)
+        cells = totals(self.basin, self.attractors)
+        return totals(self.basin, self.attractors, of_cells) / np.maximum(1, cells)
 
     @derived("", "cells that lead out of the box", kind="share")
     def outside_share(self) -> float:
@@ -247,11 +245,12 @@ def basins_of_each(
     timed = hasattr(map, "timed") or (isinstance(map, Flow) and map.crossing > 0)
     each_timed = timed and by == "cells"
     time = np.empty((len(members), box.size), np.float32) if each_timed else None
-    image = images_of_each(map, box, members, follow=follow, dtype=dtype, time=time, say=say)
+    with_sinks = np.empty((len(members), box.size + 2), np.int32)
+    image, with_sinks[:, -2:] = with_sinks[:, :-2], (box.outside, box.nowhere)
+    images_of_each(map, box, members, follow=follow, dtype=dtype, out=image, time=time, say=say)
     if say is not None:
         say("finding groups and attractors", 0, 0)
-    sinks = np.array([box.outside, box.nowhere], np.int32)
-    groups = [jax.device_get(periodic_groups(np.append(one, sinks))) for one in image]
+    groups = [groups_on_host(one) for one in with_sinks]
     found = of_map.attractors(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
@@ -279,8 +278,21 @@ def _along(found: Basins, lasts: Float[np.ndarray, "cells"]) -> Float[np.ndarray
     order = np.argsort(found.step, kind="stable")
     ends = np.cumsum(np.bincount(found.step))
     for cells in np.split(order, ends[:-1])[1:]:
-        time[cells] = lasts[cells] + time[found.image[cells]]
+        for part in np.array_split(cells, 1 + cells.size // CHUNK):
+            time[part] = lasts[part] + time[found.image[part]]
     return time[:-2]
+
+
+def totals(
+    label: Int[np.ndarray, "rows"], count: int, weight: np.ndarray | None = None
+) -> Float[np.ndarray, "labels"]:
+    """The number of rows with each label from 0, or the sum of their weights."""
+    total = np.zeros(count)
+    for first in range(0, label.size, CHUNK):
+        part = slice(first, first + CHUNK)
+        own = None if weight is None else weight[part]
+        total += np.bincount(label[part] + 1, own, minlength=count + 1)[1:]
+    return total
 
 
 def _by_cells(
@@ -294,21 +306,23 @@ def _by_cells(
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
     # The sinks have the last two numbers of cells, and so of groups.
     live = int(groups.count) - 2
-    reached = found.of_group[group]
-    order = np.argsort(-np.bincount(reached[reached >= 0], minlength=found.count), kind="stable")
+    reached = found.of_group
+    size = totals(reached, found.count, totals(group, live + 2))
+    order = np.argsort(-size, kind="stable")
     rank = np.empty(found.count + 1, np.int32)
     rank[order], rank[-1] = np.arange(found.count), -1
+    # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
+    leaves = (reached < 0) & (np.arange(live + 2) != live + 1)
     return Basins(
         box,
         params,
         image,
-        basin=rank[reached],
+        basin=rank[reached][group],
         group=group,
         step=step,
-        group_period=np.asarray(groups.group_period)[:live],
+        group_period=np.array(groups.group_period[:live]),
         several=found.several[group],
-        # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
-        left=(reached < 0) & (group != live + 1),
+        left=leaves[group],
         orbit=found.orbit[order],
         sampled=found.sampled[order],
         scattered=found.scattered,

@@ -98,7 +98,7 @@ def images_of_each(
 
 
 def check_map(map: Map, box: Box, params: Any) -> None:
-    """Try a map at the middle of a box.
+    """Try a map at the middle of a box, and what it begins with at some points.
 
     **Raises:** `ValueError` that says what is wrong with it.
     """
@@ -112,11 +112,21 @@ def check_map(map: Map, box: Box, params: Any) -> None:
         raise ValueError(
             f"map: gives an array of shape {list(shape)} for a point of {list(middle.shape)}"
         )
+    begin = getattr(map, "velocity", map)
+    found = jax.vmap(lambda x: jnp.asarray(begin(x, params)))(jnp.asarray(_anywhere(box)))
+    if not np.isfinite(found).all(axis=-1).any():
+        what = "map" if begin is map else "field"
+        raise ValueError(f"{what}: is not finite at any of {len(found)} points of the box")
+
+
+def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
+    """Some points of a box."""
+    return np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
 
 
 def torn_axes(map: Map, box: Box, members: Sequence[Any]) -> list[tuple[int, ...]]:
     """The periodic axes at whose two ends a map differs, by 64 points of each end."""
-    points = np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
+    points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)
     for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
         ends = np.stack([points, points])

@@ -52,6 +52,10 @@ class Flow:
         steps = _LONG if self.crossing else self.steps
         return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, steps)
 
+    def velocity(self, x: Any, params: Any) -> Any:
+        """The field at a point."""
+        return self.field(x, params)
+
     @property
     def duration(self) -> float | None:
         """The time of an application; none where cells have a time each."""
@@ -79,6 +83,10 @@ class Strobe:
             return self.field(t, y, params)
 
         return _advance(field, x, 0.0, self.period / self.steps, self.steps)
+
+    def velocity(self, x: Any, params: Any) -> Any:
+        """The field at a point, at phase 0."""
+        return self.field(jnp.zeros(()), x, params)
 
     @property
     def duration(self) -> float:
@@ -123,6 +131,10 @@ class Section:
         back = jnp.where(steps < self.max_steps, self.project(there, params), jnp.nan)
         return back, (steps + 1) * self.flow.dt + time
 
+    def velocity(self, x: Any, params: Any) -> Any:
+        """The field at a point of the surface."""
+        return self.flow.field(jnp.asarray(self.lift(x, params)), params)
+
     def _partial(self, x: Any, params: Any, dt: Any) -> Any:
         return _rk4(lambda _, y: self.flow.field(y, params), x, 0.0, dt)
 
@@ -157,6 +169,10 @@ class Impacts:
             return jnp.where(hit, _rk4(field, met, 0.0, self.flow.dt - time), after)
 
         return jax.lax.fori_loop(0, self.flow.steps, step, jnp.asarray(x))
+
+    def velocity(self, x: Any, params: Any) -> Any:
+        """The field at a point."""
+        return self.flow.field(x, params)
 
     @property
     def duration(self) -> float | None:

@@ -15,6 +15,8 @@ _MANY = 1 << 18
 _WORTH = 0.2
 # Cells at once from which on it is worth to go on from those that were dropped before.
 _FRONT = 200
+# Cells that are worked out at once.
+_PART = 1 << 20
 # Cells of the shortest map that is made of what is left.
 _FEWEST = 1 << 12
 
@@ -49,10 +51,18 @@ def periodic_groups(
     image = jnp.asarray(image)
     here = not isinstance(image, jax.core.Tracer) and where is None and image.size >= _MANY
     if here and all(device.platform == "cpu" for device in image.devices()):
-        on_host = np.asarray(image)
-        if _missed(on_host) >= _WORTH:
-            return _peeled_groups(on_host)
+        return jax.tree.map(jnp.asarray, groups_on_host(np.asarray(image)))
     return _groups(image, where)
+
+
+def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
+    """[`periodic_groups`][jaxcell.mapping.periodic_groups] of an array of NumPy, in such arrays.
+
+    Beside the image and the result it takes at most 16 bytes a cell.
+    """
+    if image.size >= _MANY and _missed(image) >= _WORTH:
+        return _peeled_groups(image)
+    return jax.device_get(_groups(image, None))
 
 
 @jax.jit
@@ -90,23 +100,26 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     # Both numbers of a cell in one, so that they are read and written at once.
     both = np.empty(image.size, np.int64)
     both[left] = (found.group[: left.size].astype(np.int64) << 32) + found.step[: left.size]
-    for cells in reversed(dropped):
-        both[cells] = both[image[cells]] + 1
+    while dropped:
+        cells = dropped.pop()
+        for part in np.array_split(cells, 1 + cells.size // _PART):
+            both[part] = both[image[part]] + 1
     step = both.astype(np.int32).astype(image.dtype, copy=False)
     group = np.right_shift(both, 32, out=both).astype(image.dtype)
-    del both, dropped
     count = found.count - 1
-    period = np.zeros_like(group)
+    period = np.zeros(image.size, image.dtype)
     period[:count] = found.group_period[:count]
-    return PeriodicGroups(*map(jnp.asarray, (group, step, period, count)))
+    return PeriodicGroups(group, step, period, np.asarray(count))
 
 
 def _peeled(
     image: Int[np.ndarray, "cells"],
 ) -> tuple[list[Int[np.ndarray, "_"]], Int[np.ndarray, "left"]]:
     """Transient cells, those first that nothing leads to; and the other cells."""
-    dropped = []
-    cells, reached = np.arange(image.size, dtype=image.dtype), np.empty(image.size, bool)
+    reached = np.zeros(image.size, bool)
+    reached[image] = True
+    dropped = [np.flatnonzero(~reached).astype(image.dtype)]
+    cells = np.flatnonzero(reached).astype(image.dtype)
     while True:
         reached[:] = False
         reached[image[cells]] = True
@@ -115,8 +128,11 @@ def _peeled(
             break
         dropped.append(cells[~kept])
         cells = cells[kept]
+    del reached, kept
     # How many of those left lead to each.
-    count = np.bincount(image[cells], minlength=image.size).astype(np.int32)
+    count = np.zeros(image.size, np.int32)
+    for part in np.array_split(cells, 1 + cells.size // _PART):
+        np.add.at(count, image[part], np.int32(1))
     front = cells[count[cells] == 0]
     while front.size > _FRONT:
         dropped.append(front)

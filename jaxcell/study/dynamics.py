@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 # While a result is made, of the result, and of a million cells while they are mapped.
-_BYTES_PER_CELL = 40
+_BYTES_PER_CELL = 34
 _KEPT_PER_CELL = 18
 _CHUNK_BYTES = 200e6
 

@@ -116,6 +116,10 @@ def test_half_a_step_tells_of_a_coarse_one():
     [
         (lambda x, p: x[:1], "shape \\[1\\] for a point of \\[2\\]"),
         (lambda x, p: x * p["speed"], "fails at the middle of the box: 'speed'"),
+        (dynamics.flow(lambda x, p: x[:1], 0.1, 2), "field: gives an array of shape \\[1\\]"),
+        (lambda x, p: x * jnp.nan, "^map: is not finite at any of 64 points of the box$"),
+        (dynamics.flow(lambda x, p: x / 0.0, 0.1), "^field: is not finite at any of 64 points"),
+        (dynamics.strobe(lambda t, x, p: x / t, 1.0, 2), "^field: is not finite at any of 64"),
     ],
 )
 def test_bad_maps_are_refused(map, said):

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -92,6 +94,33 @@ def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatc
 def test_basins_take_what_was_measured(system, cells, peak):
     asked = study.Dynamics(system=system, cells=(cells,))
     assert memory.LIBRARIES + asked.memory() == pytest.approx(peak, rel=0.3)
+
+
+MEASURED = """
+import psutil, resource
+from jaxcell import dynamics
+from jaxcell.dynamics import systems
+from jaxcell.space import Box
+
+def found(cells):
+    box = Box([-2, -2], [2, 2], [cells, cells])
+    return dynamics.basins(systems.henon.map, box, systems.henon.params)
+
+found(1100)
+before = psutil.Process().memory_info().rss
+one = found(4000)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+kept = one.image, one.basin, one.group, one.step, one.several, one.left
+print((peak - before - sum(array.nbytes for array in kept)) / one.box.size)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
+def test_basins_take_16_bytes_a_cell_beside_the_result():
+    run = subprocess.run([sys.executable, "-c", MEASURED], capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert float(run.stdout) <= 16
 
 
 def test_what_does_not_fit_is_refused_with_the_number(own, monkeypatch):

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -78,3 +80,17 @@ def test_a_batch_of_walks_with_cells_that_do_not_count():
 
 def test_a_map_without_cells_has_no_groups():
     assert int(periodic_groups(np.zeros(0, np.int32)).count) == 0
+
+
+def test_peeling_takes_16_bytes_a_cell_beside_the_map_and_the_groups(monkeypatch):
+    monkeypatch.setattr("jaxcell.mapping.peel._PART", 1 << 12)
+    cells = 1 << 18
+    image = np.random.default_rng(4).integers(0, cells // 2, cells, np.int32)
+    peel.groups_on_host(image)
+    tracemalloc.start()
+    try:
+        found = peel.groups_on_host(image)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak - found.group.nbytes - found.step.nbytes <= 16 * cells
