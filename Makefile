@@ -17,13 +17,11 @@ robot: .venv/bin/python
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 
 test: .venv/.dev
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz --ignore tests/test_without_x64.py \
-		$(AS_USERS:%=--ignore %)
-	JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz $(AS_USERS:%=--ignore %)
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(UNCHECKED)
 
 test-all: .venv/.dev
-	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile --ignore tests/test_without_x64.py
+	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile
 	XLA_FLAGS= JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 fuzz: .venv/.dev

@@ -14,9 +14,9 @@ hypothesis.settings.load_profile("quick")
 jax.config.update("jax_enable_x64", os.environ.get("JAX_ENABLE_X64") != "0")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-# Most of the time of the tests goes into compilation. Programs that are not optimized take a
-# third of it, and are slower; `make test-all` has optimized ones. Both processes and the next run
-# share them.
+# Most of the time of the tests goes into compilation. Programs that are not optimized are compiled
+# in a third of it, and are slower; `make test-all` optimizes. Both processes and the next run share
+# what is compiled.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
@@ -29,10 +29,11 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 @pytest.fixture(autouse=True, scope="session")
-def no_lines_of_progress():
-    """Tests compare what commands say, which is not to depend on how fast this machine is."""
+def commands_of_tests():
+    """What commands say does not depend on how fast this machine is, and JAX is set as above."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.cli.terminal._FIRST_LINE", 3600.0)
+        patch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
         yield
 
 

@@ -1,6 +1,6 @@
 """What happens where nobody turned 64-bit numbers on: whole numbers are the same, solves refuse.
 
-`make test` runs this file in a process of its own with JAX_ENABLE_X64=0 as well.
+`make test-all` runs this file in a process of its own with JAX_ENABLE_X64=0 as well.
 """
 
 import math

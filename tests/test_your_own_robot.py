@@ -50,8 +50,7 @@ def test_shares_and_times_solve_their_equations(asked, walk):
     np.testing.assert_allclose(found.steps, steps.reshape(4, -1).mean(axis=0))
 
 
-def test_it_is_a_command_and_a_sweep(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+def test_it_is_a_command_and_a_sweep(tmp_path, capsys):
     out = tmp_path / "mine"
     assert main(["run", REFERENCE, str(LAB), "--directions", "4", "--out", str(out)]) == 0
     assert {"result.nc", "result.rrd", "summary.json"} <= {one.name for one in out.iterdir()}

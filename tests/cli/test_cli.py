@@ -14,11 +14,6 @@ from jaxcell.cli import main
 MAPS = Path(__file__).parents[2] / "data" / "maps"
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch, tmp_path_factory):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 def run(capsys, *args):
     """Exit status, the JSON object on standard output, and standard error."""
     status = main([*map(str, args), "--json"])

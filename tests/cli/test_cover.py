@@ -18,11 +18,6 @@ MAPS = Path(__file__).parents[2] / "data" / "maps"
 ARGS = ("--bounces", 45, 90, "--error", 45, "--reliability", 0.7, "--directions", 8)
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 def run(capsys, *args):
     """Exit status, the JSON object on standard output, and standard error."""
     status = main(["cover", str(MAPS / "lab_a.json"), *map(str, args), "--json"])

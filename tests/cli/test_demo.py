@@ -17,7 +17,7 @@ def test_stops_are_commands_that_exist():
         assert name == stop.command.called
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("few_drifters")
 def test_the_tour_shows_strengths(tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path)]) == 0
     out = {

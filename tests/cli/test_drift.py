@@ -19,11 +19,6 @@ STEP = ("--duration", 3400, "--method", "source")
 pytestmark = pytest.mark.usefixtures("few_drifters")
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 def run(capsys, *args, file=GYRES):
     """Exit status, the JSON object on standard output, and standard error."""
     status = main(["drift", str(file), *map(str, args), "--json"])
@@ -438,7 +433,7 @@ def test_writes_its_results(capsys, tmp_path):
         (("--duration", 0), "--duration: expected more than 0 seconds, got 0"),
         (("--discount", 1), "--discount: expected more than 0 and less than 1, got 1"),
         (("--range", -2), "--range: expected more than 0 m, got -2"),
-        (("--range", 20, "--depths", 0), "--range: reach: expected 707"),
+        ((*STEP, "--range", 20, "--depths", 0), "--range: reach: expected 707"),
         (("--start", "here"), "--start 'here': expected \"lon,lat\" in degrees"),
         (("--start", "5,6"), r"--start 5,6: place \(5, 6\) is off the grid"),
         (("--goal", "-118,33.5"), "--goal '-118,33.5': expected \"lon,lat,depth\" in degrees"),

@@ -22,11 +22,6 @@ COMMANDS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_what_does_not_fit_is_refused_before_cells_are_cut(capsys, monkeypatch, name):
     # The programs of a patrol take more when they are compiled.

@@ -16,11 +16,6 @@ LAB = MAPS / "lab_a.json"
 BOUNCES = ("--bounces", 45, 90, 135)
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 @pytest.fixture(scope="module")
 def lab():
     return CellSpace.of(Workspace.load(LAB), 1.0, 8)

@@ -88,7 +88,6 @@ def test_links_lead_somewhere(page):
 def run(page, folder, capsys, monkeypatch, with_commands=True):
     """Do what a page says in a folder, from the top to the bottom."""
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     names, printed = {}, ""
     for block in blocks(page):
         if block.title:

@@ -26,11 +26,6 @@ GRAPHS = Path(__file__).parents[2] / "data" / "graphs"
 EIGHT = GRAPHS / "eight.json"
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 def run(capsys, *args, file=EIGHT):
     """Exit status, the JSON object on standard output, and standard error."""
     status = main(["patrol", "graph", str(file), *map(str, args), "--json"])

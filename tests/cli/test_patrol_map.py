@@ -21,11 +21,6 @@ LAB = MAPS / "lab_b.json"
 NEAR = ("--range", 2.5, "--attack-times", 4, 9, "--runs", 200)
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 def run(capsys, *args, map=LAB):
     """Exit status, the JSON object on standard output, and standard error."""
     status = main(["patrol", "map", str(map), *map_args(args), "--json"])

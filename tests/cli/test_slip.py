@@ -20,8 +20,7 @@ ROOM = """; cell 1
 
 
 @pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+def _few_cells(monkeypatch):
     # Few cells are enough for what a command does.
     monkeypatch.setattr("jaxcell.bounce.slip.fine_cells.MAX_CELLS", 3000)
 

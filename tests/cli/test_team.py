@@ -14,11 +14,6 @@ MAPS = Path(__file__).parents[2] / "data" / "maps"
 LAB = MAPS / "lab_b.json"
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 def run(capsys, *args):
     """Exit status, the JSON object on standard output, and standard error."""
     status = main(["team", *map(str, args), "--json"])

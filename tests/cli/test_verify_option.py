@@ -22,11 +22,6 @@ COMMANDS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _own_cache(monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_is_right_agrees(command, capsys, tmp_path):
     out = ["--out", str(tmp_path)] if command == "navigate" else []

@@ -27,8 +27,7 @@ def test_in_a_file_of_croco_1_is_water(tmp_path, standard_name):
     assert "mask_rho: 1 is water, by its name" in currents.attrs["notes"]
 
 
-def test_no_drifter_is_dropped_ashore(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+def test_no_drifter_is_dropped_ashore(tmp_path, capsys):
     path = croco.write(tmp_path / "croco.nc", WET)
     currents = open_currents(path)
     row, column = 4, 4

@@ -29,8 +29,7 @@ well = dynamics.System(
 
 
 @pytest.fixture
-def own(tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+def own(tmp_path):
     path = tmp_path / "own_system.py"
     path.write_text(OWN)
     return f"{path}:well"

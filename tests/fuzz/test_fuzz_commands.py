@@ -38,8 +38,7 @@ COMMANDS = {
 
 
 @pytest.fixture(autouse=True)
-def _own_cache(monkeypatch, tmp_path, imported):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+def _own_folder(monkeypatch, tmp_path, imported):
     monkeypatch.chdir(tmp_path)
 
 

@@ -87,7 +87,6 @@ def command_lines(draw):
 @pytest.fixture(autouse=True)
 def folder(monkeypatch, tmp_path, imported):
     """A folder with a file of each kind; nothing is opened on a screen."""
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
     monkeypatch.setattr("subprocess.call", lambda *args, **options: 0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()

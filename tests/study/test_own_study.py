@@ -70,8 +70,7 @@ class Drop(Study):
 
 
 @pytest.fixture
-def file(tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxcell.base.runtime.configure_jax", lambda: None)
+def file(tmp_path):
     path = tmp_path / "stones.py"
     path.write_text(textwrap.dedent(SOURCE))
     yield path
