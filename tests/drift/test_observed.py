@@ -14,7 +14,9 @@ def moves_of(begin, end, lag=DAY):
     lon = np.stack([begin, np.where(end < 0, 90, end)], axis=1).ravel() + 0.5
     time, number = np.tile([0.0, lag], begin.size), np.arange(begin.size).repeat(2)
     seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
-    return seen, drift.count_moves(seen, drift.boxes(seen, 1.0, (0, 0, int(begin.max()) + 1, 1)), lag)
+    return seen, drift.count_moves(
+        seen, drift.boxes(seen, 1.0, (0, 0, int(begin.max()) + 1, 1)), lag
+    )
 
 
 @pytest.fixture(scope="module")
