@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,8 @@ _STAGES = {
     "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
 }
 METHODS = tuple(_STAGES)
+
+_Pair: TypeAlias = tuple[Array, Array]
 
 
 @jax.tree_util.register_dataclass
@@ -238,7 +241,6 @@ def advect(
     _check_method(method, steps)
     length = duration / steps
     ahead, weight = (jnp.asarray(row, jnp.float64) for row in zip(*_STAGES[method], strict=True))
-
     share = length * weight / jnp.sum(weight)
 
     # A stage at a time, which adds what the one before has found: of more at once XLA would compute
@@ -258,8 +260,8 @@ def advect(
     return _moved(state[1], state[2], share[-1])
 
 
-def _moved(places, rates, time):  # type: ignore[no-untyped-def]
-    return tuple(place + time * rate for place, rate in zip(places, rates, strict=True))
+def _moved(places: _Pair, rates: _Pair, time: Any) -> _Pair:
+    return places[0] + time * rates[0], places[1] + time * rates[1]
 
 
 def flow_map(

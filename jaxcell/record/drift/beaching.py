@@ -4,7 +4,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from ...drift import Stranded
-from ..canvas.palette import BELIEF, FREE
+from ..canvas.palette import BELIEF, CLEAR, FREE
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import numbers
 from ..canvas.scale import Scale
@@ -18,10 +18,11 @@ _LEGEND_ROWS = 5
 def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
     """Log where drifters are ashore, from where they get there, and how many by the hour."""
     row, column = map.water.row, map.water.column
-    here, chance = map.water.cells * found.on_beach[row, column], 100 * found.chance[row, column]
+    here = 100 * map.water.cells * found.on_beach[row, column]
+    chance = 100 * found.chance[row, column]
     at = Scale.over(
         here,
-        "as many as in {} cells".format,
+        "{} % of one cell".format,
         least=0.0,
         ground="land",
         special={_NO_BEACH: FREE},
@@ -29,7 +30,7 @@ def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
     never = np.isnan(here)
     kind = at.levels(np.where(never, 0, here), {_NO_BEACH: never})
     picture = map.picture("beached", at.classes, kind)
-    of = Scale.over(chance, "{} % strand".format, least=0.0, ground="land")
+    of = Scale.over(chance, "{} % are ashore".format, least=0.0, ground="land")
     share = 100 * found.share_by_step
     hours = np.arange(share.size) * float(found.hours)
     plot = Plot(map.stream, "beaching/curve", float(hours[-1]), 1.05 * max(1.0, share.max()))
@@ -40,7 +41,11 @@ def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
         map.numbers("strands", "From where they get there", of, chance),
         plot.view("How many are ashore"),
     ]
-    legend = [*at.legend(_LEGEND_ROWS), *of.legend(_LEGEND_ROWS)]
+    legend = [
+        *at.legend(_LEGEND_ROWS),
+        ("by where they were released", CLEAR),
+        *of.legend(_LEGEND_ROWS),
+    ]
     return map.tab("beaching", "Beaches", views, _text(found), legend)
 
 
@@ -49,7 +54,7 @@ def _text(found: Stranded) -> str:
 
 Drifters are released in all cells alike, strand at a coast, and come afloat again. After
 **{found.after_hours:.3g} hours** **{found.share:.1%}** are on a beach. The maps show on which, in
-the number of drifters that one cell had at first, and the chance to be on one, by where they began.
+percent of the drifters that one cell had at first, and what share of those of each cell.
 
 {numbers(found)}
 """

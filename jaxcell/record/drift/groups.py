@@ -39,7 +39,7 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
         _log_numbers(map, layer, ranks[number])
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         if isinstance(layer, Layer):
-            title += f", {layer.distance_24h:.0%} of drifters elsewhere in a day"
+            title += f", {100 * layer.distance_24h:.2g} % of drifters elsewhere in a day"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
     legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
     if isinstance(drift, SeaDrift):

@@ -126,7 +126,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
     new = (np.diff(seen.drifter, prepend=-1) != 0) | far | off
     ways = np.split(place[shown], np.flatnonzero(new[shown]))
     ways = [way for way in ways if len(way) > 1]
-    log_lines(map.stream, "map/ways", ways, DRIFTER, 0.6)
+    log_lines(map.stream, "map/ways", ways, DRIFTER, 1.0)
     title = f"Ways of {-(-seen.drifters // every)} of {seen.drifters:,} drifters"
     views = [known, map.view(title, ["ways"])]
     text = f"""# What was observed
