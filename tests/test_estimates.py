@@ -114,6 +114,8 @@ STUDIES = {
     "plan, 5e5 cells": (study.Navigate, CAFE_MAP, {**ENDS, "cell": 0.05}, 72, 0.32e9),
     "cover, 1.5e6 cells": (study.Cover, LAB_A, {**TURNS, "error": 45.0, "cell": 0.01}, 8, 1.32e9),
     "cover, 5e5 cells": (study.Cover, CAFE_MAP, {**TURNS, "error": 5.0, "cell": 0.05}, 72, 0.45e9),
+    "team, 1.5e4 cells": (study.Team, LAB_A, {"bounce": (90.0,), "cell": 0.1}, 8, 0.36e9),
+    "team, 1.5e6 cells": (study.Team, LAB_A, {"bounce": (90.0,), "cell": 0.01}, 8, 0.59e9),
     "patrol, 76 cells": (study.PatrolMap, LAB_A, {"cell": 0.5}, None, 0.59e9),
     "patrol, 475 cells": (study.PatrolMap, LAB_A, {"cell": 0.2}, None, 0.67e9),
 }

@@ -23,8 +23,8 @@ Need: TypeAlias = Callable[[Extent], float | int]
 # persistent cell.
 IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
 
-# Bytes of compiling what finds groups on a section, and what patrols a map.
-SECTION, PATROL = 100_000_000, 350_000_000
+# Bytes of compiling what finds groups on a section, what drives a team, and what patrols a map.
+SECTION, TEAM, PATROL = 100_000_000, 150_000_000, 350_000_000
 
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
@@ -111,6 +111,11 @@ def coverage(
     persistent = min(1, 8 / 3 * branches / extent.directions) if branches > 1 else 0
     bytes_of_cell = CHAIN * branches + KEPT * angles + SOLVE * persistent
     return moves(extent, step, collision) + extent.size * bytes_of_cell
+
+
+def team(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the moves, and of the trajectories of a team."""
+    return TEAM + moves(extent, step, collision) + 80 * extent.size
 
 
 def drift(cells: Sequence[int]) -> float | int:

@@ -48,7 +48,7 @@ class Team(MapStudy):
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
 
-        return estimates.moves(extent, **self.motion)
+        return estimates.team(extent, **self.motion)
 
     def run(self, say: Say = silent) -> "TeamTrajectory":
         import numpy as np
