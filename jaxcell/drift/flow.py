@@ -252,7 +252,8 @@ def advect(
         begun = jax.tree.map(lambda new, old: jnp.where(stage, old, new), reached, begun)
         further = length * ahead[stage]
         now = start + step.astype(jnp.float64) * length + further
-        return begun, reached, flow.at(*_moved(begun, rates, further), now)
+        x, y = _moved(begun, rates, further)
+        return begun, reached, flow.at(x, y, now)
 
     begun = jnp.asarray(x, jnp.float64), jnp.asarray(y, jnp.float64)
     still = jnp.zeros_like(begun[0]), jnp.zeros_like(begun[1])

@@ -52,8 +52,9 @@ _ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
 # Rows that sum to 1 but for rounding.
 _CLOSED = 1e-12
 # Entries of an incomplete factor are dropped below this part of their column, and there are no more
-# than so many for one of the matrix.
-_DROP, _FILL = 1e-3, 10.0
+# than so many for one of the matrix; the second two are of a matrix that could be factored.
+_DROP, _FILL = 1e-2, 5.0
+_FINE_DROP, _FINE_FILL = 1e-3, 10.0
 # Entries of a complete factor in the order of components, for one of the matrix.
 _MAX_FILL = 10
 # Steps of BiCGSTAB, which begins anew so often, each time on the residual; and those after which a
@@ -244,11 +245,13 @@ def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
     identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
     system = (identity - matrix).tocsc()
     # In their own order neighbours on a grid stay near each other, and no row is exchanged.
+    few = matrix.shape[0] <= _LARGEST_COMPLETE
+    drop, fill = (_FINE_DROP, _FINE_FILL) if few else (_DROP, _FILL)
     factor = linalg.spilu(
-        system, drop_tol=_DROP, fill_factor=_FILL, permc_spec="NATURAL", diag_pivot_thresh=0.0
+        system, drop_tol=drop, fill_factor=fill, permc_spec="NATURAL", diag_pivot_thresh=0.0
     )
     precondition = linalg.LinearOperator(system.shape, factor.solve)
-    steps = _FEW_STEPS if matrix.shape[0] <= _LARGEST_COMPLETE else _STEPS
+    steps = _FEW_STEPS if few else _STEPS
     return lambda right: _bicgstab(system, right, precondition, steps)
 
 
