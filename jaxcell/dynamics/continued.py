@@ -15,8 +15,7 @@ from .imaging import CHUNK, Say
 from .maps import Map
 
 
-# Parameters in one batch, with so many cells that their orbits are as many, and orbits from random
-# points for each of them.
+# The most parameters in one batch, and orbits from random points for each of them.
 _TOGETHER = 64
 _SCATTERED = 64
 # Attractors farther apart than this share of the box are not the same.
