@@ -128,6 +128,10 @@ MAPS = Path(__file__).parent.parent / "data" / "maps"
 NAMES = ("lab_a", "lab_b", "complex", "depot")
 ERRORS = (0.0, 0.01, 0.02, 0.05, 0.1)
 ESTIMATORS = ("combinatorial", "belief", "bounded", "particles")
+TABLES = {
+    "truth": ("runs", "holds, %", "interval", "says, %", "refuted, %"),
+    "size": ("cells, median", "cells, mean", "small, %", "bumps, mean", "ms"),
+}
 _LEAST = 0.002
 
 
@@ -148,15 +152,15 @@ class Found:
         kept = [s for s, r in zip(self.size, self.refuted, strict=True) if not r]
         return {
             "runs": len(self.held),
-            "holds the truth, %": 100 * float(np.mean(self.held)),
-            "95 %, interval": f"{100 * bounds.low:.1f} to {100 * bounds.high:.1f}",
+            "holds, %": 100 * float(np.mean(self.held)),
+            "interval": f"{100 * bounds.low:.1f} to {100 * bounds.high:.1f}",
             "says, %": 100 * float(np.mean(self.said)),
-            "size, median": float(np.median(kept)) if kept else math.nan,
-            "size, mean": float(np.mean(kept)) if kept else math.nan,
+            "cells, median": float(np.median(kept)) if kept else math.nan,
+            "cells, mean": float(np.mean(kept)) if kept else math.nan,
             "refuted, %": 100 * float(np.mean(self.refuted)),
-            "small, % of runs": 100 * len(reached) / len(self.bumps),
-            "bumps, until small": float(np.mean(reached)) if reached else math.nan,
-            "ms, observation": 1e3 * float(np.mean(self.seconds)),
+            "small, %": 100 * len(reached) / len(self.bumps),
+            "bumps, mean": float(np.mean(reached)) if reached else math.nan,
+            "ms": 1e3 * float(np.mean(self.seconds)),
         }
 
 
@@ -230,7 +234,9 @@ def main() -> None:
         about = f"{name}_{error:g}_{options.seed}_{options.runs}{'_driver' * options.driver}"
         for what, found in estimated(cells, error, options, options.out / about):
             rows.append({**case, "estimator": what, **found.row()})
-    emit("Estimators", rows, options.out / "slip.csv", spec=".1f")
+    for title, columns in TABLES.items():
+        part = [{name: row[name] for name in (*case, "estimator", *columns)} for row in rows]
+        emit(title, part, options.out / f"slip_{title}.csv", spec=".1f")
     say("A run that is refuted, or nowhere, holds the truth in no case.")
 
 
@@ -278,7 +284,7 @@ def estimated(
         yield found("combinatorial", combinatorial, len(runs))
     if "belief" in options.estimators:
         for factor in options.models if error else [1.0]:
-            model = "" if factor == 1 else f", errors x {factor:g}"
+            model = "" if factor == 1 else f", x {factor:g}"
             yield among_fine(f"belief{model}", belief, factor)
     if "bounded" in options.estimators:
         yield among_fine("bounded", bounded, 3.0)
