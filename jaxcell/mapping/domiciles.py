@@ -102,6 +102,8 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
     source = np.concatenate([label[tails], label[leaving]]) + homes
     target = np.concatenate([node[inner.indices], np.zeros(leaving.size, int)])
     between = source != target
+    # scipy numbers components backwards along the steps, and does not promise it.
+    assert (source >= target).all()
     later = scipy.sparse.csr_array(
         (np.ones(between.sum(), bool), (source[between], target[between])),
         shape=(components + homes,) * 2,
