@@ -77,7 +77,8 @@ Bounded sets, on 100 runs, always hold the truth, and from 2 % on come to hold n
 | 5 % | 100 149 | 100 151 | 100 1463 | 100 1504 |
 | 10 % | 100 152 | 100 152 | 100 1464 | 100 1504 |
 
-A thousand particles, on 100 runs; for maps of 1,464 and 1,504 cells they are too few:
+A thousand particles, on 100 runs, too few for maps of 1,464 and 1,504 cells; empty is what was not
+run:
 
 | errors | lab_a | lab_b | complex | depot |
 | --- | --- | --- | --- | --- |
@@ -88,7 +89,7 @@ A thousand particles, on 100 runs; for maps of 1,464 and 1,504 cells they are to
 | 10 % | 54.0 18.9 | 74.0 13.7 | | |
 
 On a machine that others share an observation with its answer takes the belief 1.4 to 5.2 ms of the
-processor in the mean, with 57,000 to 97,000 fine cells; bounded sets 2.4 to 4 ms, a thousand
+processor in the mean, with 57,000 to 97,000 fine cells; bounded sets 1.3 to 9.1, a thousand
 particles 3 to 12, and the filter 0.01. Among 50,000 cells the belief takes 1.3 ms in the median and
 2.3 at most, and bounded sets 1.6 and 3.9 (`benchmarks/bench_slip.py`).
 
