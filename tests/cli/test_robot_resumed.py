@@ -1,5 +1,6 @@
 """Runs that end in any manner go on from their logs, through the command and the whole driver."""
 
+import dataclasses
 import functools
 import json
 import math
@@ -12,8 +13,7 @@ import time
 import pytest
 from wheels import MAPS, body_in, bounce_filter, bounce_tables, map_cells
 
-from jaxcell.automata import HiddenMap
-from jaxcell.bounce import FineCells, slip_matrices
+from jaxcell.bounce import FineCells, slip_map
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
 from jaxcell.robot.emulation.emulator import Emulator, Line
@@ -46,8 +46,8 @@ def filter_file(tmp_path_factory):
 def belief_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("belief") / "belief.jxb"
     fine = FineCells.of(LAB, squares=3, directions=4, reach=2)
-    matrices = slip_matrices(fine, math.radians(45), Slip.of(0.02))
-    HiddenMap.of(*matrices, fine.coarse, fine.centres, metadata=ABOUT).save(path)
+    hidden = slip_map(fine, [math.radians(45)], Slip.of(0.02))
+    dataclasses.replace(hidden, metadata=ABOUT).save(path)
     return path
 
 
