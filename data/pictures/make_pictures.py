@@ -89,9 +89,16 @@ PICTURES = {
     "drift": Picture(
         ("drift @gyres --start=-117.93,33.5 --goal=-118.1,33.45,5 --out runs",),
         "drift.rrd",
-        "minute",
-        420,
+        "hour",
+        7,
         "Groups",
+    ),
+    "drifters": Picture(
+        ("drifters @drifters --nearly-closed 3 --after 60 --out runs",),
+        "drifters.rrd",
+        "day",
+        30,
+        "Nearly closed sets",
     ),
     "robot": Picture(
         (
