@@ -49,9 +49,11 @@ def periodic_groups(
         ([0, 0, 0, 1], [1, 0, 0, 0], [2, 2, 2, 1])
     """
     image = jnp.asarray(image)
-    here = not isinstance(image, jax.core.Tracer) and where is None and image.size >= _MANY
+    here = not isinstance(image, jax.core.Tracer) and where is None
     if here and all(device.platform == "cpu" for device in image.devices()):
-        return jax.tree.map(jnp.asarray, groups_on_host(np.asarray(image)))
+        on_host = np.asarray(image)
+        if _worth_peeling(on_host):
+            return jax.tree.map(jnp.asarray, _peeled_groups(on_host))
     return _groups(image, where)
 
 
@@ -60,9 +62,13 @@ def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 
     Beside the image and the result it takes at most 16 bytes a cell.
     """
-    if image.size >= _MANY and _missed(image) >= _WORTH:
+    if _worth_peeling(image):
         return _peeled_groups(image)
     return jax.device_get(_groups(image, None))
+
+
+def _worth_peeling(image: Int[np.ndarray, "cells"]) -> bool:
+    return bool(image.size >= _MANY and _missed(image) >= _WORTH)
 
 
 @jax.jit
