@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -53,9 +54,14 @@ class Groups(MapStudy):
     def _at_once(self, extent: "Extent") -> bool:
         from ..space import estimates
 
-        angles, free = len(self.bounce), memory.free()
+        angles = len(self.bounce)
         needed = estimates.images(extent, angles, **self.motion)
-        return extent.size * angles <= _MAX_AT_ONCE and (free is None or needed <= free)
+        return extent.size * angles <= _MAX_AT_ONCE and (self._free is None or needed <= self._free)
+
+    @functools.cached_property
+    def _free(self) -> int | None:
+        """What is free at first, by which it is settled once for all how results are written."""
+        return memory.free()
 
     def run(self, say: Say = silent) -> "BounceGroups":
         if not self.bounce:
