@@ -188,10 +188,6 @@ class Stranded(Result):
     @functools.cached_property
     def _shares(self) -> Float[np.ndarray, "steps states"]:
         """Of the drifters in each cell and on each beach after each step, from the release on."""
-        cells, sequence = self.water.cells, as_sequence(self.chain)
+        cells = self.water.cells
         share = jnp.where(jnp.arange(self.chain.cells) < cells, 1 / cells, 0.0)
-        found = [share]
-        for n in range(self.steps):
-            share = sequence.at(n).push(share)
-            found.append(share)
-        return np.stack([np.asarray(one) for one in found])
+        return np.stack([*map(np.asarray, as_sequence(self.chain).pushed(share, self.steps))])

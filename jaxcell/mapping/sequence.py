@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -93,6 +93,15 @@ class ChainSequence:
         return jax.lax.fori_loop(
             start, start + steps, lambda n, p: self.at(n).push(p), distribution
         )
+
+    def pushed(
+        self, distribution: Float[Array, "cells"], steps: int
+    ) -> Iterator[Float[Array, "cells"]]:
+        """The distribution at phase 0, and after each of so many steps from it."""
+        yield distribution
+        for n in range(steps):
+            distribution = self.at(n).push(distribution)
+            yield distribution
 
     @jax.jit
     def pull(

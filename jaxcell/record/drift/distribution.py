@@ -1,7 +1,10 @@
 """Where drifters come to be, by the map of cells, as the current changes."""
 
+import functools
+import itertools
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 import rerun.blueprint as rrb
 
@@ -43,6 +46,7 @@ def log_distribution(
     return maps[0].tab("distribution", "Distribution", [*views, *more], _text(about), legend)
 
 
+@functools.cache
 def density() -> Scale:
     """The scale of how many times as many drifters as at first are in a cell."""
     return Scale.over(
@@ -66,14 +70,11 @@ def levels(share: np.ndarray) -> np.ndarray:
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
     """The classes of cells after every so many steps, and when that is."""
     chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
-    share = np.full(map.water.cells, 1 / map.water.cells)
-    kept, at = [levels(share)], np.arange(0, steps + 1, every)
-    for n in range(1, at[-1] + 1):
-        share = chain.at(n - 1).push(share)
-        if n % every == 0:
-            kept.append(levels(np.asarray(share)))
-    times = np.rint(at * (map.drift.step / map.clock.seconds)).astype(np.int64)
-    return np.stack(kept), times
+    share = jnp.full(map.water.cells, 1 / map.water.cells)
+    shares = itertools.islice(chain.pushed(share, steps), 0, None, every)
+    kept = np.stack([levels(np.asarray(one)) for one in shares])
+    seconds = np.arange(len(kept)) * every * map.drift.step
+    return kept, np.rint(seconds / map.clock.seconds).astype(np.int64)
 
 
 def _text(about: str) -> str:
