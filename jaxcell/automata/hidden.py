@@ -133,6 +133,12 @@ class HiddenMap:
         """What the cells of each configuration weigh together."""
         return np.bincount(self.configuration, weight, self.configurations)
 
+    def by_position(
+        self, weight: Float[np.ndarray, "cells"], positions: int
+    ) -> Float[np.ndarray, "positions"]:
+        """What the cells of each of the positions of a map weigh together, whatever the heading."""
+        return np.bincount(self.configuration % positions, weight, positions)
+
     @functools.cached_property
     def bumping(self) -> Float[np.ndarray, "cells"]:
         """How probable it is that a robot bumps next, in each cell."""

@@ -193,11 +193,6 @@ def slipping_run(
         if estimates[-1].cells.size <= SMALL or state.nowhere > NOWHERE:
             break
 
-    position = hidden.configuration % cells.positions
-
-    def by_position(weight: Float[np.ndarray, "fine"]) -> Float[np.ndarray, "positions"]:
-        return np.bincount(position, weight, cells.positions)
-
     turned_by = np.array([-1 if one.turn is None else one.turn for one in states], np.int32)
     events = (1 + turned_by[1:]).tolist()
     try:
@@ -215,11 +210,13 @@ def slipping_run(
         observations=np.array(observations, np.int8),
         turned_by=turned_by,
         pose=np.stack(poses),
-        belief=np.stack([by_position(one.weight) for one in states]),
+        belief=np.stack([hidden.by_position(one.weight, cells.positions) for one in states]),
         nowhere=np.array([one.nowhere for one in states]),
         credible=np.array([one.cells.size for one in estimates], np.int32),
         likeliest=np.array([one.cells[0] if one.cells.size else -1 for one in estimates], np.int32),
-        smoothed=np.array([by_position(one) for one in smoothed]).reshape(-1, cells.positions),
+        smoothed=np.array([hidden.by_position(one, cells.positions) for one in smoothed]).reshape(
+            -1, cells.positions
+        ),
         path=hidden.configuration[path],
         candidates=at_end.cells,
         candidate_probability=at_end.probability,

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import rerun as rr
 
 from ...automata import Belief, BeliefState
@@ -40,8 +39,8 @@ class BeliefHeat:
 
     def log(self, stream: rr.RecordingStream) -> None:
         """Log what is believed now."""
-        cells, position = self.cells, self.belief.hidden.configuration % self.cells.positions
-        share = np.bincount(position, self.state.weight, cells.positions)
+        cells = self.cells
+        share = self.belief.hidden.by_position(self.state.weight, cells.positions)
         picture = on_squares(cells, heat(share))
         stream.log("map/grid/heat", rr.SegmentationImage(picture))
         known = self.belief.estimate(self.state).cells
