@@ -105,6 +105,11 @@ class ObservedDrift(SeaLayers):
             found += ("In the long run all drifters have left the map; --after asks earlier.",)
         return found
 
+    @property
+    def when(self) -> str:
+        """When it is asked where drifters are."""
+        return "in the long run" if self.after is None else f"after {self.after / 86400:g} days"
+
     @derived("", "drifters that were observed", kind="count")
     def drifters(self) -> int:
         return self.seen.drifters
@@ -123,11 +128,10 @@ class ObservedDrift(SeaLayers):
 
     @derived("estimate", "estimate", kind="text")
     def estimates_name(self) -> np.ndarray:
-        left = "in the long run" if self.after is None else f"after {self.after / 86400:g} days"
         sets = self.nearly_closed_sets
         ranks = [] if sets is None else sets.rank.tolist()
         of_sets = [f"{one} of set {k}" for one in ("leakage", "hours") for k in ranks]
-        return np.array([*_OF_ALL[:-1], f"{_OF_ALL[-1]} {left}", *of_sets])
+        return np.array([*_OF_ALL[:-1], f"{_OF_ALL[-1]} {self.when}", *of_sets])
 
     @derived("estimate", "value")
     def estimates_value(self) -> Float[np.ndarray, "estimates"]:

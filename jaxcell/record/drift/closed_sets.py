@@ -43,10 +43,10 @@ def _leaves(sets: ClosedSets, number: int) -> str:
 
 def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
     """Log the time scale of each set over its cells."""
-    centres, label = map.xy(), sets.labels[map.number]
+    label = sets.labels[map.number]
     labels = []
     for number in numbers:
-        x, y = np.median(centres[label == number], axis=0).tolist()
+        x, y = map.middle(label == number)
         hours = sets.hours[number]
         written = f"{hours:{',.0f' if hours >= 100 else '.3g'}} h"
         labels.append((f"set {sets.rank[number]}: {written}", x, y))

@@ -27,7 +27,7 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
     picture = map.picture("regions", classes, kind)
     labels = []
     for name, here, hours in zip(names, exchange.inside, exchange.residence_hours, strict=True):
-        x, y = np.median(map.xy(np.flatnonzero(here)), axis=0).tolist()
+        x, y = map.middle(here)
         labels.append((f"{name}: {_hours(hours)}", x, y))
     log_labels(map.stream, "map/region_names", labels)
     longest = max(len(name) for name in names)

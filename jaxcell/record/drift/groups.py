@@ -95,9 +95,7 @@ def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"])
     """Log the numbers of groups that have a colour of their own and are not tiny, over them."""
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
-    centres = map.xy()
-    middle = [np.median(centres[layer.group == number], axis=0).tolist() for number in shown]
-    labels = [(f"group {rank[k]}", x, y) for k, (x, y) in zip(shown, middle, strict=True)]
+    labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
     log_labels(map.stream, f"map/numbers_{map.number}", labels)
 
 

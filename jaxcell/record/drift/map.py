@@ -13,7 +13,7 @@ from typing import ClassVar, TypeVar
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float, Int, Integer
+from jaxtyping import Bool, Float, Int, Integer
 
 from ...drift import Flow, SeaDrift, Water
 from ...drift.sea_layers import SeaLayers
@@ -123,6 +123,11 @@ class SeaMap:
     def mark(self) -> float:
         """The radius of a mark that fills most of a cell, and can be seen on a large map."""
         return max(0.4 * float(self.side.min()), 0.004 * self.extent)
+
+    def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
+        """Where the label of some cells stands."""
+        x, y = np.median(self.xy(np.flatnonzero(cells)), axis=0)
+        return float(x), float(y)
 
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]

@@ -63,10 +63,9 @@ def _of_cells(map: ObservedMap, values: Float[np.ndarray, "1 rows columns"]) -> 
 def _log_places(map: ObservedMap) -> rrb.Container:
     """Log where drifters come to be step by step, and then."""
     found = map.drift
-    when = "In the long run" if found.after is None else f"After {found.after / 86400:g} days"
     kind = levels(_of_cells(map, found.distribution))
-    then = map.view(when, [map.picture("distribution", density().classes, kind)])
-    about = f"The second map shows where they are {when.lower()}."
+    then = map.view(found.when.capitalize(), [map.picture("distribution", density().classes, kind)])
+    about = f"The second map shows where they are {found.when}."
     return log_distribution([map], [then], about)
 
 
