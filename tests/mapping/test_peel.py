@@ -65,8 +65,8 @@ def test_a_walk_is_one_function_of_machine_code(of):
     compiled = jax.jit(walk).lower(of.astype(np.int32)).compile().as_text()
     assert compiled.count("xla_cpu_small_call") >= 2
     loops = [line for line in compiled.split("ENTRY")[1].splitlines() if " while(" in line]
-    # That over the maps of a batch.
-    assert len(loops) == of.ndim - 1
+    # That over the maps of a batch, at most.
+    assert len(loops) <= of.ndim - 1
 
 
 def test_a_batch_of_walks_with_cells_that_do_not_count():

@@ -22,7 +22,7 @@ def commute_time(graph, weights):
     incidence = np.zeros((graph.vertices, len(graph.edges)))
     incidence[graph.edges[:, 0], np.arange(len(graph.edges))] = 1
     incidence[graph.edges[:, 1], np.arange(len(graph.edges))] = -1
-    inverse = np.linalg.pinv((incidence * weights) @ incidence.T)
+    inverse = np.linalg.pinv((incidence * weights) @ incidence.T, rcond=1e-12, hermitian=True)
     pairs = list(itertools.combinations(range(graph.vertices), 2))
     apart = [inverse[i, i] + inverse[j, j] - 2 * inverse[i, j] for i, j in pairs]
     return 2 * weights.sum() * float(np.mean(apart))

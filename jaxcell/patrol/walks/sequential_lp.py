@@ -158,7 +158,7 @@ def _solved(
     lines.append(line)
     sides.append(captured / value - 1)
     sums, totals = polytope.equalities()
-    equal = scipy.sparse.block_diag([sums] * robots)
+    equal = scipy.sparse.block_diag([scipy.sparse.csr_array(sums)] * robots)
     equal = scipy.sparse.hstack(
         [equal, scipy.sparse.csr_array((equal.shape[0], robots * targets + 1))], format="csr"
     )
