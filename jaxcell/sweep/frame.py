@@ -24,10 +24,9 @@ from ..base.files import replacing
 from .boxes import stored_lengths
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
+from .states import DONE, FAILED, TO_DO
 from .workers.work import Computed, Variable
 
-
-TO_DO, DONE, FAILED = 0, 1, 2
 
 _STATUS: dict[str, Any] = {
     "long_name": "state of a member",
@@ -127,26 +126,10 @@ def open_arrays(folder: Path) -> dict[str, zarr.Array]:
         return dict(group.arrays())
 
 
-def has_checksums(array: zarr.Array) -> bool:
-    """Whether the files of an array have checksums: those of old versions of jaxcell have none."""
-    return any(isinstance(codec, Crc32cCodec) for codec in array.metadata.codecs)  # type: ignore[union-attr]
-
-
-def variables_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> dict[str, tuple[str, ...]]:
-    """The arrays with a value for each member, and their dimensions beside those of members."""
-    own = {*spec.dimensions, "status", *(one.name for one in spec.parameters)}
-    count, dimensions = len(spec.dimensions), [*spec.dimensions]
-    found = {}
-    for name in sorted(set(arrays) - own):
-        names: Any = arrays[name].metadata.dimension_names  # type: ignore[union-attr]
-        if [*names[:count]] == dimensions:
-            found[name] = tuple(names[count:])
-    return found
-
-
-def frame_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> Computed:
-    """What a task would have given for no member."""
-    named = variables_of(spec, arrays)
+def frame_of(
+    spec: Spec, arrays: Mapping[str, zarr.Array], named: Mapping[str, tuple[str, ...]]
+) -> Computed:
+    """What a task would have given for no member, by the names of its variables."""
     own = {*spec.dimensions, "status", *(one.name for one in spec.parameters), *named}
     inner = len(spec.dimensions)
     variables = {

@@ -16,8 +16,9 @@ import numpy as np
 import zarr
 
 from .boxes import Boxes
-from .frame import DONE, TO_DO, fill, frame_of, make_frame, open_arrays
+from .frame import fill, frame_of, make_frame, open_arrays
 from .spec import Chunk, Spec
+from .states import DONE, TO_DO
 
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ def grow(
     if old.arrays:
         old.forget(old.damaged())
         result = temporary / "sweep.zarr"
-        make_frame(result, spec, frame_of(old.spec, old.arrays), attributes)
+        frame = frame_of(old.spec, old.arrays, old.variables)
+        make_frame(result, spec, frame, attributes)
         arrays = open_arrays(result)
         for box in Boxes.of_lengths(spec, arrays["status"].chunks):
             _copy(old, arrays, box, [*places.values()])

@@ -9,8 +9,9 @@ import numpy as np
 
 from .boxes import inside
 from .failures import remove_report
-from .frame import DONE, FAILED, TO_DO, fill
+from .frame import fill
 from .spec import Chunk
+from .states import DONE, FAILED, TO_DO
 from .workers.halving import Parts
 
 
