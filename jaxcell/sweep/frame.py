@@ -8,7 +8,6 @@ that was flipped is seen when it is read, and a file that is gone when it is loo
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,8 +16,6 @@ from typing import Any
 import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
-from zarr.core.buffer import Buffer
-from zarr.storage import LocalStore
 
 from ..base.files import replacing
 from .boxes import stored_lengths
@@ -107,23 +104,9 @@ def described(spec: Spec) -> dict[str, Any]:
     return attributes
 
 
-class _LastingStore(LocalStore):
-    """Files that are on the disk before they have their name: what a file held is never lost."""
-
-    async def set(self, key: str, value: Buffer) -> None:
-        path = self.root / key
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            file.write(value.to_bytes())
-            file.flush()
-            os.fsync(file.fileno())
-
-
 def open_arrays(folder: Path) -> dict[str, zarr.Array]:
-    """The arrays of a result, to read and write."""
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        group = zarr.open_group(_LastingStore(folder), mode="r+", zarr_format=3)
-        return dict(group.arrays())
+    """The arrays of a result, to read."""
+    return dict(zarr.open_group(folder, mode="r", zarr_format=3).arrays())
 
 
 def frame_of(
@@ -162,7 +145,7 @@ def check_fits(frame: Computed, computed: Computed) -> None:
             {
                 "dimensions": [*one.dimensions],
                 "shape": [*one.values.shape[name in computed.variables :]],
-                "kind": "string" if one.values.dtype.kind == "U" else str(one.values.dtype),
+                "kind": "string" if one.values.dtype.kind == "U" else one.values.dtype,
                 "attributes": dict(one.attributes),
             }
             for one in (variable, first[name])

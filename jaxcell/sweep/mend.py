@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .codecs import has_checksums
 from .failures import read_report, reported
 from .files import kept_spec
 from .frame import described, make_frame, open_arrays, read_attributes
@@ -20,7 +21,7 @@ from .lock import locked
 from .results import SweepStatus, sweep_status
 from .run import run_sweep
 from .spec import Spec
-from .states import DONE, FAILED, has_checksums, reading, variables_of
+from .states import DONE, FAILED, reading, variables_of
 from .store import SweepStore, differences, made_with
 from .workers.engines import Engine, engine_named
 from .workers.halving import Halving

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numcodecs.checksum32 import CRC32C
-from numcodecs.zstd import Zstd
 
 from .boxes import Boxes, by_chunk
+from .codecs import check_codecs, decoded, has_checksums
 from .failures import Failure, read_report, reported
 from .spec import Chunk, Spec
 
@@ -19,9 +18,6 @@ from .spec import Chunk, Spec
 TO_DO, DONE, FAILED = 0, 1, 2
 # A state that is in no file: something of the chunk is gone, or cannot be read.
 DAMAGED = 3
-
-_CHECKSUM = "crc32c"
-_DECODERS = {"bytes": bytes, "zstd": Zstd().decode, _CHECKSUM: CRC32C(location="end").decode}
 
 
 @contextlib.contextmanager
@@ -50,12 +46,13 @@ class States:
         self.variables: Mapping[str, tuple[str, ...]] = {}
         "Those of the task, with their dimensions beside those of members."
         self.boxes = Boxes(spec, spec)
-        self._metadata: Mapping[str, Any] = {}
+        self.metadata: Mapping[str, Any] = {}
+        "Of the arrays of the result; none before a chunk is done."
         self._members: np.ndarray | None = None
         self.look()
 
     def look(self) -> None:
-        """Look at what arrays the result has; none before a chunk is done."""
+        """Look at what arrays the result has."""
         if not self.zarr.exists():
             return
         with reading(self.folder):
@@ -64,18 +61,16 @@ class States:
             status, sizes = metadata.get("status"), [*self.spec.dimensions.values()]
             if status is None or status["shape"] != sizes:
                 raise ValueError(f"expected a status of shape {sizes}")
-            for codec in status["codecs"]:
-                if codec["name"] not in _DECODERS:
-                    known = ", ".join(_DECODERS)
-                    raise ValueError(f"status has the codec {codec['name']}; expected {known}")
             lengths = status["chunk_grid"]["configuration"]["chunk_shape"]
             self.boxes = Boxes.of_lengths(self.spec, tuple(lengths))
             self.variables = variables_of(self.spec, metadata)
-            self._metadata = metadata
+            for name in ("status", *self.variables):
+                check_codecs(name, metadata[name])
+            self.metadata = metadata
 
     def states(self) -> np.ndarray:
         """The state of each chunk, by number: failed if a member failed, done if all are done."""
-        if not self._metadata:
+        if not self.metadata:
             states = np.full(self.spec.chunk_count, TO_DO, np.int8)
             with reading(self.folder):
                 states[reported(self.folder)] = FAILED
@@ -95,37 +90,31 @@ class States:
             self._members = np.full([*self.spec.dimensions.values()], TO_DO, np.int8)
             for box in self.boxes:
                 try:
-                    self._members[box.region] = self._box(box)
+                    content = self.file("status", box).read_bytes()
+                    values = decoded(content, self.metadata["status"])
+                    self._members[box.region] = values[tuple(map(slice, box.shape))]
                 except FileNotFoundError:
                     pass
                 except Exception:  # The codecs have errors of many types.
                     self._members[box.region] = DAMAGED
         return self._members
 
-    def _box(self, box: Chunk) -> np.ndarray:
-        """What the file of a box holds, which at an edge has more places than the box."""
-        content = self.file("status", box).read_bytes()
-        for codec in reversed(self._metadata["status"]["codecs"]):
-            content = _DECODERS[codec["name"]](content)
-        values = np.frombuffer(content, np.int8).reshape([*self.boxes.grid.lengths.values()])
-        return values[tuple(slice(size) for size in box.shape)]
-
     def missing(self, chunk: Chunk) -> np.ndarray:
         """Which members of a chunk are not done."""
-        if not self._metadata:
+        if not self.metadata:
             return np.ones(chunk.shape, bool)
         return self.members()[chunk.region] != DONE
 
     def gone(self, box: Chunk) -> list[str]:
         """The variables whose file of a box is not there."""
-        if not has_checksums(self._metadata["status"]):
+        if not has_checksums(self.metadata["status"]):
             return []  # Then boxes of nothing but the fill value have no files.
         return [name for name, path in self.files(box).items() if not os.path.exists(path)]
 
     def files(self, box: Chunk) -> dict[str, Path]:
         """The files of a box for the variables of the task."""
         inner = len(self.spec.dimensions)
-        names = [name for name in self.variables if all(self._metadata[name]["shape"][inner:])]
+        names = [name for name in self.variables if all(self.metadata[name]["shape"][inner:])]
         return {name: self.file(name, box) for name in names}
 
     def file(self, name: str, box: Chunk) -> Path:
@@ -140,11 +129,6 @@ class States:
             with reading(self.folder), contextlib.suppress(FileNotFoundError):
                 if states[number] == FAILED:
                     yield from read_report(self.folder, number)
-
-
-def has_checksums(metadata: Mapping[str, Any]) -> bool:
-    """Whether the files of an array have checksums: those of old versions of jaxcell have none."""
-    return any(codec["name"] == _CHECKSUM for codec in metadata["codecs"])
 
 
 def variables_of(spec: Spec, metadata: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:

@@ -16,7 +16,8 @@ import zarr
 from .. import __version__
 from ..base.files import replacing
 from ..base.revision import git_revision
-from .boxes import by_chunk
+from .boxes import by_chunk, inside
+from .codecs import encoded
 from .digests import changed, digests
 from .failures import Failure, read_report, reported, write_report
 from .files import keep_folder
@@ -178,10 +179,13 @@ class SweepStore(States):
         self._members = None
         # The states first: nothing that is done there is ever without its values.
         for name, chunk in itertools.product(("status", *self.variables), chunks):
-            path = self.file(name, self.boxes.around(chunk))
+            box = self.boxes.around(chunk)
+            path = self.file(name, box)
             try:
                 if path.exists():
-                    self.arrays[name][chunk.region] = self.arrays[name].fill_value
+                    values = np.asarray(self.arrays[name][box.region])
+                    values[inside(chunk, box)] = self.arrays[name].fill_value
+                    self.put(name, box, values)
             except OSError:
                 raise
             except Exception:  # Zarr and its codecs have errors of many types.
@@ -199,10 +203,24 @@ class SweepStore(States):
             with reading(self.folder):
                 for number in reported(self.folder):
                     for failure in read_report(self.folder, number):
-                        self.arrays["status"][tuple(failure.index.values())] = FAILED
+                        self.members()[tuple(failure.index.values())] = FAILED
+            for box in self.boxes:
+                if (self.members()[box.region] == FAILED).any():
+                    self.put("status", box, self.members()[box.region])
         if self._frame is None:
             self._frame = frame_of(self.spec, self.arrays, self.variables)
         check_fits(self._frame, computed)
+
+    def put(self, name: str, box: Chunk, values: np.ndarray) -> None:
+        """Write the file of a box, whole: what it held is lost when the new one is on the disk."""
+        if not values.size:
+            return
+        path = self.file(name, box)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary, open(temporary, "wb") as file:
+            file.write(encoded(values, self.arrays[name].fill_value, self.metadata[name]))
+            file.flush()
+            os.fsync(file.fileno())
 
     def write(self, parts: Parts) -> list[Failure]:
         """Take what is known of the members of a chunk that are missing, to be written soon.
