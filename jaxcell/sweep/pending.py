@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,8 +101,9 @@ class Pending:
         if store.boxes.several and not store.file("status", box).exists():
             # Where this is killed, no chunk of it is taken for half written.
             store.put("status", box, np.full(box.shape, TO_DO, np.int8))
-        for name, values in held.values.items():
-            store.put(name, box, values)
+        # A disk takes as long for one file as for several at once.
+        with ThreadPoolExecutor() as team:
+            list(team.map(lambda one: store.put(one[0], box, one[1]), held.values.items()))
         store.put("status", box, store.members()[box.region])
         held.changed = False
         for number in held.ended:
