@@ -139,8 +139,10 @@ def _shards(folder: Path) -> list[Shard]:
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     found = [Shard.read(name) for name in names]
     counts = sorted({shard.count for shard in found})
-    if len(counts) != 1:
-        are = " and ".join(map(str, counts)) or "none"
+    if not counts:
+        raise ValueError(f"{folder}: there are no shards to merge, as --shard 1/2 makes one")
+    if len(counts) > 1:
+        are = " and ".join(map(str, counts))
         raise ValueError(f"{folder / _FOLDER}: expected the shards 1/n to n/n, got {are} for n")
     missing = [
         f"{number}/{counts[0]}"

@@ -85,7 +85,8 @@ class SweepStore(States):
             if kept.exists():
                 if not resume:
                     raise FileExistsError(
-                        f"{folder}: a sweep is there; resume it, or name another folder"
+                        f"{folder}: a sweep is there; go on with it (--resume), or name another "
+                        "folder (--out)"
                     )
                 cls._go_on(folder, spec, made, anyway)
             else:
