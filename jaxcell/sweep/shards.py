@@ -140,7 +140,9 @@ def _shards(folder: Path) -> list[Shard]:
     found = [Shard.read(name) for name in names]
     counts = sorted({shard.count for shard in found})
     if not counts:
-        raise ValueError(f"{folder}: there are no shards to merge, as --shard 1/2 makes one")
+        raise ValueError(
+            f"{folder}: there are no shards to merge; jaxcell sweep SPEC --shard I/N makes one"
+        )
     if len(counts) > 1:
         are = " and ".join(map(str, counts))
         raise ValueError(f"{folder / _FOLDER}: expected the shards 1/n to n/n, got {are} for n")

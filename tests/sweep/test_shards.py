@@ -63,7 +63,7 @@ def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch)
             merge_sweep(tmp_path / "out")
         assert not (tmp_path / "out" / "spec.toml").exists()
 
-    refused("there are no shards to merge, as --shard 1/2 makes one")
+    refused("there are no shards to merge; jaxcell sweep SPEC --shard I/N makes one")
     spec = stub_spec()
     sharded(spec, "1/3", "3/3")
     refused(r"out: shards that are not there: 2/3$")
