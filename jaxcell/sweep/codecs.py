@@ -19,10 +19,10 @@ def check_codecs(name: str, metadata: Mapping[str, Any]) -> None:
     - `name`: of the array.
     - `metadata`: of the array, as in its `zarr.json`; so for the others here.
     """
-    for codec in metadata["codecs"][1:]:
-        if codec["name"] not in _CODECS:
-            known = ", ".join(_CODECS)
-            raise ValueError(f"{name} has the codec {codec['name']}; expected {known}")
+    known = ("bytes", *_CODECS)
+    for codec in metadata["codecs"]:
+        if codec["name"] not in known:
+            raise ValueError(f"{name} has the codec {codec['name']}; expected {', '.join(known)}")
 
 
 def has_checksums(metadata: Mapping[str, Any]) -> bool:

@@ -56,8 +56,10 @@ class States:
         if not self.zarr.exists():
             return
         with reading(self.folder):
-            document = json.loads((self.zarr / "zarr.json").read_bytes())
-            metadata = document["consolidated_metadata"]["metadata"]
+            file = self.zarr / "zarr.json"
+            if not file.exists():
+                raise ValueError("it has no zarr.json")
+            metadata = json.loads(file.read_bytes())["consolidated_metadata"]["metadata"]
             status, sizes = metadata.get("status"), [*self.spec.dimensions.values()]
             if status is None or status["shape"] != sizes:
                 raise ValueError(f"expected a status of shape {sizes}")

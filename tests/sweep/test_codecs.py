@@ -60,5 +60,5 @@ def test_a_flipped_bit_is_seen(array, tmp_path, place):
 
 def test_codecs_of_others_are_told(array):
     _, metadata = array(np.zeros((4, 3)), (zarr.codecs.GzipCodec(),))
-    with pytest.raises(ValueError, match="speed has the codec gzip; expected zstd, crc32c"):
+    with pytest.raises(ValueError, match="speed has the codec gzip; expected bytes, zstd, crc32c"):
         check_codecs("speed", metadata)

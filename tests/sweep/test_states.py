@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import zarr
 
-from jaxcell.sweep import run_sweep, sweep_status
+from jaxcell.sweep import run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.states import States
 
 
@@ -34,5 +34,15 @@ def test_a_status_that_only_zarr_can_read_is_refused(stub_spec, tmp_path):
     codecs = document["consolidated_metadata"]["metadata"]["status"]["codecs"]
     codecs[1] = {"name": "gzip", "configuration": {"level": 1}}
     path.write_text(json.dumps(document))
-    with pytest.raises(ValueError, match=r"out: .* the codec gzip; expected zstd, crc32c"):
+    with pytest.raises(ValueError, match=r"out: .* the codec gzip; expected bytes, zstd, crc32c"):
         sweep_status(out)
+
+
+def test_a_result_without_its_metadata_is_damaged(stub_spec, tmp_path):
+    out = tmp_path / "out"
+    run_sweep(stub_spec(), out)
+    (out / "sweep.zarr" / "zarr.json").unlink()
+    with pytest.raises(ValueError, match=r"damaged: .* no zarr.json; to mend it: jaxcell sweep"):
+        sweep_status(out)
+    assert verify_sweep(out).damaged == ("zarr.json",)
+    assert sweep_status(out).complete
