@@ -61,16 +61,7 @@ progress of a sweep, also while it runs. What they guarantee:
 Nothing here imports JAX; the tasks do.
 """
 
-from .failures import Failure as Failure
-from .mend import Verified as Verified, verify_sweep as verify_sweep
-from .run import (
-    SweepStatus as SweepStatus,
-    open_sweep as open_sweep,
-    run_sweep as run_sweep,
-    sweep_status as sweep_status,
-)
-from .sensitivity import SobolIndex as SobolIndex, sobol_indices as sobol_indices
-from .shards import Shard as Shard, merge_sweep as merge_sweep
-from .spec import Spec as Spec
-from .workers.engines import engine_named as engine_named, scheduler_address as scheduler_address
-from .workers.progress import Progress as Progress
+import lazy_loader
+
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,11 +3,15 @@
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .spec import Chunk, Spec, packed
-from .workers.work import Variable
+
+
+if TYPE_CHECKING:
+    from .workers.work import Variable
 
 
 # An array has about as many files, if they are not larger than this for more than one chunk.
@@ -54,7 +58,7 @@ class Boxes:
         return np.arange(self.grid.chunk_count).reshape(grid)[np.ix_(*along)].ravel()
 
 
-def stored_lengths(spec: Spec, variables: Mapping[str, Variable]) -> tuple[int, ...]:
+def stored_lengths(spec: Spec, variables: "Mapping[str, Variable]") -> tuple[int, ...]:
     """How many members lie in a file along each dimension: those of whole chunks.
 
     **Arguments:**

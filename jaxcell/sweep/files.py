@@ -46,8 +46,9 @@ def kept_spec(out: Path) -> Spec:
     """
     path = out / "spec.toml"
     if not path.is_file():
-        shards = f", but shards: jaxcell sweep merge {out}" * (out / "shards").is_dir()
-        raise ValueError(f"{out}: expected the folder of a sweep; it has no spec.toml{shards}")
+        shards = [*map(str, (out / "shards").glob("*-of-*"))]
+        kept = f", but shards, as {min(shards)}: jaxcell sweep merge {out}" if shards else ""
+        raise ValueError(f"{out}: expected the folder of a sweep; it has no spec.toml{kept}")
     try:
         origin = json.loads((out / _ORIGIN).read_bytes())
         start = out.resolve() if origin["from"] == "store" else Path.cwd()

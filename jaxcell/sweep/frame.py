@@ -8,7 +8,6 @@ that was flipped is seen when it is read, and a file that is gone when it is loo
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,17 +16,14 @@ from typing import Any
 import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
-from zarr.core.buffer import Buffer
-from zarr.storage import LocalStore
 
 from ..base.files import replacing
 from .boxes import stored_lengths
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
+from .states import DONE, FAILED, TO_DO
 from .workers.work import Computed, Variable
 
-
-TO_DO, DONE, FAILED = 0, 1, 2
 
 _STATUS: dict[str, Any] = {
     "long_name": "state of a member",
@@ -108,45 +104,15 @@ def described(spec: Spec) -> dict[str, Any]:
     return attributes
 
 
-class _LastingStore(LocalStore):
-    """Files that are on the disk before they have their name: what a file held is never lost."""
-
-    async def set(self, key: str, value: Buffer) -> None:
-        path = self.root / key
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            file.write(value.to_bytes())
-            file.flush()
-            os.fsync(file.fileno())
-
-
 def open_arrays(folder: Path) -> dict[str, zarr.Array]:
-    """The arrays of a result, to read and write."""
-    with zarr.config.set({"array.write_empty_chunks": True}):
-        group = zarr.open_group(_LastingStore(folder), mode="r+", zarr_format=3)
-        return dict(group.arrays())
+    """The arrays of a result, to read."""
+    return dict(zarr.open_group(folder, mode="r", zarr_format=3).arrays())
 
 
-def has_checksums(array: zarr.Array) -> bool:
-    """Whether the files of an array have checksums: those of old versions of jaxcell have none."""
-    return any(isinstance(codec, Crc32cCodec) for codec in array.metadata.codecs)  # type: ignore[union-attr]
-
-
-def variables_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> dict[str, tuple[str, ...]]:
-    """The arrays with a value for each member, and their dimensions beside those of members."""
-    own = {*spec.dimensions, "status", *(one.name for one in spec.parameters)}
-    count, dimensions = len(spec.dimensions), [*spec.dimensions]
-    found = {}
-    for name in sorted(set(arrays) - own):
-        names: Any = arrays[name].metadata.dimension_names  # type: ignore[union-attr]
-        if [*names[:count]] == dimensions:
-            found[name] = tuple(names[count:])
-    return found
-
-
-def frame_of(spec: Spec, arrays: Mapping[str, zarr.Array]) -> Computed:
-    """What a task would have given for no member."""
-    named = variables_of(spec, arrays)
+def frame_of(
+    spec: Spec, arrays: Mapping[str, zarr.Array], named: Mapping[str, tuple[str, ...]]
+) -> Computed:
+    """What a task would have given for no member, by the names of its variables."""
     own = {*spec.dimensions, "status", *(one.name for one in spec.parameters), *named}
     inner = len(spec.dimensions)
     variables = {
@@ -179,7 +145,7 @@ def check_fits(frame: Computed, computed: Computed) -> None:
             {
                 "dimensions": [*one.dimensions],
                 "shape": [*one.values.shape[name in computed.variables :]],
-                "kind": "string" if one.values.dtype.kind == "U" else str(one.values.dtype),
+                "kind": "string" if one.values.dtype.kind == "U" else one.values.dtype,
                 "attributes": dict(one.attributes),
             }
             for one in (variable, first[name])

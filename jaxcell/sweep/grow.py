@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import zarr
 
-from .boxes import Boxes
-from .frame import DONE, TO_DO, fill, frame_of, make_frame, open_arrays
+from .frame import fill, frame_of, make_frame
 from .spec import Chunk, Spec
+from .states import DONE, TO_DO
 
 
 if TYPE_CHECKING:
@@ -43,11 +42,11 @@ def grow(
     temporary.mkdir()
     if old.arrays:
         old.forget(old.damaged())
-        result = temporary / "sweep.zarr"
-        make_frame(result, spec, frame_of(old.spec, old.arrays), attributes)
-        arrays = open_arrays(result)
-        for box in Boxes.of_lengths(spec, arrays["status"].chunks):
-            _copy(old, arrays, box, [*places.values()])
+        frame = frame_of(old.spec, old.arrays, old.variables)
+        make_frame(temporary / "sweep.zarr", spec, frame, attributes)
+        new = type(old)(temporary, spec, old.made)
+        for box in new.boxes:
+            _copy(old, new, box, [*places.values()])
     (temporary / "spec.toml").write_bytes(spec.text)
     # All of it, before the name that says that it is whole.
     os.sync()
@@ -85,9 +84,7 @@ def tidy(folder: Path) -> None:
         path.unlink()
 
 
-def _copy(
-    old: "SweepStore", arrays: Mapping[str, zarr.Array], box: Chunk, places: list[np.ndarray]
-) -> None:
+def _copy(old: "SweepStore", new: "SweepStore", box: Chunk, places: list[np.ndarray]) -> None:
     """Copy the members in a file of the larger store that are done in the smaller one."""
     sources = [place[part] for place, part in zip(places, box.region, strict=True)]
     inside = tuple(np.flatnonzero(source >= 0) for source in sources)
@@ -99,9 +96,9 @@ def _copy(
     if not done.any():
         return
     for name in old.variables:
-        array = arrays[name]
+        array = new.arrays[name]
         values = np.full(box.shape + array.shape[len(places) :], fill(array.dtype), array.dtype)
         values[np.ix_(*inside)] = old.arrays[name].oindex[there]
         values[~done] = fill(array.dtype)
-        array[box.region] = values
-    arrays["status"][box.region] = np.where(done, DONE, TO_DO).astype(np.int8)
+        new.put(name, box, values)
+    new.put("status", box, np.where(done, DONE, TO_DO).astype(np.int8))

@@ -12,23 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from .codecs import has_checksums
 from .failures import read_report, reported
 from .files import kept_spec
-from .frame import (
-    DONE,
-    FAILED,
-    described,
-    has_checksums,
-    make_frame,
-    open_arrays,
-    read_attributes,
-    variables_of,
-)
+from .frame import described, make_frame, open_arrays, read_attributes
 from .grow import tidy
 from .lock import locked
-from .run import SweepStatus, run_sweep, sweep_status
+from .results import SweepStatus, sweep_status
+from .run import run_sweep
 from .spec import Spec
-from .store import SweepStore, differences, made_with, reading
+from .states import DONE, FAILED, reading, variables_of
+from .store import SweepStore, differences, made_with
 from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Progress
@@ -181,15 +175,15 @@ def _frame_damage(folder: Path, spec: Spec) -> list[str]:
     except Exception:  # Zarr has errors of many types.
         return ["zarr.json"]
     values = {one.name: one.values for one in spec.parameters}
-    for name in sorted(set(arrays) - {*variables_of(spec, arrays), "status"}):
-        if not _coordinate_is_whole(root, arrays[name], name, values.get(name)):
+    for name in sorted(set(arrays) - {*variables_of(spec, held), "status"}):
+        file = root / name / "c" / "0"
+        lost = has_checksums(held[name]) and arrays[name].size and not file.is_file()
+        if lost or not _is_whole(arrays[name], values.get(name)):
             found.append(f"{name}/c/0")
     return found
 
 
-def _coordinate_is_whole(root: Path, array: Any, name: str, expected: np.ndarray | None) -> bool:
-    if has_checksums(array) and array.size and not (root / name / "c" / "0").is_file():
-        return False
+def _is_whole(array: Any, expected: np.ndarray | None) -> bool:
     try:
         values = np.asarray(array[...])
     except Exception:  # Zarr and its codecs have errors of many types.

@@ -3,14 +3,16 @@
 import dataclasses
 import math
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .boxes import inside
 from .failures import remove_report
-from .frame import DONE, FAILED, TO_DO, fill
+from .frame import fill
 from .spec import Chunk
+from .states import DONE, FAILED, TO_DO
 from .workers.halving import Parts
 
 
@@ -56,6 +58,7 @@ class Pending:
         held.changed = True
         members = store.members()
         states, place = members[chunk.region], inside(chunk, box)
+        own = store.spec.places(chunk)
         missing = states != DONE
         for name in store.variables if parts.computed else ():
             if name not in held.values:
@@ -64,12 +67,12 @@ class Pending:
             values = self._batch(fill(inner.dtype), inner.dtype, inner.shape[states.ndim :])
             for places, computed in parts.computed:
                 values[places] = computed.variables[name].values
-            inner[place][missing] = self._inside(chunk, values)[missing]
+            inner[place][missing] = values[own][missing.ravel()]
         now = self._batch(TO_DO, states.dtype)
         now[list(parts.failed)] = FAILED
         for places, _ in parts.computed:
             now[places] = DONE
-        states[missing] = self._inside(chunk, now)[missing]
+        states[missing] = now[own][missing.ravel()]
         if not parts.failed:
             held.ended.append(chunk.number)
         if (members[box.region] != TO_DO).all():
@@ -94,13 +97,14 @@ class Pending:
 
     def _write(self, held: _Held) -> None:
         """Write the results, and when they are on the disk the states."""
-        store, region = self._store, held.box.region
-        if store.boxes.several and not store.file("status", held.box).exists():
+        store, box = self._store, held.box
+        if store.boxes.several and not store.file("status", box).exists():
             # Where this is killed, no chunk of it is taken for half written.
-            store.arrays["status"][region] = np.full(held.box.shape, TO_DO, np.int8)
-        for name, values in held.values.items():
-            store.arrays[name][region] = values
-        store.arrays["status"][region] = store.members()[region]
+            store.put("status", box, np.full(box.shape, TO_DO, np.int8))
+        # A disk takes as long for one file as for several at once.
+        with ThreadPoolExecutor() as team:
+            list(team.map(lambda one: store.put(one[0], box, one[1]), held.values.items()))
+        store.put("status", box, store.members()[box.region])
         held.changed = False
         for number in held.ended:
             remove_report(store.folder, number)
@@ -125,7 +129,3 @@ class Pending:
     def _batch(self, value: Any, dtype: np.dtype, inner: tuple[int, ...] = ()) -> np.ndarray:
         """A value for each place in the batch of a chunk."""
         return np.full((math.prod(self._store.spec.lengths.values()), *inner), value, dtype)
-
-    def _inside(self, chunk: Chunk, values: np.ndarray) -> np.ndarray:
-        """Values of the places in the batch of a chunk, as a box of its members."""
-        return values[self._store.spec.places(chunk)].reshape(chunk.shape + values.shape[1:])

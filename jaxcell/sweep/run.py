@@ -1,55 +1,27 @@
-"""Run, resume and inspect sweeps."""
+"""Run and resume sweeps."""
 
 import contextlib
-import dataclasses
 import errno
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .failures import Failure
-from .files import kept_spec
-from .frame import DONE
-from .lock import holder
+from .results import SweepStatus, sweep_status
 from .spec import Spec
-from .store import DAMAGED, SweepStore, made_with, reading
+from .states import DAMAGED, DONE
+from .store import SweepStore, made_with
 from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
-from .workers.progress import Count, Progress, read_down, written_down
+from .workers.progress import Count, Progress, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
 
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-
-@dataclasses.dataclass(frozen=True)
-class SweepStatus:
-    """The progress of a sweep."""
-
-    task: str
-    dimensions: Mapping[str, int]
-    members: int
-    chunks: int
-    done: int
-    "Chunks all of whose members are done."
-    failures: tuple[Failure, ...]
-    "Members that failed."
-    damaged: int
-    "Chunks that were done and have lost a file; [`verify_sweep`][] looks into the files too."
-    running: str | None
-    "Which process is at work on it, if any."
-    rate: float | None
-    "Members that it computes a second, if that is known yet."
-    left: float | None
-    "Seconds that the rest will take at this rate."
-
-    @property
-    def complete(self) -> bool:
-        return self.done == self.chunks
+    pass
 
 
 def run_sweep(
@@ -152,90 +124,6 @@ def run_sweep(
                         report(store.write(parts))
                     break
     return sweep_status(folder)
-
-
-def sweep_status(out: str | os.PathLike[str]) -> SweepStatus:
-    """Find the progress of the sweep in a folder, also while it runs.
-
-    **Arguments:**
-
-    - `out`: the folder of the store.
-
-    **Returns:** [`SweepStatus`][].
-
-    **Raises:** `ValueError` if there is none, or it is damaged.
-
-    A sweep that is done:
-
-        >>> import pathlib, tempfile
-        >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     _ = sweep.run_sweep(examples.angles(), out)
-        ...     found = sweep.sweep_status(out)
-        >>> found.task, found.dimensions, found.complete, found.running
-        ('groups', {'bounce': 2}, True, None)
-    """
-    folder = Path(out)
-    spec = kept_spec(folder)
-    store = SweepStore(folder, spec, {})
-    states = store.states()
-    at_work = holder(folder / "lock")
-    with reading(folder):
-        rate, left = read_down(folder) if at_work is not None else (None, None)
-    return SweepStatus(
-        spec.task,
-        spec.dimensions,
-        spec.members,
-        spec.chunk_count,
-        int((states == DONE).sum()),
-        tuple(store.failures(states)),
-        int((states == DAMAGED).sum()),
-        at_work,
-        rate,
-        left,
-    )
-
-
-def open_sweep(out: str | os.PathLike[str]) -> "xr.Dataset":
-    """The result of a sweep, as far as it is: arrays are read when they are used.
-
-    Where `status` is not 1, floats are NaN, integers -1 (or, without a sign, their greatest), and
-    booleans `False`.
-
-    **Arguments:**
-
-    - `out`: the folder of the store.
-
-    **Returns:** a dataset with a dimension for each parameter of a grid, or `member` or `sample`;
-    its `status` is 1 where a member is done.
-
-    **Raises:** `ValueError` if there is none, no chunk of it is done yet, or it is damaged.
-
-    The number of periodic groups for two angles on one map:
-
-        >>> import pathlib, tempfile
-        >>> from jaxcell import examples, sweep
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     out = pathlib.Path(folder, "out")
-        ...     _ = sweep.run_sweep(examples.angles(), out)
-        ...     with sweep.open_sweep(out) as dataset:
-        ...         print(dataset["count"].values.tolist(), dataset.status.values.tolist())
-        [1, 1] [1, 1]
-    """
-    import xarray as xr
-
-    path = Path(out) / "sweep.zarr"
-    found = sweep_status(out)
-    if not path.is_dir():
-        raise ValueError(f"{path}: no chunk is done yet, of {found.chunks}")
-    if found.damaged:
-        raise ValueError(
-            f"{path}: {found.damaged} of {found.chunks} chunks are damaged; to mend them: "
-            f"jaxcell sweep verify {out}"
-        )
-    with reading(Path(out)):
-        return xr.open_zarr(path, consolidated=True)
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:

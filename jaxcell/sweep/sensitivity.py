@@ -11,8 +11,8 @@ import numpy as np
 
 from .design import RANDOM_DIMENSION
 from .files import kept_spec
-from .run import open_sweep
-from .store import reading
+from .results import open_sweep
+from .states import reading
 
 
 if TYPE_CHECKING:

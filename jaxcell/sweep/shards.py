@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from .files import kept_spec
-from .frame import DONE, FAILED, frame_of
+from .frame import frame_of
 from .lock import holder
-from .run import SweepStatus, run_sweep
+from .results import SweepStatus
+from .run import run_sweep
+from .states import DONE, FAILED
 from .store import SweepStore, made_with
 from .workers.engines import Outcomes, Take
 from .workers.progress import Progress
@@ -137,8 +139,12 @@ def _shards(folder: Path) -> list[Shard]:
     names = [path.name.replace("-of-", "/") for path in (folder / _FOLDER).glob("*-of-*")]
     found = [Shard.read(name) for name in names]
     counts = sorted({shard.count for shard in found})
-    if len(counts) != 1:
-        are = " and ".join(map(str, counts)) or "none"
+    if not counts:
+        raise ValueError(
+            f"{folder}: there are no shards to merge; jaxcell sweep SPEC --shard I/N makes one"
+        )
+    if len(counts) > 1:
+        are = " and ".join(map(str, counts))
         raise ValueError(f"{folder / _FOLDER}: expected the shards 1/n to n/n, got {are} for n")
     missing = [
         f"{number}/{counts[0]}"
@@ -160,7 +166,7 @@ class _Reader:
 
     def __init__(self, store: SweepStore) -> None:
         self._store, self._states = store, store.states()
-        self._frame = frame_of(store.spec, store.arrays)
+        self._frame = frame_of(store.spec, store.arrays, store.variables)
         failures = [*store.failures(self._states)]
         self._failures = {tuple(one.index.values()): one for one in failures}
         self._failed = Counter(one.chunk for one in failures)

@@ -16,52 +16,29 @@ import zarr
 from .. import __version__
 from ..base.files import replacing
 from ..base.revision import git_revision
-from .boxes import Boxes, by_chunk
+from .boxes import by_chunk, inside
+from .codecs import encoded
 from .digests import changed, digests
 from .failures import Failure, read_report, reported, write_report
 from .files import keep_folder
 from .frame import (
-    DONE,
-    FAILED,
-    TO_DO,
     check_fits,
     frame_of,
-    has_checksums,
     make_frame,
     open_arrays,
     read_attributes,
-    variables_of,
     write_attributes,
 )
 from .grow import grow, tidy
 from .lock import locked
 from .pending import Pending
 from .spec import Chunk, Spec
+from .states import DAMAGED, DONE, FAILED, States, reading
 from .workers.halving import Parts
 from .workers.work import Computed, Failed
 
 
-# A state that is in no file: something of the chunk is gone, or cannot be read.
-DAMAGED = 3
-
-
-@contextlib.contextmanager
-def reading(folder: Path) -> Iterator[None]:
-    """Turn all that readers of a damaged store raise into a `ValueError` that names it."""
-    try:
-        yield
-    except Exception as error:  # Zarr and its codecs have errors of many types.
-        message = " ".join(str(error).split())[:500]
-        if isinstance(error, ValueError | OSError) and str(folder) in message:
-            raise
-        reason = f"{type(error).__name__}: {message}" if message else type(error).__name__
-        raise ValueError(
-            f"{folder}: the sweep there is damaged: {reason}; to mend it: "
-            f"jaxcell sweep verify {folder}"
-        ) from error
-
-
-class SweepStore:
+class SweepStore(States):
     """The folder of a sweep, for the one process that writes there.
 
     - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
@@ -75,16 +52,10 @@ class SweepStore:
     """
 
     def __init__(self, folder: Path, spec: Spec, made: Mapping[str, Any]) -> None:
-        self.folder = folder
-        self.spec = spec
+        super().__init__(folder, spec)
         self.made = made
-        self.zarr = folder / "sweep.zarr"
         self.arrays: dict[str, zarr.Array] = {}
         "Of the result; none before a chunk is done."
-        self.variables: Mapping[str, tuple[str, ...]] = {}
-        "Those of the task, with their dimensions beside those of members."
-        self.boxes = Boxes(spec, spec)
-        self._states: np.ndarray | None = None
         self._frame: Computed | None = None
         self._pending = Pending(self)
         self._open()
@@ -114,7 +85,8 @@ class SweepStore:
             if kept.exists():
                 if not resume:
                     raise FileExistsError(
-                        f"{folder}: a sweep is there; resume it, or name another folder"
+                        f"{folder}: a sweep is there; go on with it (--resume), or name another "
+                        "folder (--out)"
                     )
                 cls._go_on(folder, spec, made, anyway)
             else:
@@ -167,41 +139,6 @@ class SweepStore:
         notes = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
         return {"resumed_anyway": json.dumps(notes)} if notes else {}
 
-    def states(self) -> np.ndarray:
-        """The state of each chunk, by number: failed if a member failed, done if all are done."""
-        if not self.arrays:
-            states = np.full(self.spec.chunk_count, TO_DO, np.int8)
-            with reading(self.folder):
-                states[reported(self.folder)] = FAILED
-            return states
-        members = self.members()
-        done = by_chunk(self.spec, np.logical_and, members == DONE)
-        failed, damaged = (
-            by_chunk(self.spec, np.logical_or, members == state) for state in (FAILED, DAMAGED)
-        )
-        damaged |= np.array([bool(self._gone(box)) for box in self.boxes])[self.boxes.numbers()]
-        damaged &= by_chunk(self.spec, np.logical_or, (members == DONE) | (members == DAMAGED))
-        return np.select([damaged, done, failed], [DAMAGED, DONE, FAILED], TO_DO).astype(np.int8)
-
-    def members(self) -> np.ndarray:
-        """The state of each member, which `pending` keeps as it is."""
-        if self._states is None:
-            status = self.arrays["status"]
-            try:
-                self._states = np.asarray(status[...])
-            except Exception:  # Zarr and its codecs have errors of many types.
-                self._states = np.full(status.shape, DAMAGED, np.int8)
-                for box in self.boxes:
-                    with contextlib.suppress(Exception):
-                        self._states[box.region] = status[box.region]
-        return self._states
-
-    def missing(self, chunk: Chunk) -> np.ndarray:
-        """Which members of a chunk are not done."""
-        if not self.arrays:
-            return np.ones(chunk.shape, bool)
-        return self.members()[chunk.region] != DONE
-
     def read(self, name: str, region: tuple[slice, ...]) -> np.ndarray:
         """What the files of an array hold."""
         with reading(self.folder):
@@ -221,7 +158,7 @@ class SweepStore:
         return dict(sorted(found.items()))
 
     def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
-        files = self._files(box)
+        files = self.files(box)
         if not self.file("status", box).exists():
             # It was lost, or a run was killed, which leaves one chunk half written.
             return ["status"] * any(map(os.path.exists, files.values()))
@@ -229,7 +166,7 @@ class SweepStore:
             return ["status"]
         if not (members == DONE).any():
             return []
-        found = self._gone(box)
+        found = self.gone(box)
         for name in files.keys() - {*found}:
             try:
                 self.arrays[name][box.region]
@@ -240,41 +177,20 @@ class SweepStore:
     def forget(self, numbers: Iterable[int]) -> None:
         """Make chunks ones that are to do; files that cannot be read are removed."""
         chunks = [self.spec.chunk(number) for number in numbers]
-        self._states = None
+        self._members = None
         # The states first: nothing that is done there is ever without its values.
         for name, chunk in itertools.product(("status", *self.variables), chunks):
-            path = self.file(name, self.boxes.around(chunk))
+            box = self.boxes.around(chunk)
+            path = self.file(name, box)
             try:
                 if path.exists():
-                    self.arrays[name][chunk.region] = self.arrays[name].fill_value
+                    values = np.asarray(self.arrays[name][box.region])
+                    values[inside(chunk, box)] = self.arrays[name].fill_value
+                    self.put(name, box, values)
             except OSError:
                 raise
             except Exception:  # Zarr and its codecs have errors of many types.
                 path.unlink()
-
-    def _gone(self, box: Chunk) -> list[str]:
-        """The variables whose file of a box is not there."""
-        if not has_checksums(self.arrays["status"]):
-            return []  # Then boxes of nothing but the fill value have no files.
-        return [name for name, path in self._files(box).items() if not os.path.exists(path)]
-
-    def _files(self, box: Chunk) -> dict[str, Path]:
-        """The files of a box for the variables of the task."""
-        inner = len(self.spec.dimensions)
-        names = [name for name in self.variables if all(self.arrays[name].shape[inner:])]
-        return {name: self.file(name, box) for name in names}
-
-    def file(self, name: str, box: Chunk) -> Path:
-        index = box.index + (0,) * len(self.variables.get(name, ()))
-        return self.zarr.joinpath(name, "c", *map(str, index))
-
-    def failures(self, states: np.ndarray) -> Iterator[Failure]:
-        """The members that failed, by the states of their chunks."""
-        for number in reported(self.folder):
-            # A report may outlive its failure by a moment.
-            with reading(self.folder), contextlib.suppress(FileNotFoundError):
-                if states[number] == FAILED:
-                    yield from read_report(self.folder, number)
 
     def check(self, computed: Computed) -> None:
         """Check the result of a job, and make the store for results as the first one.
@@ -283,14 +199,29 @@ class SweepStore:
         """
         if not self.arrays:
             self._create(computed)
+            self.look()
             self._open()
             with reading(self.folder):
                 for number in reported(self.folder):
                     for failure in read_report(self.folder, number):
-                        self.arrays["status"][tuple(failure.index.values())] = FAILED
+                        self.members()[tuple(failure.index.values())] = FAILED
+            for box in self.boxes:
+                if (self.members()[box.region] == FAILED).any():
+                    self.put("status", box, self.members()[box.region])
         if self._frame is None:
-            self._frame = frame_of(self.spec, self.arrays)
+            self._frame = frame_of(self.spec, self.arrays, self.variables)
         check_fits(self._frame, computed)
+
+    def put(self, name: str, box: Chunk, values: np.ndarray) -> None:
+        """Write the file of a box, whole: what it held is lost when the new one is on the disk."""
+        if not values.size:
+            return
+        path = self.file(name, box)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary, open(temporary, "wb") as file:
+            file.write(encoded(values, self.arrays[name].fill_value, self.metadata[name]))
+            file.flush()
+            os.fsync(file.fileno())
 
     def write(self, parts: Parts) -> list[Failure]:
         """Take what is known of the members of a chunk that are missing, to be written soon.
@@ -310,15 +241,9 @@ class SweepStore:
         return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
 
     def _open(self) -> None:
-        if not self.zarr.exists():
-            return
-        sizes = tuple(self.spec.dimensions.values())
-        with reading(self.folder):
-            self.arrays = open_arrays(self.zarr)
-            if "status" not in self.arrays or self.arrays["status"].shape != sizes:
-                raise ValueError(f"expected a status of shape {sizes}")
-            self.variables = variables_of(self.spec, self.arrays)
-            self.boxes = Boxes.of_lengths(self.spec, self.arrays["status"].chunks)
+        if self.zarr.exists():
+            with reading(self.folder):
+                self.arrays = open_arrays(self.zarr)
 
     def _create(self, first: Computed) -> None:
         """Make the result with nothing in it."""

@@ -63,7 +63,7 @@ def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch)
             merge_sweep(tmp_path / "out")
         assert not (tmp_path / "out" / "spec.toml").exists()
 
-    refused("shards: expected the shards 1/n to n/n, got none for n")
+    refused("there are no shards to merge; jaxcell sweep SPEC --shard I/N makes one")
     spec = stub_spec()
     sharded(spec, "1/3", "3/3")
     refused(r"out: shards that are not there: 2/3$")
@@ -103,9 +103,11 @@ def test_the_commands_of_shards(spec_file, tmp_path, capsys):
         assert main(["sweep", spec, "--out", str(out), "--shard", f"{number}/2", "--json"]) == 0
         told = capsys.readouterr()
         assert json.loads(told.out)["out"] == str(out / "shards" / f"{number}-of-2")
+        assert f"This shard is {3 - number} of the 3 chunks\n" in told.err
         assert f"sweep merge {out}" in told.err
     assert main(["sweep", "status", str(out)]) == 2
-    assert f"it has no spec.toml, but shards: jaxcell sweep merge {out}" in capsys.readouterr().err
+    told = f"it has no spec.toml, but shards, as {out}/shards/1-of-2: jaxcell sweep merge {out}"
+    assert told in capsys.readouterr().err
     assert main(["sweep", "merge", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["done"] == 3
     assert main(["sweep", spec, "--shard", "3/2"]) == 2

@@ -28,7 +28,7 @@ class SweepMerge:
         sys.path.append(os.getcwd())
         from ...sweep import merge_sweep
 
-        with stdout_on_stderr(), shown("shards") as show:
+        with stdout_on_stderr(), shown(f"merging the shards of {self.folder}") as show:
             found = merge_sweep(self.folder, progress=show)
         show_status(self.folder, found, self.json)
         return 0 if found.complete else 1

@@ -3,6 +3,7 @@ import dataclasses
 import json
 import math
 import os
+import shlex
 import signal
 import sys
 import time
@@ -80,9 +81,11 @@ class Sweep:
         whole = Path("runs") / self.spec.stem if self.out is None else self.out
         shard = None if self.shard is None else Shard.read(self.shard)
         out = whole if shard is None else shard.folder(whole)
+        chunks = None if shard is None else shard.chunks(spec.chunk_count)
+        doing = f"sweep of {spec.task}"
         began = time.perf_counter()
         try:
-            with _terminated_like_interrupted(), stdout_on_stderr(), shown(spec.task) as show:
+            with _terminated_like_interrupted(), stdout_on_stderr(), shown(doing) as show:
                 found = run_sweep(
                     spec,
                     out,
@@ -90,15 +93,15 @@ class Sweep:
                     workers=self.workers,
                     resume=self.resume,
                     anyway=self.anyway,
-                    chunks=None if shard is None else shard.chunks(spec.chunk_count),
+                    chunks=chunks,
                     timeout=self.timeout,
                     max_failures=self.max_failures,
                     progress=show,
                 )
         except KeyboardInterrupt:
             again = ["jaxcell", "sweep", str(self.spec), "--out", str(whole), "--resume"]
-            again += [] if self.shard is None else ["--shard", self.shard]
-            note(f"Stopped. What is done is kept in {out}; to go on: {' '.join(again)}")
+            again += self._options()
+            note(f"Stopped. What is done is kept in {out}; to go on: {shlex.join(again)}")
             return 130
         seconds = time.perf_counter() - began
         if self.netcdf and found.complete:
@@ -107,10 +110,24 @@ class Sweep:
         show_status(out, found, self.json, seconds=round(seconds, 3))
         if self.max_failures is not None and len(found.failures) > self.max_failures:
             note(f"Stopped: more than {self.max_failures:,} members failed")
-        if shard is not None:
+        if chunks is not None:
+            note(f"This shard is {len(chunks):,} of the {found.chunks:,} chunks")
             note(f"Once all shards are done: {own_command('jaxcell')} sweep merge {whole}")
             return 1 if found.failures else 0
+        if not found.complete:
+            note("To compute what is not done: the same command with --resume")
         return 0 if found.complete else 1
+
+    def _options(self) -> list[str]:
+        """Those that say how it is computed, as they were given."""
+        names = ("engine", "scheduler_file", "workers", "timeout", "shard", "max_failures")
+        fields = [field for field in dataclasses.fields(self) if field.name in names]
+        return [
+            word
+            for field in fields
+            if (value := getattr(self, field.name)) != field.default
+            for word in (f"--{field.name.replace('_', '-')}", str(value))
+        ]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -165,8 +182,9 @@ def show_status(folder: Path, found: "SweepStatus", as_json: bool, **more: Any) 
     table(f"{folder}: {found.task}", ("the sweep", ""), rows)
     for failure in found.failures[:_MAX_FAILURES]:
         note(in_a_line(failure))
-    if len(found.failures) > _MAX_FAILURES:
-        note(f"... and others: all are in {folder / 'failures'}")
+    if found.failures:
+        others = "... and others: " * (len(found.failures) > _MAX_FAILURES)
+        note(f"{others}all are in {folder / 'failures'}, with their tracebacks")
     if found.damaged:
         note(f"To mend what is damaged: {own_command('jaxcell')} sweep verify {folder}")
     if found.done:
@@ -180,9 +198,8 @@ def in_a_line(failure: "Failure") -> str:
 
 
 @contextlib.contextmanager
-def shown(task: str) -> "Iterator[Callable[[Progress], None]]":
+def shown(doing: str) -> "Iterator[Callable[[Progress], None]]":
     """Progress: chunks, failures, members a second, time left."""
-    doing = f"sweep of {task}"
     with progress(doing) as say:
 
         def show(now: "Progress") -> None:
@@ -204,7 +221,7 @@ def _terminated_like_interrupted() -> Iterator[None]:
 
 def _write_netcdf(out: Path) -> None:
     from ...sweep import open_sweep
-    from ...sweep.store import reading
+    from ...sweep.states import reading
 
     with replacing(out / "sweep.nc") as temporary, open_sweep(out) as dataset, reading(out):
         dataset.to_netcdf(temporary)
