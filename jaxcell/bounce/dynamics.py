@@ -76,7 +76,7 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     with jax.ensure_compile_time_eval():
         free = np.ones(cells.positions, bool)
         arrays = steps.targets(cells), steps.way, free, order, steps.line
-        return Moves(*jax.device_put(arrays))
+        return Moves(*map(jnp.asarray, arrays))
 
 
 def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
@@ -249,9 +249,11 @@ def bounce_map(
         "images of all cells",
         step,
     )
-    target = np.asarray(possible.target)[np.asarray(possible.way)]
-    found = _images(target, shift[..., None, None])
-    return SimpleMap(*jax.device_put([one.reshape(*shift.shape, -1) for one in found]))
+    target, way = np.asarray(possible.target), np.asarray(possible.way)
+    maps = zip(*(_images(target, way, one) for one in shift.ravel().tolist()), strict=True)
+    # One alone is not copied.
+    both = (each[0] if len(each) == 1 else np.concatenate(each) for each in maps)
+    return SimpleMap(*(jnp.asarray(each.reshape(*shift.shape, -1)) for each in both))
 
 
 @jax.jit
@@ -272,20 +274,23 @@ def bounce_image(moves: Moves, shift: Int[Array, ""] | int) -> SimpleMap:
         >>> bounce.bounce_image(bounce.moves(cells), 1).image.tolist()
         [1, 2, 5, 0, 3, 4]
     """
-    image, bumped = _images(moves.target[moves.way], shift)
+    image, bumped = _images(moves.target, moves.way, shift)
     return SimpleMap(image.ravel(), bumped.ravel())
 
 
-def _images(target: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
+def _images(target: _Ints, way: _Ints, shift: _Ints | int) -> tuple[Any, Any]:
     """The images of all cells, and where the robot bumps; of NumPy, or traced."""
     xp = target.__array_namespace__()
-    directions, positions = target.shape
-    position = xp.arange(positions, dtype=xp.int32)
-    direction = xp.arange(directions, dtype=xp.int32)[:, None]
-    bumped = target == position[None]
-    turned = (direction + shift) % directions * positions + position[None]
-    image = xp.where(bumped, turned, direction * positions + target)
-    return image, xp.broadcast_to(bumped, image.shape)
+    directions, positions = way.shape[0], target.shape[1]
+    direction = xp.arange(directions, dtype=xp.int32)
+    turned = (direction + shift) % directions
+    bumped = target == xp.arange(positions, dtype=xp.int32)[None]
+    # A bump adds as much to the cells of all directions, but of those that turn past the last one.
+    bump = bumped.astype(xp.int32)
+    turns = xp.stack([target + bump * (by * positions) for by in (shift, shift - directions)])
+    image = turns[(turned < direction).astype(xp.int32), way]
+    image += (direction * positions)[:, None]
+    return image, bumped[way]
 
 
 def motion_violations(

@@ -1,16 +1,21 @@
 import dataclasses
 import functools
+import math
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int, Int32, Shaped
 
-from ..mapping import GroupSummary, PeriodicGroups, Section, SectionGroups, section_groups
-from ..mapping.section import bucket
+from ..mapping import GroupSummary, PeriodicGroups, Section
+from ..mapping.section import SectionCycles, bucket, section_cycles
 from ..space import CellSpace, estimates
 from ..space.extent import Extent
-from .dynamics import Collision, Moves, bounce_shift, count_before, moves as moves_of
+from .dynamics import Collision, Moves, bounce_shift, moves as moves_of
+from .headings import Headings, SpreadGroups
+from .runs import Bumps, Runs, Straight, stacked
 
 
 # Between two bumps a robot runs straight, so the cells where it bumps are a section that every
@@ -20,103 +25,43 @@ from .dynamics import Collision, Moves, bounce_shift, count_before, moves as mov
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Runs:
-    """The straight run from every position to the wall, whatever the bouncing angle."""
+class WallGroups:
+    """The periodic groups of a bouncing angle, known at the walls.
 
-    end: Int[Array, "ways positions"]
-    "The position where the run ends in a bump."
-    length: Int[Array, "ways positions"]
-    "Steps until it does."
-    wall: Bool[Array, "ways positions"]
-    "Where the robot bumps."
-    rank: Int[Array, "ways positions"]
-    "Place of `end` among the walls of a direction: how many come before it."
-    first: Int[Array, "directions"]
-    "First slot of each direction in the section, which lists walls by direction, then position."
-    slots: Int[Array, ""]
-    "Length of the section."
-
-
-@jax.jit
-def runs(moves: Moves) -> Runs:
-    """Follow the straight run from every position in every way.
-
-    **Arguments:**
-
-    - `moves`: where a step leads.
-
-    **Returns:** `Runs`, with arrays over ways and positions.
+    The number of the group of a wall is `number[begin + place]`.
     """
-    ways, positions = moves.target.shape
-    position = jnp.arange(positions, dtype=jnp.int32)
-    still = moves.target == position[None]
-    order = moves.order[moves.line]
 
-    # Backwards along the lines: the wall ahead is here, or where it was for the position before.
-    def look_ahead(stop, here):  # type: ignore[no-untyped-def]
-        index, ends = here
-        stop = jnp.where(ends, index, stop)
-        return stop, stop
-
-    ends = jnp.take_along_axis(still, order, axis=1).T
-    nowhere = jnp.zeros(ways, jnp.int32)
-    _, stop = jax.lax.scan(look_ahead, nowhere, (position, ends), reverse=True)
-    lines = jnp.arange(moves.order.shape[0], dtype=jnp.int32)[:, None]
-    rank = jnp.zeros_like(moves.order).at[lines, moves.order].set(position)
-    start = rank[moves.line]
-    stop = jnp.take_along_axis(stop.T, start, axis=1)
-    end = jnp.take_along_axis(order, stop, axis=1)
-    wall = still & moves.free[None]
-    walls = jnp.sum(wall, axis=1, dtype=jnp.int32)[moves.way]
-    return Runs(
-        end=end,
-        length=stop - start,
-        wall=wall,
-        rank=jnp.take_along_axis(count_before(wall), end, axis=1),
-        first=jnp.cumsum(walls, dtype=jnp.int32) - walls,
-        slots=jnp.sum(walls, dtype=jnp.int32),
-    )
+    begin: Int[Array | np.ndarray, "*angles directions"]
+    first: Int[Array | np.ndarray, "*angles directions"]
+    "The first slot of the leading direction that stands for each."
+    place: Int[Array | np.ndarray, "*angles slots"]
+    lead: Int[Array | np.ndarray, "*angles slots"]
+    "What is added to the steps to the wall, as [`jaxcell.mapping.SectionGroups`][] has them."
+    number: Int[Array | np.ndarray, "*angles groups"]
+    period: Int[Array | np.ndarray, "*angles groups"]
+    "The period of each group; zeros past `count`."
+    count: Int[Array | np.ndarray, "*angles"]
 
 
-def _slots(moves: Moves, runs: Runs, slots: int) -> tuple[Int[Array, "slots"], Int[Array, "slots"]]:
-    """The direction and the position of the wall in each slot of the section."""
-    ways, positions = runs.wall.shape
-    walls = jnp.sum(runs.wall, axis=1, dtype=jnp.int32)
-    start = jnp.cumsum(walls, dtype=jnp.int32) - walls
-    place = jnp.where(runs.wall, start[:, None] + count_before(runs.wall), ways * positions)
-    position = jnp.broadcast_to(jnp.arange(positions, dtype=jnp.int32), runs.wall.shape)
-    listed = jnp.zeros(ways * positions, jnp.int32).at[place].set(position, mode="drop")
-    # The direction of a slot is the number of directions, but the first, that begin at it or
-    # before.
-    begins = jnp.zeros(slots, jnp.int32).at[runs.first[1:]].add(1, mode="drop")
-    direction = jnp.cumsum(begins, dtype=jnp.int32)
-    place = start[moves.way[direction]] + jnp.arange(slots, dtype=jnp.int32) - runs.first[direction]
-    return direction, listed[place]
-
-
-@functools.partial(jax.jit, static_argnames="slots")
-def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots: int) -> Section:
-    """Build the first-return map from bump to bump.
+def bump_section(moves: Moves, runs: Runs, bumps: Bumps) -> Section:
+    """Build the first-return map from bump to bump, of one angle.
 
     **Arguments:**
 
     - `moves`, `runs`: where a step leads, and the run that starts there.
-    - `shift`: directions that the robot turns by at a bump.
-    - `slots`: length of the arrays, at least `runs.slots`.
+    - `bumps`: the walls, and how the robot turns there.
 
     **Returns:** [`jaxcell.mapping.Section`][].
     """
-    positions = runs.wall.shape[1]
-    slot = jnp.arange(slots, dtype=jnp.int32)
-    direction, at = _slots(moves, runs, slots)
-
+    positions = runs.end.shape[1]
+    here, at, live = map(jnp.asarray, (bumps.direction, bumps.position, bumps.live))
     # The robot turns, then runs to the next wall.
-    turned = (direction + shift) % moves.way.shape[0]
+    turned = (here + bumps.shift) % moves.way.shape[0]
     run = moves.way[turned] * positions + at
     end = runs.end.ravel()[run]
-    live = slot < runs.slots
+    slot = jnp.arange(run.size, dtype=jnp.int32)
     return Section(
-        successor=jnp.where(live, runs.first[turned] + runs.rank.ravel()[run], slot),
+        successor=jnp.where(live, bumps.first[turned] + runs.rank.ravel()[run], slot),
         duration=1 + runs.length.ravel()[run],
         # Positions along a run rise or fall throughout, so its smallest cell is at one of the ends.
         lowest=turned * positions + jnp.minimum(at, end),
@@ -124,86 +69,152 @@ def bump_section(moves: Moves, runs: Runs, shift: Int[Array, ""] | int, *, slots
     )
 
 
+def _over_angles(function: Callable[[Any], Any], angles: tuple[int, ...]) -> Callable[[Any], Any]:
+    """Batch a function over angles, but for one alone, which is faster without."""
+    if math.prod(angles) != 1:
+        for _ in angles:
+            function = jax.vmap(function)
+        return function
+
+    def alone(batch: Any) -> Any:
+        one = jax.tree.map(lambda x: x.reshape(x.shape[len(angles) :]), batch)
+        return jax.tree.map(lambda x: x.reshape(angles + x.shape), function(one))
+
+    return alone
+
+
 @jax.jit
-def expand_groups(moves: Moves, runs: Runs, groups: SectionGroups) -> PeriodicGroups:
-    """Expand the groups of the section to all cells.
+def _cycles(moves: Moves, runs: Runs, bumps: Bumps) -> SectionCycles:
+    return _over_angles(
+        lambda bumps: section_cycles(bump_section(moves, runs, bumps)), bumps.shift.shape
+    )(bumps)
+
+
+@jax.jit
+def _measured(
+    moves: Moves, runs: Runs, bumps: Bumps, cycles: SectionCycles
+) -> tuple[Int[Array, "*angles slots"], Int[Array, "*angles slots"]]:
+    """The basin and the longest transient of each group of the section, at the slot that leads."""
+    ways, positions = runs.end.shape
+    end = runs.end + (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
+    none = jnp.zeros(ways * positions, jnp.int32)
+    cells, longest = none.at[end].add(1), none.at[end].max(runs.length)
+
+    def measure(angle):  # type: ignore[no-untyped-def]
+        bumps, cycles = angle
+        wall = moves.way[bumps.direction] * positions + bumps.position
+        step = jnp.maximum(0, longest[wall] + cycles.lead)
+        none = jnp.zeros_like(step)
+        return none.at[cycles.leader].add(cells[wall]), none.at[cycles.leader].max(step)
+
+    return _over_angles(measure, bumps.shift.shape)((bumps, cycles))
+
+
+@functools.partial(jax.jit, static_argnames="walls")
+def expand_groups(moves: Moves, runs: Runs, groups: WallGroups, *, walls: int) -> PeriodicGroups:
+    """Expand the groups of walls to all cells.
 
     **Arguments:**
 
     - `moves`, `runs`: where a step leads, and the run that starts there.
-    - `groups`: those of the section of [`bump_section`][].
+    - `groups`: those of the walls.
+    - `walls`: at least the walls of any direction.
 
     **Returns:** [`jaxcell.mapping.PeriodicGroups`][].
     """
 
-    # One direction at a time: what is gathered from is then a few hundred slots, which fit the
-    # nearest cache.
-    def expand(direction):  # type: ignore[no-untyped-def]
-        way = moves.way[direction]
-        slot = runs.first[direction] + runs.rank[way]
-        group = jnp.where(moves.free, groups.group[slot], -1)
-        step = jnp.maximum(0, runs.length[way] + groups.lead[slot])
-        return group, jnp.where(moves.free, step, -1)
+    def expand(groups):  # type: ignore[no-untyped-def]
+        slot = groups.first[:, None] + jnp.arange(walls, dtype=jnp.int32)[None]
+        number = groups.number[groups.begin[:, None] + groups.place[slot]]
 
-    group, step = jax.lax.map(expand, jnp.arange(moves.way.shape[0], dtype=jnp.int32))
-    return PeriodicGroups(group.ravel(), step.ravel(), groups.period, groups.count)
+        # One direction at a time: what is gathered from is then a few hundred walls, which fit the
+        # nearest cache.
+        def along(direction):  # type: ignore[no-untyped-def]
+            way, group, lead = direction
+            rank = runs.rank[way]
+            return group[rank], jnp.maximum(0, runs.length[way] + lead[rank])
 
+        group, step = jax.lax.map(along, (moves.way, number, groups.lead[slot]))
+        return PeriodicGroups(group.ravel(), step.ravel(), groups.period, groups.count)
 
-@jax.jit
-def summarize(moves: Moves, runs: Runs, groups: SectionGroups) -> GroupSummary:
-    """Summarize the groups of the section, without an array over all cells.
-
-    **Arguments:** as for [`expand_groups`][].
-
-    **Returns:** [`jaxcell.mapping.GroupSummary`][].
-    """
-    ways, positions = runs.wall.shape
-    slots = groups.group.shape[0]
-    end = runs.end + (jnp.arange(ways, dtype=jnp.int32) * positions)[:, None]
-    end = jnp.where(moves.free[None], end, ways * positions)
-    zero = jnp.zeros(ways * positions, jnp.int32)
-    cells = zero.at[end].add(1, mode="drop").reshape(ways, positions)
-    longest = zero.at[end].max(runs.length, mode="drop").reshape(ways, positions)
-
-    direction, at = _slots(moves, runs, slots)
-    wall = moves.way[direction], at
-    live = jnp.arange(slots, dtype=jnp.int32) < runs.slots
-    group = jnp.where(live, groups.group, groups.period.shape[0])
-    step = jnp.maximum(0, longest[wall] + groups.lead)
-    none = jnp.zeros_like(groups.period)
-    return GroupSummary(
-        count=groups.count,
-        period=groups.period,
-        basin=none.at[group].add(cells[wall], mode="drop"),
-        transient=none.at[group].max(step, mode="drop"),
-    )
+    return _over_angles(expand, groups.count.shape)(groups)
 
 
 @functools.lru_cache(maxsize=4)
-def _straight(
-    cells: CellSpace, step: float | None, collision: Collision
-) -> tuple[Moves, Runs, int]:
+def _straight(cells: CellSpace, step: float | None, collision: Collision) -> Straight:
     estimates.check(
         Extent.of(cells), lambda e: estimates.groups(e, step, collision), "groups of cells", step
     )
     with jax.ensure_compile_time_eval():
-        possible = moves_of(cells, step=step, collision=collision)
-        straight = runs(possible)
-        return possible, straight, int(straight.slots)
+        return Straight.of(moves_of(cells, step=step, collision=collision))
 
 
-def _section_groups(
-    cells: CellSpace,
-    bounce: Float[np.ndarray, "*batch"] | Array | float | int,
-    step: float | None,
-    collision: Collision,
-) -> tuple[Moves, Runs, SectionGroups]:
-    shift = bounce_shift(bounce, cells.directions)
-    possible, straight, slots = _straight(cells, step, collision)
-    section = functools.partial(bump_section, slots=bucket(slots))
-    for _ in range(shift.ndim):
-        section = jax.vmap(section, in_axes=(None, None, 0))
-    return possible, straight, section_groups(section(possible, straight, shift))
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Found:
+    """The groups of the section of each angle."""
+
+    known: Straight
+    angles: tuple[int, ...]
+    bumps: Bumps
+    first: Int32[np.ndarray, "*angles directions"]
+    "The first slot of the direction that stands for each."
+    cycles: SectionCycles
+    groups: list[SpreadGroups]
+    "Those of all directions, for each angle."
+
+    @classmethod
+    def of(
+        cls,
+        cells: CellSpace,
+        bounce: Float[np.ndarray, "*angles"] | Array | float | int,
+        step: float | None,
+        collision: Collision,
+    ) -> "_Found":
+        shift = bounce_shift(bounce, cells.directions)
+        known = _straight(cells, step, collision)
+        headings = [Headings.of(known.way, one) for one in shift.ravel().tolist()]
+        bumps = known.bumps(headings, shift.shape)
+        alike = np.array([one.alike for one in headings]).reshape(bumps.first.shape)
+        cycles = _cycles(known.moves, known.runs, bumps)
+        rows = (_rows(one, len(headings)) for one in (cycles.leads, cycles.lowest))
+        groups = [
+            one.spread(leads, lowest, cells.positions)
+            for one, leads, lowest in zip(headings, *rows, strict=True)
+        ]
+        first = np.take_along_axis(bumps.first, alike, axis=-1)
+        return cls(known, shift.shape, bumps, first, cycles, groups)
+
+    @property
+    def count(self) -> Int32[np.ndarray, "*angles"]:
+        """The number of groups."""
+        return np.array([one.slot.size for one in self.groups], np.int32).reshape(self.angles)
+
+    def of_groups(self, values: Array) -> Int32[np.ndarray, "*angles groups"]:
+        """What slots say of the groups that they stand for; zeros behind these."""
+        rows = zip(_rows(values, len(self.groups)), self.groups, strict=True)
+        return stacked([row[one.slot] for row, one in rows], self.angles, self._most)
+
+    def of_walls(self) -> WallGroups:
+        """The groups of the walls of all directions."""
+        places = zip(self.groups, _rows(self.cycles.leader, len(self.groups)), strict=True)
+        place = np.array([one.place[leader] for one, leader in places])
+        return WallGroups(
+            stacked([one.begin for one in self.groups], self.angles, self.known.way.size),
+            self.first,
+            place.reshape(*self.angles, -1),
+            self.cycles.lead,
+            stacked([one.number for one in self.groups], self.angles, self._most),
+            self.of_groups(self.cycles.period),
+            self.count,
+        )
+
+    @property
+    def _most(self) -> int:
+        return bucket(int(self.count.max()))
+
+
+def _rows(values: Array, angles: int) -> Shaped[np.ndarray, "angles slots"]:
+    return np.asarray(values).reshape(angles, -1)
 
 
 def bounce_groups(
@@ -233,19 +244,17 @@ def bounce_groups(
         >>> int(groups.count), groups.period.tolist()
         (1, [6, 6, 6, 6, 6, 6])
     """
-    possible, straight, groups = _section_groups(cells, bounce, step, collision)
-    batch = groups.count.size
+    found = _Found.of(cells, bounce, step, collision)
     estimates.check(
         Extent.of(cells),
-        lambda e: estimates.IMAGE * e.size * batch,
+        lambda e: estimates.IMAGE * e.size * len(found.groups),
         "groups of all cells",
         step,
         "`record.save_cells` writes them a direction at a time, or ",
     )
-    expand = functools.partial(expand_groups, possible, straight)
-    for _ in range(groups.count.ndim):
-        expand = jax.vmap(expand)
-    return expand(groups)
+    known = found.known
+    walls = bucket(int(known.walls.max()))
+    return expand_groups(known.moves, known.runs, found.of_walls(), walls=walls)
 
 
 def group_summary(
@@ -270,8 +279,8 @@ def group_summary(
         >>> int(found.count), found.period[:1].tolist(), found.basin[:1].tolist()
         (1, [6], [6])
     """
-    possible, straight, groups = _section_groups(cells, bounce, step, collision)
-    function = functools.partial(summarize, possible, straight)
-    for _ in range(groups.count.ndim):
-        function = jax.vmap(function)
-    return function(groups)
+    found = _Found.of(cells, bounce, step, collision)
+    known = found.known
+    basin, transient = _measured(known.moves, known.runs, found.bumps, found.cycles)
+    period, basin, transient = map(found.of_groups, (found.cycles.period, basin, transient))
+    return GroupSummary(found.count, period, basin, transient)

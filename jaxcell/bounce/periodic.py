@@ -3,12 +3,11 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
-import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..base.quantities import Checks, Result, derived, quantity
-from ..mapping import GroupTotals
+from ..mapping import GroupTotals, PeriodicGroups
 from ..space import CellSpace, estimates
 from ..space.extent import Extent
 from ..space.steps import Steps
@@ -129,7 +128,7 @@ class BounceGroups(Result):
 
     @derived("bounce direction position", "periodic group that the cell reaches", kind="index")
     def group(self) -> Int[np.ndarray, "angles directions positions"]:
-        return self._of_cells[0]
+        return self._of_cells(self._found.group)
 
     @derived(
         "bounce direction position",
@@ -138,11 +137,12 @@ class BounceGroups(Result):
         kind="count",
     )
     def step(self) -> Int[np.ndarray, "angles directions positions"]:
-        return self._of_cells[1]
+        return self._of_cells(self._found.step)
 
     @derived("bounce direction position", "period of that group", "mappings", kind="count")
     def period(self) -> Int[np.ndarray, "angles directions positions"]:
-        return self._of_cells[2]
+        rows = zip(np.asarray(self._found.group_period), self.group, strict=True)
+        return np.stack([period[group] for period, group in rows])
 
     @derived("bounce direction position", "whether the cell is on its group", kind="flag")
     def periodic(self) -> Bool[np.ndarray, "angles directions positions"]:
@@ -150,7 +150,9 @@ class BounceGroups(Result):
 
     @derived("bounce group_index", "period of the group", "mappings", padding=_PADDING)
     def group_period(self) -> Int[np.ndarray, "angles groups"]:
-        return self._of_groups(np.maximum, self.period)
+        count = np.asarray(self._found.count)
+        period = np.asarray(self._found.group_period)[:, : count.max()]
+        return np.where(np.arange(period.shape[1]) < count[:, None], period, -1)
 
     @derived("bounce group_index", "cells that reach the group", "cells", padding=_PADDING)
     def group_basin(self) -> Int[np.ndarray, "angles groups"]:
@@ -161,11 +163,13 @@ class BounceGroups(Result):
         return self._of_groups(np.maximum, self.step)
 
     @functools.cached_property
-    def _of_cells(self) -> list[Int[np.ndarray, "angles directions positions"]]:
-        found = bounce_groups(self.cells, self.bounce, **self.motion)
-        arrays = jax.device_get((found.group, found.step, found.period))
-        shape = len(self.bounce), self.cells.directions, self.cells.positions
-        return [array.reshape(shape) for array in arrays]
+    def _found(self) -> PeriodicGroups:
+        return bounce_groups(self.cells, self.bounce, **self.motion)
+
+    def _of_cells(
+        self, values: Int[Array | np.ndarray, "angles cells"]
+    ) -> Int[np.ndarray, "angles directions positions"]:
+        return np.asarray(values).reshape(-1, self.cells.directions, self.cells.positions)
 
     def _of_groups(
         self, collect: np.ufunc, values: Int[np.ndarray, "angles directions positions"]

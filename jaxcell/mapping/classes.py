@@ -2,12 +2,13 @@ import dataclasses
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
-from .generalized import Chain, leaving_rows
+from .generalized import Chain
 from .sequence import ChainSequence
 
 
@@ -177,7 +178,7 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     source = np.repeat(label, np.diff(matrix.indptr))
     open_ = np.zeros(components, bool)
     open_[source[source != label[matrix.indices]]] = True
-    open_[label[leaving_rows(matrix) > 0]] = True
+    open_[label[chain.can_leave]] = True
     closed = np.flatnonzero(~open_)
     persistent = np.flatnonzero(~open_[label])
     smallest = np.zeros(components, np.int64)
@@ -187,6 +188,5 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     number = np.full(components, -1, np.int32)
     number[closed] = np.arange(closed.size)
     group = number[label]
-    size = np.bincount(group[persistent], minlength=closed.size)
-    kept = jax.device_put((group, size.astype(np.int32)))
-    return PersistentGroups(kept[0], closed.size, kept[1], matrix)
+    size = np.bincount(group[persistent], minlength=closed.size).astype(np.int32)
+    return PersistentGroups(jnp.asarray(group), closed.size, jnp.asarray(size), matrix)

@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Int
 from scipy.sparse import csgraph
 
 from .classes import PersistentGroups
-from .generalized import Chain, leaving_rows
+from .generalized import Chain
 
 
 # The sink as a domicile.
@@ -89,11 +89,11 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
             f"{group.size}"
         )
     matrix = chain.to_scipy()
-    least, most = _outermost(matrix, group, groups.count)
+    least, most = _outermost(chain, group, groups.count)
     several = least < most
     inner = matrix[several]
     tails = np.repeat(np.arange(inner.shape[0]), np.diff(inner.indptr))
-    leaving = np.flatnonzero(leaving_rows(matrix)[several])
+    leaving = np.flatnonzero(chain.can_leave[several])
     components, label = csgraph.connected_components(inner[:, several], connection="strong")
     # Before the components there is a node for each home, and steps lead to nodes before.
     homes = groups.count + 1
@@ -121,13 +121,13 @@ def transient_groups(chain: Chain, groups: PersistentGroups) -> TransientGroups:
 
 
 def _outermost(
-    matrix: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"], groups: int
+    chain: Chain, group: Int[np.ndarray, "cells"], groups: int
 ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"]]:
     """The first and the last home of each cell, counted from the sink on."""
-    earlier = matrix.tocsc()
+    earlier = chain.to_scipy().tocsc()
     persistent = np.flatnonzero(group >= 0)
     _, first = np.unique(group[persistent], return_index=True)
-    doors = [np.flatnonzero(leaving_rows(matrix)), *persistent[first, None]]
+    doors = [np.flatnonzero(chain.can_leave), *persistent[first, None]]
 
     def found_first(doors: list[Int[np.ndarray, "_"]]) -> Int[np.ndarray, "cells"]:
         """The first list from which each cell is reached against the steps.

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..base.precision import require_x64
 
@@ -87,15 +87,22 @@ class Chain:
         image, probability = np.asarray(self.image), np.asarray(self.probability)
         cells = image.shape[1]
         # Slots of probability 0 are dropped before anything is sorted: most are, in a sparse chain.
-        used = probability.T > 0
-        end = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
-        matrix = scipy.sparse.csr_array(
-            (probability.T[used], image.T[used], end), shape=(cells, cells)
-        )
+        used = probability > 0
+        at = np.flatnonzero(np.ascontiguousarray(used.T))
+        # scipy turns larger whole numbers into these each time that it looks for components.
+        small = np.int32 if at.size < 2**31 else np.int64
+        end = np.concatenate([[0], np.cumsum(used.sum(axis=0))]).astype(small)
+        rows = (probability.T.ravel()[at], image.T.ravel()[at].astype(small, copy=False), end)
+        matrix = scipy.sparse.csr_array(rows, shape=(cells, cells))
         matrix.sum_duplicates()
         for part in (matrix.data, matrix.indices, matrix.indptr):
             part.flags.writeable = False
         return matrix
+
+    @functools.cached_property
+    def can_leave(self) -> Bool[np.ndarray, "cells"]:
+        """Whether the next step from each cell may go to the sink; found once, on the host."""
+        return leaving_rows(self._matrix) > 0
 
     @property
     def cells(self) -> int:

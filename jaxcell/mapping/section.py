@@ -71,7 +71,7 @@ def section_groups(section: Section, *, max_groups: int | None = None) -> Sectio
         >>> int(groups.count), int(groups.period[0]), groups.group.tolist()
         (1, 3, [0, 0])
     """
-    find, number = _cycles, _number
+    find, number = section_cycles, _number
     for _ in range(section.live.ndim - 1):
         find, number = jax.vmap(find), jax.vmap(number, in_axes=(0, None))
     cycles = find(section)
@@ -89,17 +89,29 @@ def bucket(size: int) -> int:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class _Cycles:
+class SectionCycles:
+    """The groups of a section before they are numbered, each known by the slot that leads it."""
+
     leader: Int[Array, "*batch slots"]
     leads: Bool[Array, "*batch slots"]
     lead: Int[Array, "*batch slots"]
+    "As in [`SectionGroups`][]."
     period: Int[Array, "*batch slots"]
+    "At the slot that leads a group, its period and its smallest cell."
     lowest: Int[Array, "*batch slots"]
     count: Int[Array, "*batch"]
 
 
 @jax.jit
-def _cycles(section: Section) -> _Cycles:
+def section_cycles(section: Section) -> SectionCycles:
+    """Find the periodic groups of the full space on a section, not a batch of them.
+
+    **Arguments:**
+
+    - `section`: the first-return map.
+
+    **Returns:** [`SectionCycles`][].
+    """
     successor, duration = section.successor, section.duration
     dtype = successor.dtype
     slots = successor.shape[0]
@@ -116,7 +128,7 @@ def _cycles(section: Section) -> _Cycles:
     leads = section.live & periodic & (leader == jnp.arange(slots, dtype=dtype))
     owner = jnp.where(periodic, leader, slots)
     largest = jnp.iinfo(dtype).max
-    return _Cycles(
+    return SectionCycles(
         leader=leader,
         leads=leads,
         lead=jnp.where(periodic, 1 - into, step),
@@ -127,7 +139,7 @@ def _cycles(section: Section) -> _Cycles:
 
 
 @functools.partial(jax.jit, static_argnames="max_groups")
-def _number(cycles: _Cycles, max_groups: int) -> SectionGroups:
+def _number(cycles: SectionCycles, max_groups: int) -> SectionGroups:
     slots = cycles.leader.shape[0]
     dtype = cycles.leader.dtype
     leaders = jnp.flatnonzero(cycles.leads, size=max_groups, fill_value=slots).astype(dtype)

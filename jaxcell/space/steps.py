@@ -9,7 +9,7 @@ from jaxtyping import Bool, Int, Int32
 
 from .cells import CellSpace
 from .segments import blocked_steps
-from .stencils import line_places, stencil
+from .stencils import Stencil, line_places, stencil
 
 
 # Places of all squares of grids up to this size are kept.
@@ -59,17 +59,18 @@ class Steps:
         margin = int(np.abs(shape.square).max())
         framed = np.pad(free, ((0, 0), (margin, margin), (margin, margin)))
 
-        def look(square: int) -> Bool[np.ndarray, "grids rows columns"]:
-            up, across = (margin + shape.square[square]).tolist()
-            return framed[:, up : up + rows, across : across + columns]
+        needed = _needed(shape)
+
+        def look(up: int, across: int) -> Bool[np.ndarray, "grids rows columns"]:
+            return framed[:, margin + up :, margin + across :][:, :rows, :columns]
 
         def possible(way: int) -> Bool[np.ndarray, "grids rows columns"]:
             passes = free.copy()
-            # Lists of looks are filled up with repeats.
-            for square in dict.fromkeys(shape.crossed[way].tolist()):
-                passes &= look(square)
-            for left, right in dict.fromkeys(map(tuple, shape.beside[way].tolist())):
-                passes &= look(left) | look(right)
+            crossed, beside = needed[way]
+            for square in crossed:
+                passes &= look(*square)
+            for left, right in beside:
+                passes &= look(*left) | look(*right)
             return passes
 
         return cls(free, shape.way, shape.offset, shape.lines, shape.line, possible)
@@ -148,6 +149,17 @@ class Steps:
 @functools.lru_cache(maxsize=64)
 def _listed(grid: tuple[int, int], step: tuple[int, int]) -> Int[np.ndarray, "squares"]:
     return line_places(np.arange(grid[0] * grid[1]), grid, step)
+
+
+@functools.lru_cache(maxsize=64)
+def _needed(shape: Stencil) -> list[tuple[list, list]]:
+    """The squares that must be free for a step of each way, and the pairs of which one must be."""
+    square = list(map(tuple, shape.square.tolist()))
+    # What fills up the lists of a stencil are repeats.
+    crossed = [[square[i] for i in dict.fromkeys(one)] for one in shape.crossed.tolist()]
+    beside = [dict.fromkeys(map(tuple, one)) for one in shape.beside.tolist()]
+    pairs = [[(square[left], square[right]) for left, right in one] for one in beside]
+    return list(zip(crossed, pairs, strict=True))
 
 
 def free_steps(

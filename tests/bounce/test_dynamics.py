@@ -18,8 +18,8 @@ from jaxcell.bounce import (
     wall_groups,
     walls,
 )
-from jaxcell.bounce.groups import bump_section, expand_groups, runs
-from jaxcell.mapping import periodic_groups, section_groups
+from jaxcell.bounce.headings import Headings
+from jaxcell.mapping import periodic_groups
 from jaxcell.space import CellSpace, Workspace
 
 
@@ -122,6 +122,22 @@ def test_both_routes_to_the_groups_agree(cells, collision, length):
         assert not summary["basin"][i, count:].any()
 
 
+@pytest.mark.parametrize("kinds", [1, 2, 3])
+@pytest.mark.parametrize("shift", [0, 1, 3, 4, 6, 8])
+def test_a_direction_is_followed_by_the_same_ways_as_the_one_that_leads(shift, kinds):
+    way = np.random.default_rng(shift).permutation(np.arange(12, dtype=np.int32) % kinds)
+    headings = Headings.of(way, shift)
+
+    def ways(direction):
+        return [way[(direction + bumps * shift) % 12] for bumps in range(12)]
+
+    assert [ways(one) for one in headings.alike] == [ways(one) for one in range(12)]
+    np.testing.assert_array_equal(headings.alike[headings.alike], headings.alike)
+    # No two cycles that lead have the same ways.
+    cycles = np.unique(headings.like)
+    assert len({way[one :: headings.cycles].tobytes() for one in cycles}) == len(cycles)
+
+
 @pytest.mark.slow
 def test_totals_are_those_of_the_summary():
     cells = CellSpace.of_grid(np.eye(7) == 0, 24)
@@ -155,27 +171,21 @@ def test_grids_of_one_shape_map_under_vmap():
     @jax.jit
     @jax.vmap
     def all_of(free):
-        possible = grid_moves(free, 8)
-        straight = runs(possible)
-        groups = section_groups(bump_section(possible, straight, 3, slots=8 * 30))
-        image = bounce_image(possible, 3).image
-        plain = periodic_groups(image, jnp.tile(free.ravel(), 8))
-        return plain, expand_groups(possible, straight, groups)
+        image = bounce_image(grid_moves(free, 8), 3).image
+        return periodic_groups(image, jnp.tile(free.ravel(), 8))
 
-    plain, fast = all_of(jnp.asarray(grids))
-    for name in ("group", "step", "period", "count"):
-        np.testing.assert_array_equal(getattr(plain, name), getattr(fast, name), err_msg=name)
+    batch = all_of(jnp.asarray(grids))
     # What is expected is compiled for each grid.
     for i, free in enumerate(grids[:2]):
         cells = CellSpace.of_grid(free, 8)
         expected = bounce_groups(cells, 3 * 2 * math.pi / 8)
         for name in ("group", "step", "period"):
-            found = np.asarray(getattr(fast, name)[i]).reshape(8, -1)
+            found = np.asarray(getattr(batch, name)[i]).reshape(8, -1)
             np.testing.assert_array_equal(
                 found[:, cells.square].ravel(), getattr(expected, name), err_msg=name
             )
             assert (found[:, ~free.ravel()] == -1).all()
-        assert int(fast.count[i]) == int(expected.count)
+        assert int(batch.count[i]) == int(expected.count)
 
 
 def test_an_angle_is_a_whole_number_of_directions():

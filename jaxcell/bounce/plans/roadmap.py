@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...space import CellSpace, estimates
 from ...space.extent import Extent
 from ..dynamics import Collision, bounce_shift, moves as moves_of
-from ..groups import runs
+from ..runs import Straight
 
 
 Method: TypeAlias = Literal["exact", "layered"]
@@ -85,14 +85,14 @@ class Roadmap:
             Extent.of(cells), lambda e: estimates.plans(e, step, collision), "a roadmap", step
         )
         possible = moves_of(cells, step=step, collision=collision)
-        straight = runs(possible)
-        way = np.asarray(possible.way)
-        wall = np.asarray(straight.first)[:, None] + np.asarray(straight.rank)[way]
-        direction, position = np.nonzero(np.asarray(straight.wall)[way])
+        straight = Straight.of(possible)
+        way, runs = straight.way, straight.runs
+        first, direction, position = straight.section(np.ones(cells.directions, bool))
+        wall = first[:, None] + np.asarray(runs.rank)[way]
         turned = (direction + shift[:, None]) % cells.directions * cells.positions + position
         roadmap = cls(
             wall=wall.ravel(),
-            length=np.asarray(straight.length)[way].ravel(),
+            length=np.asarray(runs.length)[way].ravel(),
             turned=turned.astype(np.int32),
             bounces=angles,
             keep=keep,
