@@ -268,3 +268,37 @@ def test_fractions_of_the_pendulum_along_its_torque():
     np.testing.assert_allclose(found.fraction[:, 0], rest, atol=0.015)
     assert found.appears.tolist() == [0, 1]
     assert found.vanishes.tolist() == [9, 9]
+
+
+@pytest.mark.slow
+def test_a_section_of_van_der_pol_has_its_period():
+    def field(x, p):
+        return jnp.stack([x[1], p["mu"] * (1 - x[0] ** 2) * x[1] - x[0]])
+
+    def section(dt):
+        return dynamics.section(
+            field,
+            lambda x, p: x[0],
+            lift=lambda u, p: jnp.stack([jnp.zeros_like(u[0]), u[0]]),
+            project=lambda x, p: x[1:],
+            dt=dt,
+        )
+
+    params = {"mu": 1.0}
+    found = dynamics.basins(section(0.2), Box([0.1], [8], [40]), params)
+    assert found.period.tolist() == [1]
+    assert found.fraction.tolist() == [1]
+    # Of a solver of high order, by smaller steps than will do to find the cycle.
+    fine = section(0.01)
+    _, time = fine.timed(fine(jnp.asarray(found.orbit[0, -1]), params), params)
+    assert float(time) == pytest.approx(6.66328686, abs=1e-5)
+
+
+def test_periods_of_the_logistic_map_double():
+    rate = np.array([0.9, 2.8, 3.2, 3.5, 3.55, 3.83])
+    found = dynamics.continuation(
+        lambda x, p: p["r"] * x * (1 - x), Box([0], [1], [1000]), {"r": rate}
+    )
+    assert [member.period.tolist() for member in found.members] == [[1], [1], [2], [4], [8], [3]]
+    np.testing.assert_allclose(found.members[1].orbit[0, -1], 1 - 1 / 2.8)
+    assert all(member.fraction.tolist() == [1] for member in found.members)
