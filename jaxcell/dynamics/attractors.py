@@ -178,7 +178,7 @@ def _of_orbits(
     """The attractors that orbits end on, the first of which began in groups."""
     count = int(end.max(initial=-1)) + 1
     # No orbit begins in a sink: those are the last two groups.
-    of_group = np.full(int(groups.count), -1)
+    of_group = np.full(int(groups.count), -1, np.int32)
     of_group[-2:] = -2
     several = np.zeros(of_group.size, bool)
     # Those that leave come last, as what most do is taken, and the first of what as many do.
@@ -216,8 +216,9 @@ def _lead_others(
     follow: int,
 ) -> None:
     """Write where groups lead in which no orbit began, if an orbit from one cell of each tells."""
-    live = int(groups.count) - 2
-    others = np.setdiff1d(np.arange(live), begun)
+    other = np.ones(int(groups.count) - 2, bool)
+    other[begun] = False
+    others = np.flatnonzero(other)
     if not others.size:
         return
     owner = attractor_owners(box, found.cells)
