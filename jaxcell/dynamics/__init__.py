@@ -17,7 +17,9 @@ image is some cells away, since a cell that moves by less than its own size beco
 **What to trust.** Centres of cells stand for all of a cell, which is wrong near attractors and
 saddles: a limit cycle makes dozens of periodic groups. So attractors are found by following the map
 itself from the groups, and results say which share of cells are their own images, which images
-differ with steps of half the length, and which cells lead to a saddle.
+differ with steps of half the length, and which cells lead to a saddle. A map that keeps volumes has
+groups and no attractors: results then say that orbits had not settled, or that most cells are
+periodic.
 
 What gives which:
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,28 +9,34 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from ..mapping import PeriodicGroups
 from ..mapping.section import bucket
 from ..space.box import Box
 from .batches import params_of, stacked, with_last
+from .imaging import CHUNK
 from .maps import Flow, Map
+from .merging import merged
+from .orbits import attractor_owners, orbit_ends
 
 
-# Orbits that begin in each group and in all of them, and the mappings that are looked at.
+# Orbits that begin in each group and, where groups have several, in all of them.
 _STARTS = 4
 _MAX_STARTS = 1 << 12
+# Groups in which they begin: a map that keeps volumes may have as many groups as cells.
+_MAX_GROUPS = 1 << 13
 SCATTERED = 256
 """Orbits from random points of the box."""
+# The mappings that are looked at.
 _WINDOW = 256
 _GOLDEN = (5**0.5 - 1) / 2
-# Orbits of each of two attractors that are nearer to each other than half a cell.
-_MIN_APART = 8
 # Mappings before that, twice as many until what merges stays the same.
 _SETTLE = 64
 _MAX_SETTLE = 1 << 13
+# Mappings for each cell of the box, in all, to find where the other groups lead.
+_SHARED = 64
+# Orbits that are followed for it at once.
+_PART = 1 << 17
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,7 +44,7 @@ class Attractors:
     """Attractors of a map, and the one that each periodic group leads to."""
 
     of_group: Int[np.ndarray, "groups"]
-    "The attractor that most orbits from each group end on; -1 if they leave the box."
+    "The attractor that most orbits from each group end on; -1 for none, -2 if they leave the box."
     several: Bool[np.ndarray, "groups"]
     "Whether orbits from the group end on more than one, as near a saddle."
     count: int
@@ -73,7 +78,8 @@ def attractors(
     cell are on one attractor (as in the second stage of Hsu 1987, with orbits in place of a
     generalized map of the groups' neighbourhood, whose cells at small steps spread the groups over
     all of it). Orbits from random points find attractors that cells are too coarse for, and say how
-    many starts should lead to each.
+    many starts should lead to each. Of more groups than 8,192, those with the largest basins are
+    followed so, and each of the others only until it visits cells of an attractor that is known.
 
     **Arguments:**
 
@@ -85,7 +91,7 @@ def attractors(
 
     **Returns:** [`Attractors`][jaxcell.dynamics.attractors.Attractors] of each.
     """
-    starts, group = zip(*(_starts(box, one, scattered, seed) for one in groups), strict=True)
+    starts, begun = zip(*(_starts(box, one, scattered, seed) for one in groups), strict=True)
     params, start = stacked(members), dict(enumerate(starts))
     ends: dict[int, np.ndarray] = {}
     found: dict[int, Attractors] = {}
@@ -97,11 +103,12 @@ def attractors(
         # Then as many again as there were.
         done = more = done + more
         for k, orbit in zip([*start], np.split(orbits, np.cumsum(sizes)[:-1]), strict=True):
-            before, ends[k] = ends.get(k), _merged(box, orbit, follow)
+            before, ends[k] = ends.get(k), merged(box, orbit, follow)
             settled = before is not None and np.array_equal(before, ends[k])
             start[k] = orbit[:, -1]
             if settled or done >= _MAX_SETTLE:
-                found[k] = _of_orbits(box, groups[k], group[k], orbit, ends[k], settled)
+                found[k] = _of_orbits(box, groups[k], begun[k], orbit, ends[k], settled)
+                _lead_others(map, box, members[k], groups[k], begun[k], found[k], follow)
                 del start[k]
     return [found[k] for k in range(len(members))]
 
@@ -120,51 +127,107 @@ def period(orbit: Float[np.ndarray, "window axes"], box: Box) -> int:
 def _starts(
     box: Box, groups: PeriodicGroups, scattered: int, seed: int
 ) -> tuple[Float[np.ndarray, "starts axes"], Int[np.ndarray, "of_groups"]]:
-    """Random points of a few cells of each group, and of the box; and the group of the first."""
+    """Random points of a few cells of groups, and of the box; and the group of the first."""
     rng = np.random.default_rng(seed)
-    cells = np.flatnonzero(np.asarray(groups.step[: box.size]) == 0)
-    group = np.asarray(groups.group)[cells]
-    order = np.argsort(group, kind="stable")
-    cells, group = cells[order], group[order]
     live = int(groups.count) - 2
     each = int(np.clip(_MAX_STARTS // max(1, live), 1, _STARTS))
-    first = np.searchsorted(group, np.unique(group))
-    size = np.diff([*first, group.size])
-    # Evenly along the group, some cells twice if it has few.
-    chosen = (first[:, None] + np.arange(each) * size[:, None] // each).ravel()
-    inside = rng.uniform(-0.5, 0.5, (chosen.size, box.dimensions))
+    followed = np.arange(live)
+    if live > _MAX_GROUPS:
+        size = np.zeros(live + 2, np.int64)
+        for first in range(0, box.size, CHUNK):
+            part = np.asarray(groups.group[: box.size][first : first + CHUNK])
+            size += np.bincount(part, minlength=live + 2)
+        followed = np.sort(np.argpartition(-size[:live], _MAX_GROUPS)[:_MAX_GROUPS])
+    cells = _cells_of(box, groups, followed, each).ravel()
+    inside = rng.uniform(-0.5, 0.5, (cells.size, box.dimensions))
     anywhere = rng.uniform(box.lower, box.upper, (scattered, box.dimensions))
-    start = np.concatenate([box.centre(cells[chosen]) + inside * box.width, anywhere])
-    return start, group[chosen]
+    start = np.concatenate([box.centre(cells) + inside * box.width, anywhere])
+    return start, np.repeat(followed, each)
+
+
+def _cells_of(
+    box: Box, groups: PeriodicGroups, chosen: Int[np.ndarray, "chosen"], each: int
+) -> Int[np.ndarray, "chosen each"]:
+    """Cells of groups, evenly among those of each, some twice if it has few."""
+    group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
+    number = np.full(int(groups.count), -1, np.int32)
+    number[chosen] = np.arange(chosen.size)
+    place = np.arange(each) * np.asarray(groups.group_period)[chosen, None] // each
+    found = np.zeros_like(place, dtype=np.int64)
+    for first in range(0, box.size, CHUNK):
+        part = slice(first, first + CHUNK)
+        cells = np.flatnonzero((step[part] == 0) & (number[group[part]] >= 0))
+        here = number[group[part][cells]]
+        order = np.argsort(here, kind="stable")
+        start = np.searchsorted(here[order], np.arange(chosen.size + 1))
+        # What the place is among the group's cells of this part.
+        own = (place >= 0) & (place < np.diff(start)[:, None])
+        found[own] = first + cells[order[(start[:-1, None] + place)[own]]]
+        place -= np.diff(start)[:, None]
+    return found
 
 
 def _of_orbits(
     box: Box,
     groups: PeriodicGroups,
-    group: Int[np.ndarray, "of_groups"],
+    begun: Int[np.ndarray, "of_groups"],
     orbit: Float[np.ndarray, "starts window axes"],
     end: Int[np.ndarray, "starts"],
     settled: bool,
 ) -> Attractors:
     """The attractors that orbits end on, the first of which began in groups."""
     count = int(end.max(initial=-1)) + 1
-    votes = np.zeros((int(groups.count), count + 1), np.int64)
-    np.add.at(votes, (group, end[: group.size]), 1)
     # No orbit begins in a sink: those are the last two groups.
-    votes[-2:, -1] = 1
-    of_group = votes.argmax(axis=1)
-    index = box.index(orbit)
-    anywhere = end[group.size :]
+    of_group = np.full(int(groups.count), -1, np.int32)
+    of_group[-2:] = -2
+    several = np.zeros(of_group.size, bool)
+    # Those that leave come last, as what most do is taken, and the first of what as many do.
+    pair = begun * (count + 1) + np.where(end < 0, count, end)[: begun.size]
+    pair, votes = np.unique(pair, return_counts=True)
+    of_pair, ends = np.divmod(pair, count + 1)
+    order = np.lexsort((-votes, of_pair))
+    voted, first, kinds = np.unique(of_pair[order], return_index=True, return_counts=True)
+    most = ends[order[first]]
+    of_group[voted], several[voted] = np.where(most == count, -2, most), kinds > 1
+    anywhere = end[begun.size :]
+    by_end = np.argsort(end, kind="stable")
+    starts = np.searchsorted(end[by_end], np.arange(count + 1))
+    each = np.split(by_end, starts)[1:-1]
+    visited = (np.unique(box.index(orbit[own])) for own in each)
     return Attractors(
-        of_group=np.where(of_group == count, -1, of_group),
-        several=np.count_nonzero(votes, axis=1) > 1,
+        of_group=of_group,
+        several=several,
         count=count,
-        orbit=orbit[[int(np.argmax(end == k)) for k in range(count)]],
+        orbit=orbit[by_end[starts[:-1]]],
         sampled=np.bincount(anywhere + 1, minlength=count + 1)[1:] / anywhere.size,
         scattered=anywhere.size,
-        cells=tuple(np.unique(index[end == k][index[end == k] < box.size]) for k in range(count)),
+        cells=tuple(cells[cells < box.size] for cells in visited),
         settled=settled,
     )
+
+
+def _lead_others(
+    map: Map,
+    box: Box,
+    params: Any,
+    groups: PeriodicGroups,
+    begun: Int[np.ndarray, "of_groups"],
+    found: Attractors,
+    follow: int,
+) -> None:
+    """Write where groups lead in which no orbit began, if an orbit from one cell of each tells."""
+    other = np.ones(int(groups.count) - 2, bool)
+    other[begun] = False
+    others = np.flatnonzero(other)
+    if not others.size:
+        return
+    owner = attractor_owners(box, found.cells)
+    for part in np.array_split(others, 1 + others.size // _PART):
+        points = box.centre(_cells_of(box, groups, part, 1)[:, 0])
+        most = _SHARED * box.size // others.size
+        found.of_group[part], _ = orbit_ends(
+            map, box, params, owner, points, follow=follow, most=most
+        )
 
 
 def _orbits(
@@ -184,63 +247,12 @@ def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle:
 
     def orbit(member, x):  # type: ignore[no-untyped-def]
         own = params_of(params, member)
-        x = jax.lax.fori_loop(0, settle, lambda _, y: map(y, own), x)
+        x = jax.lax.fori_loop(0, settle, lambda _, y: box.wrapped(map(y, own)), x)
 
         def step(y, part):  # type: ignore[no-untyped-def]
-            y = map.one(y, own, part) if isinstance(map, Flow) else map(y, own)
+            y = box.wrapped(map.one(y, own, part) if isinstance(map, Flow) else map(y, own))
             return y, y
 
         return jax.lax.scan(step, x, parts)[1]
 
     return jax.vmap(orbit)(member, start)
-
-
-def _merged(
-    box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
-) -> Int[np.ndarray, "starts"]:
-    """The attractor of each orbit, numbered as they come; -1 for those that leave the box."""
-    last = box.index(orbit[:, -1 - follow :])
-    stays = np.flatnonzero((last < box.size).any(axis=1))
-    place = (orbit[stays] - np.array(box.lower)) / box.width
-    label = _linked(box, place, 2)
-    # Attractors that come as near to each other as that are apart at half the length, unless too
-    # few orbits are left to tell. The orbits of a large one would be links of a chain still.
-    for k in range(int(label.max(initial=-1)) + 1):
-        own = np.flatnonzero(label == k)
-        finer = _linked(box, place[own], 4) if own.size >= 2 * _MIN_APART else np.zeros(1, int)
-        size = np.bincount(finer)
-        apart = np.flatnonzero(size >= max(_MIN_APART, own.size / 5))
-        if apart.size > 1 and size[apart].sum() >= 0.9 * own.size:
-            finer = np.where(np.isin(finer, apart), finer, size.argmax())
-            label[own] = label.max() + 1 + finer
-    _, first, label = np.unique(label, return_index=True, return_inverse=True)
-    found = np.full(orbit.shape[0], -1)
-    found[stays] = np.argsort(np.argsort(first))[label]
-    return found
-
-
-def _linked(
-    box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
-) -> Int[np.ndarray, "orbits"]:
-    """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
-    orbits = len(place)
-    bits = orbits.bit_length()
-    along = []
-    for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
-        count, at = parts * cells, parts * place[..., axis]
-        at[~np.isfinite(at)] = -1
-        both = (np.floor(at + shift) for shift in (0.0, 0.5))
-        if kind == "periodic":
-            both = (one - count * np.floor(one / count) for one in both)
-        along.append([np.clip(one, -1, count + 1).astype(np.int64) + 1 for one in both])
-    meets = np.zeros((orbits, orbits), bool)
-    for corner in itertools.product(*along):
-        key = np.zeros(place.shape[:2], np.int64)
-        for one, cells in zip(corner, box.cells, strict=True):
-            key = key * (parts * cells + 3) + one
-        # Sorted by cells, so that orbits in one cell are next to each other.
-        key = np.sort(((key << bits) + np.arange(orbits)[:, None]).ravel())
-        between = key[1:] ^ key[:-1]
-        two = np.flatnonzero((between > 0) & (between < 1 << bits))
-        meets[key[two] & ((1 << bits) - 1), key[two + 1] & ((1 << bits) - 1)] = True
-    return connected_components(csr_array(meets), directed=False)[1]

@@ -15,6 +15,10 @@ from .maps import Flow, Map
 from .orbits import orbit_basins
 
 
+# Remarks on single attractors.
+_MOST_DOUBTED = 5
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Basins(Result):
     """Where each cell of a box ends up: its attractor, or out of the box."""
@@ -165,6 +169,11 @@ class Basins(Result):
                 f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
                 "is too short for these cells."
             )
+        elif self.periodic_cells > 0.5 * self.box.size:
+            said.append(
+                f"{self.periodic_cells / self.box.size:.0%} of the cells are periodic: the map "
+                "keeps volumes, it seems, so that it has groups and no attractors."
+            )
         if self.changed is not None and self.changed > 0.2:
             said.append(
                 f"{self.changed:.0%} of the images are others with steps of half the length: take "
@@ -172,13 +181,25 @@ class Basins(Result):
             )
         # Three standard errors of what is sampled.
         doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / self.scattered) + 0.02
-        for k in np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt):
+        doubted = np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt)
+        for k in doubted[:_MOST_DOUBTED]:
             said.append(
                 f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
                 "of the orbits from random starts end on it: take basins by orbits, or more cells."
             )
+        if doubted.size > _MOST_DOUBTED:
+            said.append(f"So it is with {doubted.size - _MOST_DOUBTED} attractors more.")
         if not self.settled:
-            said.append("Orbits had not settled: attractors may be too many.")
+            said.append(
+                "Orbits had not settled: attractors may be too many, as where a map keeps volumes "
+                "and has none."
+            )
+        none = np.mean((self.basin < 0) & ~self.left & (self.group < self.groups))
+        if none > 0.05:
+            said.append(
+                f"{none:.0%} of the cells lead to groups whose orbits come to none of the "
+                "attractors that were found: take a longer time of a mapping, or a smaller box."
+            )
         if self.several_share > 0.05:
             said.append(
                 f"{self.several_share:.0%} of the cells lead to groups from which orbits end on "
@@ -307,12 +328,13 @@ def _by_cells(
     # The sinks have the last two numbers of cells, and so of groups.
     live = int(groups.count) - 2
     reached = found.of_group
-    size = totals(reached, found.count, totals(group, live + 2))
+    size = totals(np.maximum(reached, -1), found.count, totals(group, live + 2))
     order = np.argsort(-size, kind="stable")
-    rank = np.empty(found.count + 1, np.int32)
-    rank[order], rank[-1] = np.arange(found.count), -1
+    # Behind those of attractors are those of leaving and of no attractor, as -2 and -1 say.
+    rank = np.full(found.count + 2, -1, np.int32)
+    rank[order] = np.arange(found.count)
     # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
-    leaves = (reached < 0) & (np.arange(live + 2) != live + 1)
+    leaves = (reached == -2) & (np.arange(live + 2) != live + 1)
     return Basins(
         box,
         params,

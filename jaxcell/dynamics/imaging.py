@@ -104,19 +104,23 @@ def check_map(map: Map, box: Box, params: Any) -> None:
     """
     middle = (jnp.asarray(box.lower) + jnp.asarray(box.upper)) / 2
     try:
-        shape = jax.eval_shape(map, middle, params).shape
-    except (TypeError, KeyError, IndexError, AttributeError) as error:
+        found = jax.eval_shape(map, middle, params)
+    except (TypeError, LookupError, AttributeError, NameError, ArithmeticError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ValueError(f"map: fails at the middle of the box: {said}") from error
-    if shape != middle.shape:
+    if not hasattr(found, "shape"):
+        raise ValueError(f"map: gives a {type(found).__name__}, expected an array")
+    if found.shape != middle.shape:
         raise ValueError(
-            f"map: gives an array of shape {list(shape)} for a point of {list(middle.shape)}"
+            f"map: gives an array of shape {list(found.shape)} for a point of {list(middle.shape)}"
         )
+    if found.dtype != middle.dtype:
+        raise ValueError(f"map: gives numbers of {found.dtype} for a point of {middle.dtype}")
     begin = getattr(map, "velocity", map)
-    found = jax.vmap(lambda x: jnp.asarray(begin(x, params)))(jnp.asarray(_anywhere(box)))
-    if not np.isfinite(found).all(axis=-1).any():
+    begun = jax.vmap(lambda x: jnp.asarray(begin(x, params)))(jnp.asarray(_anywhere(box)))
+    if not np.isfinite(begun).all(axis=-1).any():
         what = "map" if begin is map else "field"
-        raise ValueError(f"{what}: is not finite at any of {len(found)} points of the box")
+        raise ValueError(f"{what}: is not finite at any of {len(begun)} points of the box")
 
 
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:

@@ -73,8 +73,9 @@ def orbit_ends(
     *,
     follow: int = 0,
     visits: int = VISITS,
+    most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
-    """Follow points until they have visited cells of one owner as often as that."""
+    """Follow points until they have visited cells of one owner as often as that, or that far."""
     params, known = jax.tree.map(jnp.asarray, params), jnp.asarray(owner)
 
     def stage(state: Any, k: int) -> Any:
@@ -84,7 +85,7 @@ def orbit_ends(
         lost, settled = away > follow, seen >= visits
         basin = np.where(lost, _OUTSIDE, np.where(settled, label, _NONE)).astype(np.int32)
         since = np.where(lost, done, np.where(settled, begun, _NONE)).astype(np.int32)
-        return state, lost | settled | (done >= _MAX_MAPPINGS), (basin, since)
+        return state, lost | settled | (done >= min(most, _MAX_MAPPINGS)), (basin, since)
 
     begun, seen, away = np.zeros((3, len(points)), np.int32)
     label = np.full(len(points), _NONE, np.int32)
@@ -99,7 +100,7 @@ def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, f
     def orbit(x, label, begun, visits, away):  # type: ignore[no-untyped-def]
         def step(k, state):  # type: ignore[no-untyped-def]
             x, label, begun, visits, away = state
-            x = map(x, params)
+            x = box.wrapped(map(x, params))
             here = owner[box.index(x)]
             visit, another = here >= 0, (here >= 0) & (here != label)
             begun = jnp.where(another, jnp.asarray(done + k + 1, begun.dtype), begun)

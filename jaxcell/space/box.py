@@ -191,6 +191,22 @@ class Box:
             along.append(xp.clip(xp.where(xp.isfinite(place), place, 0), 0, count - 1))
         return xp.stack(along, axis=-1), inside
 
+    def wrapped(self, points: Float[Any, "... axes"]) -> Float[Any, "... axes"]:
+        """The same points, with coordinates along periodic axes between the ends of the box.
+
+        What is mapped again and again would grow along them until its fractions are lost.
+        """
+        xp = points.__array_namespace__()
+        along = []
+        for axis, (low, high, kind) in enumerate(
+            zip(self.lower, self.upper, self.axes, strict=True)
+        ):
+            here = points[..., axis]
+            if kind == "periodic":
+                here = here - (high - low) * xp.floor((here - low) / (high - low))
+            along.append(here)
+        return xp.stack(along, axis=-1)
+
     def _unravel(self, index: Any) -> list[Any]:
         along = []
         for count in reversed(self.cells):

@@ -268,3 +268,90 @@ def test_fractions_of_the_pendulum_along_its_torque():
     np.testing.assert_allclose(found.fraction[:, 0], rest, atol=0.015)
     assert found.appears.tolist() == [0, 1]
     assert found.vanishes.tolist() == [9, 9]
+
+
+@pytest.mark.slow
+def test_a_section_of_van_der_pol_has_its_period():
+    def field(x, p):
+        return jnp.stack([x[1], p["mu"] * (1 - x[0] ** 2) * x[1] - x[0]])
+
+    def section(dt):
+        return dynamics.section(
+            field,
+            lambda x, p: x[0],
+            lift=lambda u, p: jnp.stack([jnp.zeros_like(u[0]), u[0]]),
+            project=lambda x, p: x[1:],
+            dt=dt,
+        )
+
+    params = {"mu": 1.0}
+    found = dynamics.basins(section(0.2), Box([0.1], [8], [40]), params)
+    assert found.period.tolist() == [1]
+    assert found.fraction.tolist() == [1]
+    # Of a solver of high order, by smaller steps than will do to find the cycle.
+    fine = section(0.01)
+    _, time = fine.timed(fine(jnp.asarray(found.orbit[0, -1]), params), params)
+    assert float(time) == pytest.approx(6.66328686, abs=1e-5)
+
+
+def test_periods_of_the_logistic_map_double():
+    rate = np.array([0.9, 2.8, 3.2, 3.5, 3.55, 3.83])
+    found = dynamics.continuation(
+        lambda x, p: p["r"] * x * (1 - x), Box([0], [1], [1000]), {"r": rate}
+    )
+    assert [member.period.tolist() for member in found.members] == [[1], [1], [2], [4], [8], [3]]
+    np.testing.assert_allclose(found.members[1].orbit[0, -1], 1 - 1 / 2.8)
+    assert all(member.fraction.tolist() == [1] for member in found.members)
+
+
+@pytest.mark.parametrize("axes", [4, 5, 6])
+def test_boxes_of_many_axes_have_the_product_of_the_groups_of_each(axes):
+    kinds = ["sink", "periodic", "clamp"] * 2
+    box = Box([-2] * axes, [2] * axes, [4, 5, 3, 4, 2, 3][:axes], kinds[:axes])
+    rates = np.array([1.4, 2.0, 3.0, -0.7, 1.0, -1.5])[:axes]
+    shift = np.array([0.1, 0.3, -0.2, 0.4, 2.0, 0.0])[:axes]
+    image = dynamics.images(lambda x, p: rates * x + shift, box)
+    # Each axis by itself, -1 for what leaves it.
+    along = []
+    for axis, (count, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+        centre = -2 + (np.arange(count) + 0.5) * 4 / count
+        place = np.floor((rates[axis] * centre + shift[axis] + 2) / 4 * count + 1e-9).astype(int)
+        if kind == "periodic":
+            place %= count
+        elif kind == "clamp":
+            place = np.clip(place, 0, count - 1)
+        along.append(np.where((place >= 0) & (place < count), place, -1))
+    each = np.stack([one.ravel() for one in np.meshgrid(*along, indexing="ij")])
+    inside = (each >= 0).all(axis=0)
+    assert 0 < np.count_nonzero(~inside) < box.size
+    expected = np.where(inside, np.ravel_multi_index(np.maximum(each, 0), box.cells), box.outside)
+    np.testing.assert_array_equal(image, expected)
+
+
+# What six axes are compiled to and merged by takes some seconds.
+@pytest.mark.parametrize("axes", [4, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 6))])
+def test_wells_of_many_axes_are_as_many_as_corners(axes):
+    box = Box([-2] * axes, [2] * axes, [4] * axes)
+    found = dynamics.basins(lambda x, p: jnp.sign(x) * 0.7 + 0.3 * x, box)
+    assert found.attractors == 2**axes
+    assert found.period.tolist() == [1] * 2**axes
+    np.testing.assert_allclose(found.fraction, 0.5**axes)
+    # Two cells of one attractor have the same signs along all axes.
+    signs = box.centre(np.arange(box.size, dtype=np.int32)) > 0
+    corner = signs @ 2 ** np.arange(axes)
+    assert len({*zip(corner.tolist(), found.basin.tolist(), strict=True)}) == 2**axes
+
+
+def test_turns_in_three_planes_of_six_axes_come_back_together():
+    # By a quarter, a quarter the other way, and a half: four mappings, but in the middle.
+    box = Box([-1] * 6, [1] * 6, [3] * 6)
+
+    def turn(x, p):
+        return jnp.stack([-x[1], x[0], x[3], -x[2], -x[4], -x[5]])
+
+    image = dynamics.images(turn, box)
+    groups = periodic_groups(image)
+    moves = box.coordinates(np.arange(box.size, dtype=np.int32)) != 1
+    period = np.where(moves[:, :4].any(axis=1), 4, np.where(moves[:, 4:].any(axis=1), 2, 1))
+    assert (np.asarray(groups.period) == period).all()
+    assert (np.asarray(groups.step) == 0).all()

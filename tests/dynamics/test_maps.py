@@ -115,6 +115,10 @@ def test_half_a_step_tells_of_a_coarse_one():
     ("map", "said"),
     [
         (lambda x, p: x[:1], "shape \\[1\\] for a point of \\[2\\]"),
+        (lambda x, p: (x[0], x[1]), "^map: gives a tuple, expected an array$"),
+        (lambda x, p: jnp.sign(x).astype(int), "^map: gives numbers of int64 for a point of float"),
+        (lambda x, p: x * (1 / 0), "fails at the middle of the box: division by zero"),
+        (lambda x, p: x * speed, "fails at the middle of the box: name 'speed' is not defined"),
         (lambda x, p: x * p["speed"], "fails at the middle of the box: 'speed'"),
         (dynamics.flow(lambda x, p: x[:1], 0.1, 2), "field: gives an array of shape \\[1\\]"),
         (lambda x, p: x * jnp.nan, "^map: is not finite at any of 64 points of the box$"),

@@ -36,20 +36,20 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any
     count = found.box.cells[2] if found.box.dimensions > 2 else 1
     times = np.arange(count)
     log_classes(stream, "box/basins", _classes(found.attractors))
-    pictures = np.stack([_picture(found, names, k) for k in range(count)])
-    send_pictures(stream, "box/basins", pictures, "slice", times)
+    send_pictures(stream, "box/basins", _pictures(found, names, times), "slice", times)
     scale = Scale.over(found.step.astype(float), "{} mappings".format, ground="out of the box")
     log_classes(stream, "box/steps", scale.classes)
     steps = np.stack([_steps(found, scale, k) for k in range(count)])
     send_pictures(stream, "box/steps", steps, "slice", times)
     _log_ends(stream, found)
     views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
-    if found.box.dimensions > 2:
+    if _deep(found):
         _log_orbits(stream, found)
         views.append(rrb.Spatial3DView(origin="space", name="Attractors"))
     columns = "fraction", "sampled", "period", "cells_on", "mean_steps"
     table = described(found, *columns, first={"": names.tolist()})
-    text = "\n\n".join([f"# {found.title}", _SEEN, table, numbers(found), made_with(spec)])
+    seen = _SEEN + _cut(found, "slice")
+    text = "\n\n".join([f"# {found.title}", seen, table, numbers(found), made_with(spec)])
     legend = [*_legend(found.attractors), *scale.legend(4)]
     tab = log_tab(stream, "", found.title, views, text, legend, timeline="slice")
     send_blueprint(stream, [tab], "slice", speed=10.0)
@@ -62,14 +62,16 @@ def log_continuation(
     times = np.arange(len(found.members))
     log_classes(stream, "box/basins", _classes(found.attractors))
     each = zip(found.members, found.label, strict=True)
-    pictures = np.stack([_picture(one, name, one.box.cells[-1] // 2) for one, name in each])
+    middle = np.array(found.members[0].box.cells[2:3] or (0,)) // 2
+    pictures = np.concatenate([_pictures(one, name, middle) for one, name in each])
     send_pictures(stream, "box/basins", pictures, "member", times)
     for name, share in enumerate(found.fraction.T):
         curve = f"fractions/attractor_{name}"
         log_curve(stream, curve, share, "member", times, _color(name), shape="Linear")
     _log_ends(stream, found.members[0])
     table = described(found, "parameters", "count", "outside_share", first={"": times.tolist()})
-    text = "\n\n".join([f"# {found.title}", _SEEN, table, made_with(spec)])
+    seen = _SEEN + _cut(found.members[0])
+    text = "\n\n".join([f"# {found.title}", seen, table, made_with(spec)])
     curves = curve_view("fractions", "Share of the box", len(times) - 1, 1.0)
     views = [_view("Basins", "basins"), curves]
     legend = _legend(found.attractors)
@@ -105,23 +107,43 @@ def _slice(found: Basins, values: np.ndarray, third: int) -> np.ndarray:
     box = found.box
     if box.dimensions == 1:
         return values[None]
-    cut = [third, *(n // 2 for n in box.cells[3:])] if box.dimensions > 2 else []
+    cut = [third, *(n // 2 for n in box.cells[3:])] if _deep(found) else []
     values = values.reshape(*box.cells[:2], -1)
     return values[..., int(np.ravel_multi_index(cut, box.cells[2:])) if cut else 0].T
 
 
-def _picture(
-    found: Basins, names: Int[np.ndarray, "attractors"], third: int
-) -> UInt8[np.ndarray, "rows columns"]:
-    name = np.append(np.asarray(names), -1)[found.basin]
-    kind = np.where(name < 0, 0, 1 + 2 * name)
+def _cut(found: Basins, timeline: str = "") -> str:
+    """What the pictures show of a box with more axes than two."""
+    if not _deep(found):
+        return ""
+    cut = [(name, found.box.ticks(axis)) for axis, name in enumerate(found.names)][2:]
+    at = [f"{name} = {ticks[ticks.size // 2]:.4g}" for name, ticks in cut]
+    said = f"\n\nThe maps go along {found.names[0]} and {found.names[1]}"
+    if not timeline:
+        return f"{said}, at {', '.join(at)}."
+    name, ticks = cut[0]
+    through = f"{said}, and the timeline `{timeline}` through the {ticks.size} cells of {name}"
+    rest = f"; they are cut at {', '.join(at[1:])}" if at[1:] else ""
+    return f"{through}, from {ticks[0]:.4g} to {ticks[-1]:.4g}{rest}."
+
+
+def _deep(found: Basins) -> bool:
+    return found.box.dimensions > 2
+
+
+def _pictures(
+    found: Basins, names: Int[np.ndarray, "attractors"], thirds: Int[np.ndarray, "slices"]
+) -> UInt8[np.ndarray, "slices rows columns"]:
+    """The classes of cells, for each of some coordinates along the third axis."""
+    kinds = np.append(np.minimum(1 + 2 * np.asarray(names), 255), 0).astype(np.uint8)
+    kind = kinds[found.basin]
     for k, cells in zip(names, found.attractor_cells, strict=True):
-        kind[cells] = 2 + 2 * k
-    return np.minimum(_slice(found, kind, third), 255).astype(np.uint8)
+        kind[cells] = min(2 + 2 * k, 255)
+    return np.stack([_slice(found, kind, third) for third in thirds.tolist()])
 
 
 def _steps(found: Basins, scale: Scale, third: int) -> UInt8[np.ndarray, "rows columns"]:
-    inside = _slice(found, found.basin >= 0, third)
+    inside = _slice(found, found.basin, third) >= 0
     levels = scale.levels(_slice(found, found.step, third).astype(float))
     return np.where(inside, levels, 0).astype(np.uint8)
 
@@ -129,10 +151,13 @@ def _steps(found: Basins, scale: Scale, third: int) -> UInt8[np.ndarray, "rows c
 def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:
     """The attractors of a box with three axes or more, in its first three."""
     size = np.array(found.box.upper) - np.array(found.box.lower)
-    for k, orbit in enumerate(found.orbit):
+    each = {f"attractor_{k}": orbit for k, orbit in enumerate(found.orbit[:_MAX_NAMED])}
+    if found.attractors > _MAX_NAMED:
+        each["more_attractors"] = np.concatenate(found.orbit[_MAX_NAMED:])
+    for k, (name, orbit) in enumerate(each.items()):
         place = _SIDE * (orbit[:, :3] - np.array(found.box.lower)[:3]) / size[:3]
         cloud = rr.Points3D(place, colors=_color(k), radii=0.08)
-        stream.log(f"space/attractor_{k}", cloud, static=True)
+        stream.log(f"space/{name}", cloud, static=True)
     half = np.full(3, _SIDE / 2)
     frame = rr.Boxes3D(centers=[half], half_sizes=[half], colors=PLAIN)
     stream.log("space/box", frame, static=True)

@@ -1,0 +1,67 @@
+"""Which orbits are on one attractor."""
+
+import itertools
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..space.box import Box
+
+
+# Orbits of each of two attractors that are nearer to each other than half a cell.
+_MIN_APART = 8
+
+
+def merged(
+    box: Box, orbit: Float[np.ndarray, "starts window axes"], follow: int
+) -> Int[np.ndarray, "starts"]:
+    """The attractor of each orbit, numbered as they come; -1 for those that leave the box."""
+    last = box.index(orbit[:, -1 - follow :])
+    stays = np.flatnonzero((last < box.size).any(axis=1))
+    place = (orbit[stays] - np.array(box.lower)) / box.width
+    label = _linked(box, place, 2)
+    # Attractors that come as near to each other as that are apart at half the length, unless too
+    # few orbits are left to tell. The orbits of a large one would be links of a chain still.
+    for k in np.flatnonzero(np.bincount(label) >= 2 * _MIN_APART):
+        own = np.flatnonzero(label == k)
+        finer = _linked(box, place[own], 4)
+        size = np.bincount(finer)
+        apart = np.flatnonzero(size >= max(_MIN_APART, own.size / 5))
+        if apart.size > 1 and size[apart].sum() >= 0.9 * own.size:
+            finer = np.where(np.isin(finer, apart), finer, size.argmax())
+            label[own] = label.max() + 1 + finer
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    found = np.full(orbit.shape[0], -1)
+    found[stays] = np.argsort(np.argsort(first))[label]
+    return found
+
+
+def _linked(
+    box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
+) -> Int[np.ndarray, "orbits"]:
+    """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
+    orbits = len(place)
+    bits = orbits.bit_length()
+    along = []
+    for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+        count, at = parts * cells, parts * place[..., axis]
+        at[~np.isfinite(at)] = -1
+        both = (np.floor(at + shift) for shift in (0.0, 0.5))
+        if kind == "periodic":
+            both = (one - count * np.floor(one / count) for one in both)
+        along.append([np.clip(one, -1, count + 1).astype(np.int32) + 1 for one in both])
+    label = np.arange(orbits)
+    for corner in itertools.product(*along):
+        key = np.zeros(place.shape[:2], np.int64)
+        for one, cells in zip(corner, box.cells, strict=True):
+            key = key * (parts * cells + 3) + one
+        # Sorted by cells, so that orbits in one cell are next to each other.
+        key = np.sort(((key << bits) + label[:, None]).ravel())
+        between = key[1:] ^ key[:-1]
+        two = np.flatnonzero((between > 0) & (between < 1 << bits))
+        ends = key[two] & ((1 << bits) - 1), key[two + 1] & ((1 << bits) - 1)
+        meets = coo_array((np.ones(two.size, np.int8), ends), shape=(orbits, orbits))
+        label = connected_components(meets, directed=False)[1][label]
+    return np.unique(label, return_inverse=True)[1]

@@ -1,0 +1,138 @@
+"""Attractors of maps that have many groups, or keep volumes and have none."""
+
+import itertools
+
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from jaxcell import dynamics
+from jaxcell.dynamics import attractors
+from jaxcell.dynamics.basin import basins_of_each
+from jaxcell.dynamics.merging import merged
+from jaxcell.mapping.peel import groups_on_host
+from jaxcell.space import Box
+
+
+def quarter_turn(x, p):
+    return jnp.stack([-x[1], x[0]])
+
+
+def standard(x, p):
+    speed = x[1] + 0.9 * jnp.sin(x[0])
+    return jnp.stack([x[0] + speed, speed])
+
+
+def cat(x, p):
+    return jnp.stack([2 * x[0] + x[1], x[0] + x[1]])
+
+
+TORUS = Box([0, 0], [1, 1], [30, 30], "periodic")
+KEEPING = {
+    "quarter turn": (quarter_turn, Box([-1, -1], [1, 1], [20, 20])),
+    "standard": (standard, Box([0, 0], [2 * np.pi, 2 * np.pi], [24, 24], "periodic")),
+    "cat": (cat, TORUS),
+}
+
+
+@pytest.mark.parametrize("name", KEEPING)
+def test_groups_of_maps_that_keep_volumes_are_those_of_brute_force(name):
+    map, box = KEEPING[name]
+    found = dynamics.basins(map, box)
+    image = []
+    for cell in range(box.size):
+        point = np.asarray(map(jnp.asarray(box.centre(np.array([cell]))[0]), None))
+        place = np.floor((point - box.lower) / box.width + 1e-9).astype(int) % box.cells
+        image.append(int(np.ravel_multi_index(place, box.cells)))
+    assert found.image.tolist() == image
+    graph = nx.DiGraph(enumerate(image))
+    cycles = sorted(nx.simple_cycles(graph), key=min)
+    assert found.group_period.tolist() == [len(cycle) for cycle in cycles]
+    assert set(np.flatnonzero(found.step == 0)) == set(itertools.chain(*cycles))
+    for number, cycle in enumerate(cycles):
+        assert set(np.flatnonzero(found.group == number)) == nx.ancestors(graph, cycle[0]) | {
+            *cycle
+        }
+    keeps = any("keeps volumes" in said for said in found.remarks)
+    assert keeps == (name != "standard")
+
+
+def test_orbits_on_a_torus_keep_their_fractions():
+    # Without a way back, the coordinates would have 130 digits after the first look.
+    found = dynamics.basins(cat, TORUS)
+    assert found.attractors == 1
+    assert found.outside_share == found.nowhere_share == 0
+    assert (found.orbit >= 0).all()
+    assert (found.orbit <= 1).all()
+    assert np.unique(np.floor(4 * found.orbit[0]), axis=0).shape[0] == 16
+    # An orbit of cells is followed in the same way.
+    by_orbits = dynamics.basins(cat, TORUS, by="orbits")
+    assert (by_orbits.basin == 0).all()
+
+
+def test_orbits_are_merged_as_pairs_of_them_are():
+    box = Box([0, 0], [1, 1], [9, 9], ["periodic", "sink"])
+    orbit = np.random.default_rng(0).uniform([-1, 0], [2, 1], (15, 2, 2))
+    meet = nx.Graph()
+    meet.add_nodes_from(range(15))
+    for shift in itertools.product((0, 0.5), repeat=2):
+        part = np.floor(orbit * 18 + shift) % [18, 100]
+        for one, other in itertools.combinations(range(15), 2):
+            if (part[one][:, None] == part[other]).all(axis=-1).any():
+                meet.add_edge(one, other)
+    expected = sorted(map(sorted, nx.connected_components(meet)))
+    assert 1 < len(expected) < 15
+    label = merged(box, orbit, 0)
+    assert sorted(np.flatnonzero(label == k).tolist() for k in range(label.max() + 1)) == expected
+
+
+@pytest.mark.parametrize("chunk", [7, 1 << 20])
+def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
+    monkeypatch.setattr(attractors, "CHUNK", chunk)
+    box = Box([0], [1], [60])
+    image = np.random.default_rng(1).permutation(60).astype(np.int32)
+    groups = groups_on_host(np.append(image, np.array([60, 61], np.int32)))
+    chosen = np.array([1, 2])
+    found = attractors._cells_of(box, groups, chosen, 3)
+    _, label = connected_components(csr_array((np.ones(60), (np.arange(60), image))))
+    for k, cells in zip(chosen, found, strict=True):
+        own = np.flatnonzero(np.asarray(groups.group)[:60] == k)
+        assert cells.tolist() == [own[j * own.size // 3] for j in range(3)]
+        assert np.unique(label[own]).size == 1
+
+
+def test_of_many_groups_the_others_lead_where_their_orbits_do(monkeypatch):
+    # A step is shorter than half a cell around the middle, where each cell is a group.
+    box = Box([-1], [1], [40])
+    slow = dynamics.flow(lambda x, p: -x, 0.1, 1)
+    all_of_them = dynamics.basins(slow, box)
+    monkeypatch.setattr(attractors, "_MAX_GROUPS", 3)
+    few = dynamics.basins(slow, box)
+    assert few.groups == all_of_them.groups > 6
+    assert all_of_them.basin.tolist() == few.basin.tolist() == [0] * 40
+
+
+def test_groups_whose_orbits_come_to_no_known_attractor_are_told(monkeypatch):
+    # Eight wells, of which two are followed, as long as nothing starts anywhere else.
+    box = Box([0], [8], [80])
+
+    def wells(x, p):
+        return jnp.floor(x) + 0.5 + 0.3 * (x - jnp.floor(x) - 0.5)
+
+    assert dynamics.basins(wells, box).attractors == 8
+    monkeypatch.setattr(attractors, "_MAX_GROUPS", 2)
+    (few,) = basins_of_each(wells, box, [None], scattered=1, seed=1)
+    assert few.attractors < 8
+    assert few.nowhere_share == 1 - few.attractors / 8
+    assert few.outside_share == 0
+    assert any("come to none of the attractors" in said for said in few.remarks)
+
+
+def test_remarks_on_single_attractors_are_few():
+    box = Box([-1, -1], [1, 1], [40, 40])
+    turn = dynamics.basins(quarter_turn, box)
+    assert turn.attractors > 400
+    assert len(turn.remarks) < 10
