@@ -5,6 +5,7 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from ..base.certificate import Certificate
+from ..base.threads import one_blas_thread
 from ..mapping import Chain, ChainSequence
 from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
@@ -319,6 +320,7 @@ def _members(
     return np.where(above & (mass > 0), largest, -1)
 
 
+@one_blas_thread()
 def _rotation(
     basis: Float[np.ndarray, "rows vectors"], root: Float[np.ndarray, "rows 1"]
 ) -> Float[np.ndarray, "vectors vectors"]:
@@ -329,11 +331,12 @@ def _rotation(
     2019), since a constant vector is no start: it would stay.
     """
     root = root / np.linalg.norm(root)
+    shrink = _SHRINK * root
     _, pivots = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     rotation = _orthogonal(basis[pivots[: basis.shape[1]]].T)
     for _ in range(_MAX_ROUNDS):
         turned = basis @ rotation
-        small = np.sign(turned) * np.maximum(np.abs(turned) - _SHRINK * root, 0)
+        small = turned - turned.clip(-shrink, shrink)
         before = rotation
         rotation = _orthogonal(
             basis.T @ (small / np.maximum(np.linalg.norm(small, axis=0), _STILL))
