@@ -5,6 +5,7 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from ..base.certificate import Certificate
+from ..base.threads import one_blas_thread
 from ..mapping import Chain, ChainSequence
 from .modes import TOLERANCE, check_count
 from .window import Subspace, Window, leading_subspace
@@ -218,7 +219,7 @@ class _Search:
 
         span = leading_subspace(product, len(weight), count, symmetric=True)
         on_sets = over * (span.basis @ _rotation(span.basis, root))
-        first, last = (on_sets[:cells], on_sets[cells:]) if moving else (on_sets, on_sets)
+        first, last = (on_sets[:cells], on_sets[cells:]) if moving else (on_sets, None)
         found = self._thresholded(first, last, after[:, 0])
         values = np.linalg.eigvalsh(span.block)[::-1]
         return self._result(*found, values, span, throw)
@@ -237,7 +238,7 @@ class _Search:
         )
         turned = functions.basis @ _rotation(functions.basis, root)
         on_sets = over * turned
-        basin, _, leakage = self._thresholded(on_sets, on_sets, self.mass)
+        basin, _, leakage = self._thresholded(on_sets, None, self.mass)
         # Each measure gives the function of its basin 1, and those of others 0.
         inner = np.linalg.pinv(turned.T @ measures.basis)
         gathered = np.where(basin[:, None] == np.arange(count), root * (measures.basis @ inner), 0)
@@ -248,19 +249,24 @@ class _Search:
     def _thresholded(
         self,
         first: Float[np.ndarray, "cells sets"],
-        last: Float[np.ndarray, "cells sets"],
+        last: Float[np.ndarray, "cells sets"] | None,
         after: Float[np.ndarray, "cells"],
     ) -> tuple[Int[np.ndarray, "cells"], Int[np.ndarray, "cells"], Float[np.ndarray, "sets"]]:
         """The sets when the window begins and ends, and what they leak, by the best levels.
 
         **Arguments:**
 
-        - `first`, `last`: functions that are large on one set each, then and then.
+        - `first`, `last`: functions that are large on one set each, then and then; `None` where
+            the sets do not move.
         - `after`: the mass that there is at the end, as it is while sets are looked for.
         """
         mass, sets = self.mass, np.arange(first.shape[1])
         high = np.maximum(first.max(axis=0), _TINY)
-        first, last = first / high, last / high
+        first, last = first / high, None if last is None else last / high
+
+        def members(level: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+            begin = _members(first, mass, level)
+            return begin, begin if last is None else _members(last, after, level)
 
         def staying(window: Window, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
             there = (end[:, None] == sets).astype(float)
@@ -268,12 +274,12 @@ class _Search:
 
         best, levels = np.zeros(sets.size), np.ones(sets.size)
         for level in _LEVELS:
-            begin, end = _members(first, mass, level), _members(last, after, level)
+            begin, end = members(level)
             most = mass @ (begin[:, None] == sets) + after @ (end[:, None] == sets)
             score = staying(self.blurred, begin, end) / np.maximum(most, _TINY)
             better = score > best
             best, levels = np.where(better, score, best), np.where(better, level, levels)
-        begin, end = _members(first, mass, levels), _members(last, after, levels)
+        begin, end = members(levels)
         held = np.maximum(mass @ (begin[:, None] == sets), _TINY)
         return begin, end, (1 - staying(self.window, begin, end) / held).clip(0, 1)
 
@@ -314,6 +320,7 @@ def _members(
     return np.where(above & (mass > 0), largest, -1)
 
 
+@one_blas_thread()
 def _rotation(
     basis: Float[np.ndarray, "rows vectors"], root: Float[np.ndarray, "rows 1"]
 ) -> Float[np.ndarray, "vectors vectors"]:
@@ -324,11 +331,12 @@ def _rotation(
     2019), since a constant vector is no start: it would stay.
     """
     root = root / np.linalg.norm(root)
+    shrink = _SHRINK * root
     _, pivots = scipy.linalg.qr(basis.T, mode="r", pivoting=True)
     rotation = _orthogonal(basis[pivots[: basis.shape[1]]].T)
     for _ in range(_MAX_ROUNDS):
         turned = basis @ rotation
-        small = np.sign(turned) * np.maximum(np.abs(turned) - _SHRINK * root, 0)
+        small = turned - turned.clip(-shrink, shrink)
         before = rotation
         rotation = _orthogonal(
             basis.T @ (small / np.maximum(np.linalg.norm(small, axis=0), _STILL))

@@ -10,10 +10,10 @@ A chain that hardly ever comes back to a cell that it has left, as drifters on w
 the middles of its gyres, is all but a triangle in the order of its strong components. There a
 factorisation does not fill up, and no products are tried.
 
-Above 100,000 rows an incomplete factorisation is made, which takes at most 120 bytes an entry of
-the matrix, and BiCGSTAB does the rest: `I - Q` is an M-matrix, whose incomplete factors exist
-without pivoting (Meijerink & van der Vorst 1977). Where that does not settle it a complete one
-does, or products above half a million rows, where it could take any amount of memory.
+Above 100,000 rows BiCGSTAB does it on two levels: with an incomplete factorisation, which takes at
+most 60 bytes an entry of the matrix, and that of a chain of some ten thousand states. Where they do
+not settle it a complete one does, or products above half a million rows, where it could take any
+amount of memory.
 
 A chain that is unrolled over the phases of a tide fills up however it is factored. It is a *cycle*
 of blocks of states, and by sweeps through all its blocks GMRES works on one of them.
@@ -34,15 +34,16 @@ from scipy.sparse import csgraph, linalg
 from ..base.threads import one_blas_thread
 from .cycle import Cycle
 from .elimination import Levels, eliminate
+from .two_level import TwoLevel
 
 
 # Products after which it is judged whether products will do.
 _TRIAL = 60
 # Products that cost about as much as a factorisation.
 _WORTHWHILE = 400
-# A matrix with more rows is factored incompletely, with more than the second number only so; one
+# A matrix with more rows is solved on two levels, with more than the second number only so; one
 # that is a cycle, with more than the third, is not factored.
-_SMALLEST_INCOMPLETE, _LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 100_000, 500_000, 20_000
+_SMALLEST_TWO_LEVEL, _LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 100_000, 500_000, 20_000
 # A matrix with more rows is not factored at all; products go on instead.
 _LARGEST_FACTOR = 20_000_000
 _MAX_PRODUCTS = 50_000
@@ -51,16 +52,11 @@ _MAX_PRODUCTS = 50_000
 _ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
 # Rows that sum to 1 but for rounding.
 _CLOSED = 1e-12
-# Entries of an incomplete factor are dropped below this part of their column, and there are no more
-# than so many for one of the matrix; the second two are of a matrix that could be factored.
-_DROP, _FILL = 1e-2, 5.0
-_FINE_DROP, _FINE_FILL = 1e-3, 10.0
 # Entries of a complete factor in the order of components, for one of the matrix.
 _MAX_FILL = 10
-# Steps of BiCGSTAB, which begins anew so often, each time on the residual; and those after which a
-# complete factorisation takes less.
-_STEPS, _ROUNDS, _FEW_STEPS = 200, 6, 25
-# BiCGSTAB ends when no more than this part of the solution is left, which is its rounding. Products
+# A rough solve begins anew so often, each time on the residual.
+_ROUNDS = 6
+# It ends when no more than this part of the solution is left, which is its rounding. Products
 # go on where it leaves a hundred times that and this part of the right-hand side.
 _ROUNDING, _ENOUGH = 4e-16, 1e-10
 
@@ -237,41 +233,7 @@ def _attempt(matrix: scipy.sparse.csr_array) -> _Attempt | None:
     rows = matrix.shape[0]
     if rows > _LARGEST_FACTORED_CYCLE and (cycle := Cycle.of(matrix)) is not None:
         return cycle
-    return _incomplete(matrix) if rows > _SMALLEST_INCOMPLETE else None
-
-
-def _incomplete(matrix: scipy.sparse.csr_array) -> _Attempt:
-    """Solve by an incomplete factorisation."""
-    identity = scipy.sparse.eye_array(matrix.shape[0], format="csc")
-    system = (identity - matrix).tocsc()
-    # In their own order neighbours on a grid stay near each other, and no row is exchanged.
-    few = matrix.shape[0] <= _LARGEST_COMPLETE
-    drop, fill = (_FINE_DROP, _FINE_FILL) if few else (_DROP, _FILL)
-    factor = linalg.spilu(
-        system, drop_tol=drop, fill_factor=fill, permc_spec="NATURAL", diag_pivot_thresh=0.0
-    )
-    precondition = linalg.LinearOperator(system.shape, factor.solve)
-    steps = _FEW_STEPS if few else _STEPS
-    return lambda right: _bicgstab(system, right, precondition, steps)
-
-
-def _bicgstab(
-    system: scipy.sparse.csc_array,
-    right: Float[np.ndarray, "rows"],
-    precondition: linalg.LinearOperator,
-    steps: int,
-) -> tuple[Float[np.ndarray, "rows"], int]:
-    """What BiCGSTAB finds in one round, and the products that it took."""
-    products = 0
-
-    def count(_: Float[np.ndarray, "rows"]) -> None:
-        nonlocal products
-        products += 2
-
-    found, _ = linalg.bicgstab(
-        system, right, rtol=1e-8, maxiter=steps, callback=count, M=precondition
-    )
-    return found, products
+    return TwoLevel.of(matrix) if rows > _SMALLEST_TWO_LEVEL else None
 
 
 def _solve_large(

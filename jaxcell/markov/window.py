@@ -7,6 +7,7 @@ import scipy.sparse
 from jaxtyping import Float, Inexact
 from scipy.sparse import linalg
 
+from ..base.threads import one_blas_thread
 from ..mapping import Chain, ChainSequence
 
 
@@ -92,6 +93,7 @@ class Subspace:
     products: int
 
 
+@one_blas_thread()
 def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:
     """The subspace of the leading eigenvalues of a matrix, by the method of Arnoldi or Lanczos.
 

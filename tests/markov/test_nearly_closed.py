@@ -158,6 +158,23 @@ def test_cells_without_mass_are_in_no_set():
     assert same_partition(sets.begin[block < 2], block[block < 2])
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_comes_to_cells_without_mass_has_leaked(seed):
+    random = np.random.default_rng(seed)
+    matrix, block = random_blocks(random, [20, 20], 0.05)
+    # Some cells of each block, to which there are steps.
+    mass = random.uniform(1, 2, 40) * (random.random(40) < 0.8)
+    sets = markov.almost_invariant_sets(Chain.from_scipy(matrix), 2, mass)
+    assert ((mass @ matrix)[mass == 0] > 0).any()
+    assert (sets.begin[mass == 0] == -1).all()
+    assert same_partition(sets.begin[mass > 0], block[mass > 0])
+    np.testing.assert_array_equal(sets.end, sets.begin)
+    for number, leakage in enumerate(sets.leakage):
+        inside = np.flatnonzero(sets.begin == number)
+        stays = sum(mass[i] * matrix[i, j] for i in inside for j in inside)
+        np.testing.assert_allclose(leakage, 1 - stays / mass[inside].sum())
+
+
 def test_a_cell_by_itself_is_no_set_of_what_is_blurred():
     # Two halves of a row, within which all moves by one cell; 3 and 27 stay where they are.
     cells = np.arange(40)

@@ -3,7 +3,7 @@ import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
 
-from jaxcell.markov import solve
+from jaxcell.markov import solve, two_level
 from jaxcell.markov.solve import solve_stationary, solve_transient
 from jaxcell.markov.transient import Transient
 
@@ -80,11 +80,11 @@ def test_a_chain_too_large_to_factor_goes_on_with_products(monkeypatch):
 
 
 @pytest.fixture
-def incomplete(monkeypatch):
-    """Has a solve use an incomplete factorisation."""
+def two_levels(monkeypatch):
+    """Has a solve use two levels."""
     monkeypatch.setattr(solve, "_TRIAL", 1)
     monkeypatch.setattr(solve, "_WORTHWHILE", 0)
-    monkeypatch.setattr(solve, "_SMALLEST_INCOMPLETE", 0)
+    monkeypatch.setattr(solve, "_SMALLEST_TWO_LEVEL", 0)
     monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 0)
     monkeypatch.setattr(solve, "_LARGEST_ELIMINATION", 0)
 
@@ -117,9 +117,9 @@ def test_a_chain_that_hardly_comes_back_is_solved_by_its_components(adjoint):
     assert products == 0
 
 
-def test_what_an_incomplete_factorisation_leaves_is_factored_completely(incomplete, monkeypatch):
+def test_what_two_levels_leave_is_factored_completely(two_levels, monkeypatch):
     monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 100)
-    monkeypatch.setattr(solve, "_FEW_STEPS", 0)
+    monkeypatch.setattr(two_level, "_STEPS", 0)
     step = wandering(10)
     found, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
@@ -128,7 +128,7 @@ def test_what_an_incomplete_factorisation_leaves_is_factored_completely(incomple
 
 
 @pytest.mark.parametrize("adjoint", [False, True])
-def test_an_incomplete_factorisation_equals_dense(incomplete, adjoint):
+def test_two_levels_equal_dense(two_levels, adjoint):
     step = wandering(20)
     right = np.random.default_rng(2).random((400, 2))
     found, products = solve_transient(step, right, adjoint=adjoint)
@@ -137,8 +137,8 @@ def test_an_incomplete_factorisation_equals_dense(incomplete, adjoint):
     assert 1 < products < 100
 
 
-def test_what_an_incomplete_factorisation_leaves_is_done_by_products(incomplete, monkeypatch):
-    monkeypatch.setattr(solve, "_STEPS", 0)
+def test_what_two_levels_leave_is_done_by_products(two_levels, monkeypatch):
+    monkeypatch.setattr(two_level, "_STEPS", 0)
     step = wandering(10)
     found, products = solve_transient(step, np.ones((100, 1)))
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
@@ -150,7 +150,7 @@ def test_what_an_incomplete_factorisation_leaves_is_done_by_products(incomplete,
     assert (short < found).any()
 
 
-def test_a_stationary_distribution_by_an_incomplete_factorisation(incomplete):
+def test_a_stationary_distribution_by_two_levels(two_levels):
     matrix = wandering(12).tolil()
     matrix.setdiag(matrix.diagonal() + 1 - np.asarray(matrix.sum(axis=1)).ravel())
     matrix = scipy.sparse.csr_array(matrix)

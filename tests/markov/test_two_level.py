@@ -1,0 +1,73 @@
+"""Solves on two scales, against dense ones, and their aggregates against shortest paths."""
+
+import networkx as nx
+import numpy as np
+import pytest
+import scipy.sparse
+
+from jaxcell.markov import two_level
+from jaxcell.markov.two_level import TwoLevel
+
+
+def eddies(count, size):
+    """Rings of states in a row, that are left to the next ones once in 100 steps, and a state that
+    is left for good."""
+    states = count * size
+    ring, place = np.divmod(np.arange(states), size)
+    step = np.zeros((states, states))
+    step[np.arange(states), ring * size + (place + 1) % size] = 0.7
+    step[np.arange(states), np.arange(states)] = 0.29
+    for to in (-1, 1):
+        other = np.clip(ring + to, 0, count - 1) * size + (place * 3) % size
+        np.add.at(step, (np.arange(states), other), 0.005)
+    step[states // 2] *= 0.9
+    order = np.random.default_rng(3).permutation(states)
+    return step[np.ix_(order, order)]
+
+
+@pytest.mark.parametrize("adjoint", [False, True])
+def test_a_rough_solve_is_near_the_dense_one(adjoint):
+    step = eddies(20, 30)
+    matrix = step.T if adjoint else step
+    right = np.random.default_rng(0).random(600)
+    found, products = TwoLevel.of(scipy.sparse.csr_array(matrix))(right)
+    expected = np.linalg.solve(np.eye(600) - matrix, right)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    # One in BiCGSTAB for one in the rough inverse.
+    assert 0 < products < 4 * two_level._STEPS
+
+
+def test_aggregates_take_half_the_products_or_less(monkeypatch):
+    matrix, right = scipy.sparse.csr_array(eddies(60, 30)), np.ones(1800)
+    monkeypatch.setattr(two_level, "_FILL", 1.0)
+    _, products = TwoLevel.of(matrix)(right)
+    # One aggregate is as good as none.
+    monkeypatch.setattr(two_level, "_MAX_AGGREGATES", 1)
+    _, alone = TwoLevel.of(matrix)(right)
+    assert 2 * products <= alone
+
+
+def test_each_state_is_with_the_nearest_of_those_that_are_drawn():
+    random = np.random.default_rng(1)
+    step = np.triu(random.random((70, 70)) < 0.06) * random.random((70, 70))
+    # No step leads to the last five, or from them.
+    step[-5:] = step[:, -5:] = 0
+    member = two_level._aggregates(scipy.sparse.csr_array(step)).toarray()
+    middles = np.sort(np.random.default_rng(0).choice(70, 3, replace=False))
+    graph = nx.Graph()
+    graph.add_nodes_from(range(70))
+    graph.add_weighted_edges_from(
+        (i, j, 1 / step[i, j]) for i, j in zip(*np.nonzero(step), strict=True)
+    )
+    far = np.array(
+        [
+            [nx.single_source_dijkstra_path_length(graph, m).get(i, np.inf) for m in middles]
+            for i in range(70)
+        ]
+    )
+    for row, lengths in zip(member, far, strict=True):
+        nearest = np.zeros(3)
+        if np.isfinite(lengths).any():
+            nearest[lengths.argmin()] = 1
+        assert row.tolist() == nearest.tolist()
+    assert np.isfinite(far).any(axis=1).sum() > 30
