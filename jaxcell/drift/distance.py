@@ -15,7 +15,7 @@ from ..mapping.section import bucket
 from ..mapping.sequence import as_sequence
 from .chains import diffused_cells, drift_maps, phases
 from .drifters import diffuse, total_variation
-from .flow import Flow, advect, crossing_time
+from .flow import Flow, advect, crossing_time, steps_in
 from .water import Water, on_grid
 
 
@@ -31,7 +31,7 @@ _LEAST_POINTS, _POINTS = 3, 6
 _MAX_FOR_TRIALS = 100_000
 # No longer steps are tried than in which diffusion spreads drifters over so many cells.
 _MAX_DIFFUSED = 2.0
-# Of more cells than have so many points, some are sampled, in square parts of the grid of that side.
+# Of more cells than can have so many points a sample has them, in square parts of that side.
 _PART = 64
 _DAY = 3600 * HOURS[-1]
 # Runge-Kutta steps in one call.
@@ -94,7 +94,7 @@ def distances(
         >>> source.total_variation.round(2).tolist(), drifters.total_variation.round(2).tolist()
         ([0.96, 1.0], [0.09, 0.13])
     """
-    wanted = [[max(1, round(3600 * hour / step)) for hour in HOURS] for _, step in maps]
+    wanted = [[steps_in(3600 * hour, step) for hour in HOURS] for _, step in maps]
     times = sorted(
         {count * step for counts, (_, step) in zip(wanted, maps, strict=True) for count in counts}
     )

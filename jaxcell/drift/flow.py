@@ -141,11 +141,9 @@ class Flow:
         if self.period is None:
             return float(duration)
         length = float(self.period)
-        return (
-            length / round(length / duration)
-            if duration < length
-            else (length * round(duration / length))
-        )
+        if duration < length:
+            return length / steps_in(length, duration)
+        return length * steps_in(duration, length)
 
     def at(
         self, x: Float[Array, "*points"], y: Float[Array, "*points"], time: Float[Array, ""]
@@ -181,6 +179,11 @@ class Flow:
             return (1 - up) * near + up * far
 
         return value(along[0].ravel()), value(along[1].ravel())
+
+
+def steps_in(seconds: float, duration: float) -> int:
+    """Number of steps of a duration that is nearest to a time, of one at least."""
+    return max(1, round(seconds / duration))
 
 
 def _between(
