@@ -175,6 +175,11 @@ class Layer(LayerEnds, Compared):
             advice = {"duration": "a longer duration", "spread": 'the spread "sampled"'}
             instead = " or ".join(advice[one] for one in self.remedies or ())
             found.append(f"At {self.depth:g} m: {self.warning}{instead and f'; take {instead}'}.")
+        if ashore := self.diagnosis.ashore:
+            found.append(
+                f"At {self.depth:g} m: the current runs ashore at {ashore} of "
+                f"{self.persistent_groups} persistent groups: there drifters strand."
+            )
         if (far := self.distance).worst > FAR:
             found.append(
                 f"At {self.depth:g} m: after {far.worst_hours:.3g} h the map has {far.worst:.0%} "

@@ -222,9 +222,9 @@ class SeaDrift(SeaCurrents):
             found[_MAX_REMARKS:] = [more]
         if self._counts is not None and self._counts[1, 1] > self._counts[1, 0] > 0:
             found.append(
-                f"At {self.depths[0]:g} m: the centres of cells have {self._counts[1, 1]} "
-                f"persistent groups, which the cells join into {self._counts[1, 0]}: those are "
-                "nearly closed, and the grid spreads drifters from one to another."
+                f"At {self.depths[0]:g} m: by the centres of cells alone there are "
+                f"{self._counts[1, 1]} persistent groups in place of {self._counts[1, 0]}: their "
+                "number depends on the grid; that of nearly closed sets does so less."
             )
         ways = [way for way in (self.voyage, self.surest) if way is not None]
         if not all(way.policy_certified and way.times_certified for way in ways):
