@@ -132,10 +132,10 @@ def diagnose(
     away = advect(
         flow, x, y, _LONG * duration, start=float(start), method="rk4", steps=4 * _LONG * steps
     )
-    x, y = (np.asarray(place)[None] for place in away)
-    locked = water.landing(x, y, origin=alone, exits=True)[0] != alone
+    to_x, to_y = (np.asarray(place)[None] for place in away)
+    locked = water.landing(to_x, to_y, origin=alone, exits=True)[0] != alone
     # What runs ashore is in the nearest cell, as in the map, though it may be off the square.
-    cell, _ = water.at(*square(x[0], y[0]))
+    cell, _ = water.at(*square(to_x[0], to_y[0]))
     return Diagnosis(
         duration=duration,
         mean_shift=float(np.hypot(right, up).mean()),

@@ -21,6 +21,8 @@ from .water import Water, on_grid
 
 HOURS = (6.0, 24.0)
 """When drifters and maps are compared, in hours."""
+# A time that is off by less than this part of one of these is about that.
+_NEAR = 0.34
 FAR = 0.2
 """A map with a larger total variation is far from drifters."""
 # So many drifters are followed, from each cell at least as many as so many on either axis, without
@@ -52,6 +54,11 @@ class Distance:
     "That of the map."
     cells: int
     "Number of cells in which they began: all, or of more than 111,111 a sample."
+
+    @property
+    def near(self) -> tuple[bool, ...]:
+        """Whether these are about 6 and 24 hours: of long steps the first is later."""
+        return tuple((np.abs(self.hours / HOURS - 1) < _NEAR).tolist())
 
     @property
     def worst(self) -> float:

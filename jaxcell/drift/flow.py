@@ -18,6 +18,8 @@ _STAGES = {
     "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
 }
 METHODS = tuple(_STAGES)
+# The longest step, and one over the shortest, in times to cross a cell.
+_LONGEST = 1000
 
 _Pair: TypeAlias = tuple[Array, Array]
 
@@ -336,6 +338,19 @@ def crossing_time(water: Water, flow: Flow) -> float:
     if not mean > 0:
         raise ValueError("flow: the water stands still everywhere; expected some current")
     return 1 / mean
+
+
+def check_step(duration: float | int | None, crossing: float) -> None:
+    """Refuse steps in which nothing moves, and those that take for ever to follow.
+
+    **Raises:** `ValueError` for a duration that is not 0.001 to 1000 times that to cross a cell.
+    """
+    least, most = crossing / _LONGEST, crossing * _LONGEST
+    if duration is not None and not least <= duration <= most:
+        raise ValueError(
+            f"duration: expected {least:.3g} to {most:.3g} s, in which drifters go by "
+            f"{1 / _LONGEST:g} to {_LONGEST:g} cells on average, got {duration:g}"
+        )
 
 
 def checked_duration(

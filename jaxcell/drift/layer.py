@@ -17,6 +17,10 @@ from .flow import Flow
 from .water import Water
 
 
+# A setting that leaves more than this part of the distance is of no help.
+_HELPS = 0.75
+
+
 class Compared(Ends):
     """How far the maps of one layer or more are from drifters."""
 
@@ -25,29 +29,47 @@ class Compared(Ends):
         """Of each layer."""
         raise NotImplementedError
 
-    @derived("", "drifters that the map has in a wrong cell after 6 h", kind="share")
-    def distance_6h(self) -> float:
-        return max(float(one.total_variation[0]) for one in self._distances)
+    @derived("", "drifters that the map has in a wrong cell after about 6 h", kind="share")
+    def distance_6h(self) -> float | None:
+        return self._worst(0)
 
-    @derived("", "drifters that the map has in a wrong cell after 24 h", kind="share")
-    def distance_24h(self) -> float:
-        return max(float(one.total_variation[-1]) for one in self._distances)
+    @derived("", "drifters that the map has in a wrong cell after about 24 h", kind="share")
+    def distance_24h(self) -> float | None:
+        return self._worst(1)
 
-    @derived("", "drifters that left the map after 24 h", kind="share")
-    def drifters_left(self) -> float:
-        return self._mean([float(one.drifters_left[-1]) for one in self._distances])
+    @derived("", "drifters that left the map after about 24 h", kind="share")
+    def drifters_left(self) -> float | None:
+        return self._mean([float(one.drifters_left[1]) for one in self._distances])
 
-    @derived("", "drifters that left it after 24 h, by the map of cells", kind="share")
-    def map_left(self) -> float:
-        return self._mean([float(one.map_left[-1]) for one in self._distances])
+    @derived("", "drifters that left it after about 24 h, by the map of cells", kind="share")
+    def map_left(self) -> float | None:
+        return self._mean([float(one.map_left[1]) for one in self._distances])
+
+    @derived(
+        "compared",
+        "time after which the map is compared with drifters",
+        "h",
+        kind="time",
+        listed=True,
+    )
+    def compared_hours(self) -> Float[np.ndarray, "times"]:
+        return self._distances[0].hours
 
     @derived("", "cells in which drifters that were compared began, of all", kind="count")
     def compared_cells(self) -> int | None:
         count = sum(one.cells for one in self._distances)
         return count if count < self.cells else None
 
-    def _mean(self, of_layers: list[float]) -> float:
-        """The mean over all cells of what is known of layers."""
+    def _worst(self, number: int) -> float | None:
+        """The largest distance at 6 h or at 24 h; `None` if steps are too long for it."""
+        if not self._distances[0].near[number]:
+            return None
+        return max(float(one.total_variation[number]) for one in self._distances)
+
+    def _mean(self, of_layers: list[float]) -> float | None:
+        """The mean over all cells of what is known of layers at 24 h."""
+        if not self._distances[0].near[1]:
+            return None
         return float(np.average(of_layers, weights=[one.water.cells for one in self._layers]))
 
 
@@ -124,7 +146,7 @@ class Layer(LayerEnds, Compared):
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
         """What brings the map closest to drifters, of some settings that were tried, if it is far
-        from them; `None` if it is not, or if nothing helps."""
+        from them; `None` if it is not, or if that hardly helps."""
         if self.distance.worst <= FAR:
             return None
         options, step = self.options, self.behaviour.duration
@@ -138,7 +160,7 @@ class Layer(LayerEnds, Compared):
         maps = [(drift_maps(self.water, self.by, d, **with_), d) for d, with_ in tried.values()]
         found = zip(tried, distances(self.water, self.flow, maps), strict=True)
         best = min(found, key=lambda one: one[1].worst)
-        return best if best[1].worst < self.distance.worst else None
+        return best if best[1].worst <= max(FAR, _HELPS * self.distance.worst) else None
 
     @derived("piece", "cells of connected pieces", kind="count", listed=True)
     def pieces(self) -> Int[np.ndarray, "pieces"]:
@@ -151,10 +173,6 @@ class Layer(LayerEnds, Compared):
     @derived("", "cells that are mapped to themselves", kind="share")
     def self_image_share(self) -> float:
         return self.diagnosis.self_image
-
-    @derived("compared", "time after which the map is compared with drifters", "h", kind="time")
-    def compared_hours(self) -> Float[np.ndarray, "times"]:
-        return self.distance.hours
 
     @derived("compared", "drifters that the map has in a wrong cell", kind="share", listed=True)
     def compared_distance(self) -> Float[np.ndarray, "times"]:
@@ -190,6 +208,6 @@ class Layer(LayerEnds, Compared):
 
 def _instead(closer: tuple[str, Distance] | None) -> str:
     if closer is None:
-        return "no other duration or method that was tried brings it closer"
+        return "no other duration or method that was tried brings it much closer"
     setting, distance = closer
     return f"by {setting} it is {distance.worst:.0%} at most, after {distance.worst_hours:.3g} h"

@@ -5,6 +5,7 @@ import pytest
 from seas import sea
 
 from jaxcell import bundled, drift
+from jaxcell.drift.distance import Distance
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,17 @@ def test_a_closed_edge_holds_what_leaves(eastward):
     np.testing.assert_allclose(found.map_left, 0, atol=1e-12)
     np.testing.assert_allclose(found.drifters_left, [2 / 9, 8 / 9])
     assert (found.total_variation >= found.drifters_left - 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    ("hours", "near"),
+    [([5, 25], (True, True)), ([8, 32], (True, True)), ([18, 18], (False, True)),
+     ([168, 168], (False, False))],
+)  # fmt: skip
+def test_what_is_after_long_steps_is_not_said_to_be_after_few_hours(hours, near):
+    nothing = np.zeros(2)
+    found = Distance(np.array(hours, float), nothing, nothing, nothing, 1)
+    assert found.near == near
 
 
 @pytest.mark.slow
