@@ -17,10 +17,6 @@ from .flow import Flow
 from .water import Water
 
 
-# A setting that leaves more than this part of the distance is of no help.
-_HELPS = 0.75
-
-
 class Compared(Ends):
     """How far the maps of one layer or more are from drifters."""
 
@@ -146,7 +142,7 @@ class Layer(LayerEnds, Compared):
     @functools.cached_property
     def closer(self) -> tuple[str, Distance] | None:
         """What brings the map closest to drifters, of some settings that were tried, if it is far
-        from them; `None` if it is not, or if that hardly helps."""
+        from them; `None` if it is not, or if nothing helps."""
         if self.distance.worst <= FAR:
             return None
         options, step = self.options, self.behaviour.duration
@@ -160,7 +156,7 @@ class Layer(LayerEnds, Compared):
         maps = [(drift_maps(self.water, self.by, d, **with_), d) for d, with_ in tried.values()]
         found = zip(tried, distances(self.water, self.flow, maps), strict=True)
         best = min(found, key=lambda one: one[1].worst)
-        return best if best[1].worst <= max(FAR, _HELPS * self.distance.worst) else None
+        return best if best[1].worst < self.distance.worst else None
 
     @derived("piece", "cells of connected pieces", kind="count", listed=True)
     def pieces(self) -> Int[np.ndarray, "pieces"]:
@@ -208,6 +204,6 @@ class Layer(LayerEnds, Compared):
 
 def _instead(closer: tuple[str, Distance] | None) -> str:
     if closer is None:
-        return "no other duration or method that was tried brings it much closer"
+        return "no other duration or method that was tried brings it closer"
     setting, distance = closer
     return f"by {setting} it is {distance.worst:.0%} at most, after {distance.worst_hours:.3g} h"

@@ -68,7 +68,7 @@ class SeaDrift(SeaCurrents):
     brief: ClassVar[tuple[str, ...]] = (
         *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
         *("distance_6h", "map_left", "compared_hours", "compared_cells"),
-        *("drifter_count", "fewest_count", "cells", "depth", "step"),
+        *("drifter_count", "fewest_count", "cells", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 

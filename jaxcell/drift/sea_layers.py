@@ -103,15 +103,7 @@ class SeaLayers(Ends):
     def lat(self) -> Float[np.ndarray, "rows columns"]:
         return self.waters[0].lat
 
-    @derived(
-        "layer",
-        "depth",
-        "m",
-        kind="coordinate",
-        listed=True,
-        standard_name="depth",
-        positive="down",
-    )
+    @derived("layer", "depth", "m", kind="coordinate", standard_name="depth", positive="down")
     def depth(self) -> Float[np.ndarray, "layers"]:
         return np.array(self.depths)
 
