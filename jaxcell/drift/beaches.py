@@ -11,6 +11,7 @@ from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
 from ..mapping.sequence import as_sequence
 from .behaviour import LongTermBehaviour
+from .flow import steps_in
 from .water import NEIGHBORS, Water
 
 
@@ -149,7 +150,7 @@ class Stranded(Result):
         """
         step = behaviour.duration
         both = beaching(behaviour.chain, coast(water), step, afloat=afloat, stranded=stranded)
-        return cls(water, *both, step / 3600, max(1, round(seconds / step)))
+        return cls(water, *both, step / 3600, steps_in(seconds, step))
 
     @derived("", "time between release and the answer", "h", kind="time")
     def after_hours(self) -> float:

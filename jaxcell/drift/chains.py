@@ -14,7 +14,7 @@ from ..base import memory
 from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import slots_of
-from .flow import Flow, advect, checked_duration
+from .flow import Flow, advect, checked_duration, steps_in
 from .water import NEIGHBORS, Water, square
 
 
@@ -190,7 +190,7 @@ def drift_maps(
 
 def phases(flow: Flow, duration: float | int) -> int:
     """Number of steps in a period of a flow; 1 if it is steady."""
-    return 1 if flow.period is None else max(1, round(float(flow.period) / duration))
+    return 1 if flow.period is None else steps_in(float(flow.period), duration)
 
 
 def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:

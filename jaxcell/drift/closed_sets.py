@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from ..base.quantities import Result, derived
 from ..mapping import Chain, ChainSequence
 from ..markov import NearlyClosedSets, almost_invariant_sets, coherent_sets
+from .flow import steps_in
 from .ranks import basin_ranks
 from .water import Water
 
@@ -61,7 +62,7 @@ def nearly_closed_sets(
         (2, 24)
     """
     phases = chain.phases if isinstance(chain, ChainSequence) else 1
-    steps = phases * max(1, round(hours * 3600 / (duration * phases)))
+    steps = phases * steps_in(hours * 3600, duration * phases)
     area = (water.dx * water.dy)[water.row, water.column]
     mass = np.where(np.bincount(water.piece)[water.piece] < _LEAST_PIECE * water.cells, 0.0, area)
     every = np.arange(water.cells, dtype=np.int32)

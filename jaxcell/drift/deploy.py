@@ -270,10 +270,7 @@ def visible_deployment(
     group = np.asarray(groups.group)
     if group.shape != (water.cells,):
         raise ValueError(f"groups: expected those of {water.cells} cells, got {group.shape}")
-    if water.cells**2 > _MAX_TABLE:
-        raise ValueError(
-            f"water: the views of {water.cells} cells take more than 4 GiB; expected at most 65536"
-        )
+    check_reach(water, reach)
     sees = _visible(water, reach)
     if seconds is None:
         cover, least = greedy_cover(sees).chosen, None
@@ -287,16 +284,28 @@ def visible_deployment(
     return VisibleDeployment(cover, cover[kept], least)
 
 
-def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:
-    """Which cells lie wholly within the disc around each."""
-    dx, dy = (side[water.row, water.column][:, None] for side in (water.dx, water.dy))
-    corner = np.hypot(dx, dy)[:, 0] / 2
+def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
+    """Refuse cameras that do not see the cell that they are in, and too many views.
+
+    **Raises:** `ValueError` as [`visible_deployment`][], which begins with a name of the reach.
+    """
+    if water.cells**2 > _MAX_TABLE:
+        raise ValueError(
+            f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
+            "65536 cells"
+        )
+    corner = np.hypot(water.dx, water.dy)[water.row, water.column] / 2
     if not reach * (1 + _ROUNDING) >= corner.max():
         cell = int(np.argmax(corner))
         raise ValueError(
-            f"reach: expected {corner[cell]:g} m or more, the distance to the corners of cell "
-            f"{cell}, got {reach}"
+            f"{name}: expected {corner[cell]:g} m or more, the distance to the corners of cell "
+            f"{cell}, got {reach:g}"
         )
+
+
+def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:
+    """Which cells lie wholly within the disc around each."""
+    dx, dy = (side[water.row, water.column][:, None] for side in (water.dx, water.dy))
     sees = np.zeros((water.cells, water.cells), bool)
     rows = max(1, _CHUNK // water.cells)
     for start in range(0, water.cells, rows):

@@ -9,7 +9,7 @@ from jaxtyping import Int
 from ..mapping import PersistentGroups, persistent_groups
 from .chains import drift_maps, phases
 from .flow import Flow, advect, checked_duration, flow_map
-from .water import Water
+from .water import Water, square
 
 
 # A step over which the mean drift is so many cells is not too short.
@@ -34,6 +34,8 @@ class Diagnosis:
     "Number of persistent groups that are a whole piece of water: nothing of the flow made them."
     locked: int
     "Number of the other persistent groups that are one cell, out of which the water flows."
+    ashore: int
+    "Number of those that are one cell, out of which it flows onto land only."
     groups: int
     "Number of persistent groups."
 
@@ -130,7 +132,10 @@ def diagnose(
     away = advect(
         flow, x, y, _LONG * duration, start=float(start), method="rk4", steps=4 * _LONG * steps
     )
-    locked = jnp.maximum(jnp.abs(away[0] - x), jnp.abs(away[1] - y)) > 0.5
+    to_x, to_y = (np.asarray(place)[None] for place in away)
+    locked = water.landing(to_x, to_y, origin=alone, exits=True)[0] != alone
+    # What runs ashore is in the nearest cell, as in the map, though it may be off the square.
+    cell, _ = water.at(*square(to_x[0], to_y[0]))
     return Diagnosis(
         duration=duration,
         mean_shift=float(np.hypot(right, up).mean()),
@@ -138,6 +143,7 @@ def diagnose(
         pieces=pieces,
         whole_pieces=int(whole.sum()),
         locked=int(locked.sum()),
+        ashore=int((~locked & (cell != alone)).sum()),
         groups=groups.count,
     )
 

@@ -15,23 +15,26 @@ from ..mapping.section import bucket
 from ..mapping.sequence import as_sequence
 from .chains import diffused_cells, drift_maps, phases
 from .drifters import diffuse, total_variation
-from .flow import Flow, advect, crossing_time
+from .flow import Flow, advect, crossing_time, steps_in
 from .water import Water, on_grid
 
 
 HOURS = (6.0, 24.0)
 """When drifters and maps are compared, in hours."""
+# A time that is off by less than this part of one of these is about that.
+_NEAR = 0.34
 FAR = 0.2
 """A map with a larger total variation is far from drifters."""
-# So many drifters are followed, if there are not more cells, and from each cell as many at most as
-# so many on either axis, or twice that of those that diffuse, which differ by chance.
-_DRIFTERS = 400_000
-_POINTS = 6
+# So many drifters are followed, from each cell at least as many as so many on either axis, without
+# which their number in a cell says little, and at most; twice that of those that diffuse, which
+# differ by chance.
+_DRIFTERS = 1_000_000
+_LEAST_POINTS, _POINTS = 3, 6
 _MAX_FOR_TRIALS = 100_000
 # No longer steps are tried than in which diffusion spreads drifters over so many cells.
 _MAX_DIFFUSED = 2.0
-# Of more cells than drifters so many are sampled, in square parts of the grid of that side.
-_SAMPLED, _PART = 100_000, 64
+# Of more cells than can have so many points a sample has them, in square parts of that side.
+_PART = 64
 _DAY = 3600 * HOURS[-1]
 # Runge-Kutta steps in one call.
 _STEPS = 4
@@ -50,7 +53,12 @@ class Distance:
     map_left: Float[np.ndarray, "times"]
     "That of the map."
     cells: int
-    "Number of cells in which they began: all, or of more than 400,000 a sample."
+    "Number of cells in which they began: all, or of more than 111,111 a sample."
+
+    @property
+    def near(self) -> tuple[bool, ...]:
+        """Whether these are about 6 and 24 hours: of long steps the first is later."""
+        return tuple((np.abs(self.hours / HOURS - 1) < _NEAR).tolist())
 
     @property
     def worst(self) -> float:
@@ -68,9 +76,9 @@ def distances(
 ) -> tuple[Distance, ...]:
     """Compare maps with drifters in the flow itself, as it changes with time.
 
-    Drifters begin at an even grid of points in every cell, up to 36 of them, or 144 where they
+    Drifters begin at an even grid of points in every cell, 9 to 36 of them, or up to 144 where they
     diffuse, and are followed by the Runge-Kutta method and the random walk of the flow's
-    diffusivity. Of more than 400,000 cells, they begin in some 100,000, which are square parts of
+    diffusivity. Of more than 111,111 cells, they begin in some 100,000, which are square parts of
     the grid apart from each other; and so do the maps.
 
     **Arguments:**
@@ -93,7 +101,7 @@ def distances(
         >>> source.total_variation.round(2).tolist(), drifters.total_variation.round(2).tolist()
         ([0.96, 1.0], [0.09, 0.13])
     """
-    wanted = [[max(1, round(3600 * hour / step)) for hour in HOURS] for _, step in maps]
+    wanted = [[steps_in(3600 * hour, step) for hour in HOURS] for _, step in maps]
     times = sorted(
         {count * step for counts, (_, step) in zip(wanted, maps, strict=True) for count in counts}
     )
@@ -191,7 +199,7 @@ def longest_step(water: Water, flow: Flow) -> float:
 
 def _begin(water: Water) -> Float[np.ndarray, "cells"]:
     """1 for the cells in which drifters begin."""
-    every = -(-water.cells // _SAMPLED) if water.cells > _DRIFTERS else 1
+    every = -(-water.cells * _LEAST_POINTS**2 // _DRIFTERS)
     # Along every diagonal of square parts one in so many.
     part = water.row // _PART + water.column // _PART
     return (part % every == 0).astype(float)
@@ -203,7 +211,7 @@ def _shares(
     """The share of drifters in each cell at some times."""
     cells = np.flatnonzero(begin)
     most = 2 * _POINTS if flow.diffusivity else _POINTS
-    points = min(most, max(1, math.isqrt(_DRIFTERS // cells.size)))
+    points = min(most, max(_LEAST_POINTS, math.isqrt(_DRIFTERS // cells.size)))
     places = (np.arange(points) + 0.5) / points - 0.5
     right, up = (np.tile(one.ravel(), cells.size) for one in np.meshgrid(places, places))
     origin = np.repeat(cells, points**2)

@@ -58,15 +58,15 @@ class Ends(Result):
     def multiple_domicile_cells(self) -> int:
         return self._hours.size - self.single_domicile_cells
 
-    @derived("", "time to the end, transient cells, mean", "h", kind="time")
+    @derived("", "time to a group or off the map, transient cells, mean", "h", kind="time")
     def mean_hours(self) -> float:
         return float(self._hours.mean()) if self._hours.size else 0.0
 
-    @derived("", "time to the end, transient cells, median", "h", kind="time")
+    @derived("", "time to a group or off the map, transient cells, median", "h", kind="time")
     def median_hours(self) -> float:
         return float(np.median(self._hours)) if self._hours.size else 0.0
 
-    @derived("", "time to the end, transient cells, longest", "h", kind="time")
+    @derived("", "time to a group or off the map, transient cells, longest", "h", kind="time")
     def longest_hours(self) -> float:
         return float(self._hours.max(initial=0.0))
 

@@ -18,6 +18,8 @@ _STAGES = {
     "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
 }
 METHODS = tuple(_STAGES)
+# The longest step, and one over the shortest, in times to cross a cell.
+_LONGEST = 1000
 
 _Pair: TypeAlias = tuple[Array, Array]
 
@@ -141,11 +143,9 @@ class Flow:
         if self.period is None:
             return float(duration)
         length = float(self.period)
-        return (
-            length / round(length / duration)
-            if duration < length
-            else (length * round(duration / length))
-        )
+        if duration < length:
+            return length / steps_in(length, duration)
+        return length * steps_in(duration, length)
 
     def at(
         self, x: Float[Array, "*points"], y: Float[Array, "*points"], time: Float[Array, ""]
@@ -181,6 +181,11 @@ class Flow:
             return (1 - up) * near + up * far
 
         return value(along[0].ravel()), value(along[1].ravel())
+
+
+def steps_in(seconds: float, duration: float) -> int:
+    """Number of steps of a duration that is nearest to a time, of one at least."""
+    return max(1, round(seconds / duration))
 
 
 def _between(
@@ -333,6 +338,19 @@ def crossing_time(water: Water, flow: Flow) -> float:
     if not mean > 0:
         raise ValueError("flow: the water stands still everywhere; expected some current")
     return 1 / mean
+
+
+def check_step(duration: float | int | None, crossing: float) -> None:
+    """Refuse steps in which nothing moves, and those that take for ever to follow.
+
+    **Raises:** `ValueError` for a duration that is not 0.001 to 1000 times that to cross a cell.
+    """
+    least, most = crossing / _LONGEST, crossing * _LONGEST
+    if duration is not None and not least <= duration <= most:
+        raise ValueError(
+            f"duration: expected {least:.3g} to {most:.3g} s, in which drifters go by "
+            f"{1 / _LONGEST:g} to {_LONGEST:g} cells on average, got {duration:g}"
+        )
 
 
 def checked_duration(

@@ -25,29 +25,47 @@ class Compared(Ends):
         """Of each layer."""
         raise NotImplementedError
 
-    @derived("", "drifters that the map has in a wrong cell after 6 h", kind="share")
-    def distance_6h(self) -> float:
-        return max(float(one.total_variation[0]) for one in self._distances)
+    @derived("", "drifters that the map has in a wrong cell after about 6 h", kind="share")
+    def distance_6h(self) -> float | None:
+        return self._worst(0)
 
-    @derived("", "drifters that the map has in a wrong cell after 24 h", kind="share")
-    def distance_24h(self) -> float:
-        return max(float(one.total_variation[-1]) for one in self._distances)
+    @derived("", "drifters that the map has in a wrong cell after about 24 h", kind="share")
+    def distance_24h(self) -> float | None:
+        return self._worst(1)
 
-    @derived("", "drifters that left the map after 24 h", kind="share")
-    def drifters_left(self) -> float:
-        return self._mean([float(one.drifters_left[-1]) for one in self._distances])
+    @derived("", "drifters that left the map after about 24 h", kind="share")
+    def drifters_left(self) -> float | None:
+        return self._mean([float(one.drifters_left[1]) for one in self._distances])
 
-    @derived("", "drifters that left it after 24 h, by the map of cells", kind="share")
-    def map_left(self) -> float:
-        return self._mean([float(one.map_left[-1]) for one in self._distances])
+    @derived("", "drifters that left it after about 24 h, by the map of cells", kind="share")
+    def map_left(self) -> float | None:
+        return self._mean([float(one.map_left[1]) for one in self._distances])
+
+    @derived(
+        "compared",
+        "time after which the map is compared with drifters",
+        "h",
+        kind="time",
+        listed=True,
+    )
+    def compared_hours(self) -> Float[np.ndarray, "times"]:
+        return self._distances[0].hours
 
     @derived("", "cells in which drifters that were compared began, of all", kind="count")
     def compared_cells(self) -> int | None:
         count = sum(one.cells for one in self._distances)
         return count if count < self.cells else None
 
-    def _mean(self, of_layers: list[float]) -> float:
-        """The mean over all cells of what is known of layers."""
+    def _worst(self, number: int) -> float | None:
+        """The largest distance at 6 h or at 24 h; `None` if steps are too long for it."""
+        if not self._distances[0].near[number]:
+            return None
+        return max(float(one.total_variation[number]) for one in self._distances)
+
+    def _mean(self, of_layers: list[float]) -> float | None:
+        """The mean over all cells of what is known of layers at 24 h."""
+        if not self._distances[0].near[1]:
+            return None
         return float(np.average(of_layers, weights=[one.water.cells for one in self._layers]))
 
 
@@ -152,10 +170,6 @@ class Layer(LayerEnds, Compared):
     def self_image_share(self) -> float:
         return self.diagnosis.self_image
 
-    @derived("compared", "time after which the map is compared with drifters", "h", kind="time")
-    def compared_hours(self) -> Float[np.ndarray, "times"]:
-        return self.distance.hours
-
     @derived("compared", "drifters that the map has in a wrong cell", kind="share", listed=True)
     def compared_distance(self) -> Float[np.ndarray, "times"]:
         return self.distance.total_variation
@@ -175,6 +189,11 @@ class Layer(LayerEnds, Compared):
             advice = {"duration": "a longer duration", "spread": 'the spread "sampled"'}
             instead = " or ".join(advice[one] for one in self.remedies or ())
             found.append(f"At {self.depth:g} m: {self.warning}{instead and f'; take {instead}'}.")
+        if ashore := self.diagnosis.ashore:
+            found.append(
+                f"At {self.depth:g} m: the current runs ashore at {ashore} of "
+                f"{self.persistent_groups} persistent groups: there drifters strand."
+            )
         if (far := self.distance).worst > FAR:
             found.append(
                 f"At {self.depth:g} m: after {far.worst_hours:.3g} h the map has {far.worst:.0%} "

@@ -15,6 +15,7 @@ from .behaviour import long_term_behaviour
 from .closed_sets import ClosedSets
 from .counted import CountedMoves, Spread, bootstrap
 from .ends import LayerEnds
+from .flow import steps_in
 from .sea_layers import SeaLayers
 from .trajectories import Trajectories
 
@@ -198,7 +199,7 @@ def _answers(
     if after is None:
         later = np.asarray(limiting_distribution(chain, groups, throw=False).value)
     else:
-        later = _pushed(chain, np.full(chain.cells, 1 / chain.cells), max(1, round(after / lag)))
+        later = _pushed(chain, np.full(chain.cells, 1 / chain.cells), steps_in(after, lag))
     median = np.median(hours[~persistent]) if not persistent.all() else 0.0
     whole = [groups.count, persistent.sum(), median, max(0.0, round(1 - later.sum(), 12))]
     of_sets = () if sets is None else _leakage(chain, sets, lag)

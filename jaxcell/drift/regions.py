@@ -21,6 +21,7 @@ from ..mapping.generalized import leaving_rows
 from ..mapping.sequence import as_sequence
 from ..markov.hitting import leaving_times
 from .behaviour import LongTermBehaviour
+from .flow import steps_in
 from .water import Water
 
 
@@ -72,7 +73,7 @@ class Exchange(Result):
         - `names`, `inside`: as from [`jaxcell.drift.read_regions`][].
         - `seconds`: after which it is asked where drifters are; the nearest whole step is taken.
         """
-        steps = max(1, round(seconds / behaviour.duration))
+        steps = steps_in(seconds, behaviour.duration)
         return cls(np.asarray(names), inside, behaviour.chain, behaviour.duration / 3600, steps)
 
     @property

@@ -100,10 +100,6 @@ class SeaCurrents(SeaLayers, Compared):
         """The durations of other steps, in seconds; the second is that of the maps."""
         return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
 
-    @derived("layer compared", "time of the comparison with drifters", "h", kind="time")
-    def compared_hours(self) -> Float[np.ndarray, "layers times"]:
-        return np.stack([one.hours for one in self._distances])
-
     @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
     def compared_distance(self) -> Float[np.ndarray, "layers times"]:
         return np.stack([one.total_variation for one in self._distances])

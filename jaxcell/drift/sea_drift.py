@@ -25,7 +25,7 @@ from .deploy import (
     visible_deployment,
 )
 from .distance import nearest_maps
-from .flow import Flow, crossing_time
+from .flow import Flow, check_step, crossing_time
 from .layer import Layer
 from .reachability import reachable_at_depth, reachable_by_layer
 from .regions import Exchange
@@ -67,8 +67,8 @@ class SeaDrift(SeaCurrents):
 
     brief: ClassVar[tuple[str, ...]] = (
         *("persistent_groups", "mean_leaving", "median_hours", "drifters_left", "distance_24h"),
-        *("drifter_count", "fewest_count", "distance_6h", "map_left", "compared_cells"),
-        *("cells", "step"),
+        *("distance_6h", "map_left", "compared_hours", "compared_cells"),
+        *("drifter_count", "fewest_count", "cells", "step"),
         *("period_hours", "reached_cells", "reached_cells_at_any_depth", "views_least", "view"),
     )
 
@@ -131,7 +131,7 @@ class SeaDrift(SeaCurrents):
         - `currents`: as from [`jaxcell.drift.open_currents`][].
         - `duration`: of a step, in seconds, to which the nearest is taken that fits the period; by
             default the [`jaxcell.drift.nearest_step`][] for sampled maps, and for others the
-            [`jaxcell.drift.crossing_time`][] of the slowest layer.
+            [`jaxcell.drift.crossing_time`][] of the slowest layer. It is 0.001 to 1000 of those.
         - `start`: the cell of the surface where a drifter is dropped.
         - `reach`: how far cameras see the sea bed, in metres.
         - `seconds`: for how long to look for the fewest of them; by default they are greedy.
@@ -142,7 +142,7 @@ class SeaDrift(SeaCurrents):
         - `options`: further ones of [`jaxcell.drift.drift_map`][], such as one of
             `jaxcell.drift.METHODS`.
 
-        **Raises:** as [`jaxcell.drift.drift_map`][].
+        **Raises:** `ValueError` for another duration, or as [`jaxcell.drift.drift_map`][].
         """
         count = range(currents.sizes["layer"])
         waters = [Water.of(currents, k) for k in count]
@@ -150,13 +150,12 @@ class SeaDrift(SeaCurrents):
         notices = []
         if backward:
             flows = [flow.reversed() for flow in flows]
-            notices.append(
-                "Drifters go backward in time, from the last record on: where they end is where "
-                "those came from that are in a cell then."
-            )
+            whence = "where they end is where those came from that are in a cell then."
+            notices.append(f"Drifters go backward in time, from the last record on: {whence}")
         flows = [flow.repeated() for flow in flows]
         means = [flow.mean() for flow in flows]
         by = means if mean else flows
+        check_step(duration, max(map(crossing_time, waters, flows)))
 
         def planned() -> tuple[float, Any]:
             """The duration of a step, and the maps of it where they were made to choose it."""
@@ -222,9 +221,9 @@ class SeaDrift(SeaCurrents):
             found[_MAX_REMARKS:] = [more]
         if self._counts is not None and self._counts[1, 1] > self._counts[1, 0] > 0:
             found.append(
-                f"At {self.depths[0]:g} m: the centres of cells have {self._counts[1, 1]} "
-                f"persistent groups, which the cells join into {self._counts[1, 0]}: those are "
-                "nearly closed, and the grid spreads drifters from one to another."
+                f"At {self.depths[0]:g} m: by the centres of cells alone there are "
+                f"{self._counts[1, 1]} persistent groups in place of {self._counts[1, 0]}: their "
+                "number depends on the grid; that of nearly closed sets does so less."
             )
         ways = [way for way in (self.voyage, self.surest) if way is not None]
         if not all(way.policy_certified and way.times_certified for way in ways):

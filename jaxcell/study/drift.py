@@ -100,6 +100,8 @@ class Drift(Study):
         require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
         require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
         require("search", self.search, "more than 0 seconds", lambda x: x > 0)
+        if self.search is not None and self.range is None:
+            raise ValueError("search: expected a range too, got none")
         require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
@@ -122,10 +124,16 @@ class Drift(Study):
 
     def run(self, say: Say = silent) -> "SeaDrift":
         from ..drift import ClosedSets, Exchange, SeaDrift, Stranded, Water, read_regions
+        from ..drift.deploy import check_reach
 
         self.memory()
         currents = self.currents()
         waters = [Water.of(currents, layer) for layer in range(currents.sizes["layer"])]
+        fewest = min(water.cells for water in waters)
+        expected = f"at most {fewest}, the cells of a layer"
+        require("nearly_closed", self.nearly_closed, expected, lambda n: n <= fewest)
+        if self.range is not None:
+            check_reach(waters[0], self.range, "range")
         start, goal = self._start(waters[0]), self._goal(waters)
         regions = None if self.regions is None else read_regions(self.regions, waters[0])
         found = SeaDrift.of(
@@ -143,7 +151,7 @@ class Drift(Study):
         )
         if self.range is not None:
             say("choosing where to see the sea bed")
-            _named("range", lambda: found.views)
+            _ = found.views
         if regions is not None:
             say("following drifters between regions")
             exchange = Exchange.of(found.layers[0].behaviour, *regions, self.after)
@@ -164,8 +172,7 @@ class Drift(Study):
             say("finding nearly closed sets")
             chains = [layer.behaviour.chain for layer in found.layers]
             of_layers = found.waters, chains, found.step, count
-            sets = _named("nearly_closed", lambda: ClosedSets.of(*of_layers))
-            found = dataclasses.replace(found, nearly_closed_sets=sets)
+            found = dataclasses.replace(found, nearly_closed_sets=ClosedSets.of(*of_layers))
         if goal is None:
             return found
         say(f"finding the way to the goal from {found.cells:,} cells")

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 
 _DAY = 86_400.0
+# Later is the long run, which is the default.
+_MAX_MOVES = 10_000
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,9 @@ class Drifters(Study):
 
     def __post_init__(self) -> None:
         require("lag", self.lag, "more than 0 days", lambda x: x > 0)
-        require("after", self.after, "more than 0 days", lambda x: x > 0)
+        longest = _MAX_MOVES * self.lag
+        expected = f"more than 0 and at most {longest:g} days, {_MAX_MOVES:,} times the lag"
+        require("after", self.after, expected, lambda x: 0 < x <= longest)
         require("cell", self.cell, "more than 0 and at most 90 degrees", lambda x: 0 < x <= 90)
         require("least", self.least, "1 or more", lambda n: n >= 1)
         require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
@@ -65,6 +69,8 @@ class Drifters(Study):
         say(f"counting moves between {water.cells:,} cells")
         moves = count_moves(seen, water, self.lag * _DAY, least=self.least)
         cells = moves.water.cells
+        expected = f"at most {cells}, the cells"
+        require("nearly_closed", self.nearly_closed, expected, lambda n: n <= cells)
         needed = estimates.drift([cells]) + estimates.draws(cells, self.samples)
         memory.check(needed, f"drifters in {cells:,} cells", "give larger cells, or fewer samples")
         return ObservedDrift.of(

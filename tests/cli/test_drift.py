@@ -348,9 +348,9 @@ def test_six_layers_fit_on_a_screen_and_begin_with_what_people_ask(
     assert rows[:5] == [
         "persistent groups",
         "probability of leaving the map, mean",
-        "time to the end, transient cells, median",
-        "drifters that left the map after 24 h",
-        "drifters that the map has in a wrong cell after 24 h",
+        "time to a group or off the map, transient cells, median",
+        "drifters that left the map after about 24 h",
+        "drifters that the map has in a wrong cell after about 24 h",
     ]
     # One row for each layer.
     assert rows[-6:] == [str(layer) for layer in range(6)]
@@ -433,7 +433,13 @@ def test_writes_its_results(capsys, tmp_path):
         (("--duration", 0), "--duration: expected more than 0 seconds, got 0"),
         (("--discount", 1), "--discount: expected more than 0 and less than 1, got 1"),
         (("--range", -2), "--range: expected more than 0 m, got -2"),
-        ((*STEP, "--range", 20, "--depths", 0), "--range: reach: expected 707"),
+        (("--range", 20), "--range: expected 707"),
+        (("--search", 5), "--search: expected a range too, got none"),
+        (("--nearly-closed", 437), "--nearly-closed: expected at most 436, the cells of a layer"),
+        (
+            ("--duration", 1e-9),
+            "--duration: expected 3.47 to 3.47e\\+06 s, in which drifters go by",
+        ),
         (("--start", "here"), "--start 'here': expected \"lon,lat\" in degrees"),
         (("--start", "5,6"), r"--start 5,6: place \(5, 6\) is off the grid"),
         (("--goal", "-118,33.5"), "--goal '-118,33.5': expected \"lon,lat,depth\" in degrees"),
@@ -445,7 +451,10 @@ def test_writes_its_results(capsys, tmp_path):
         (("--bounds", 0, 0, 1, 1), "gyres.nc: bounds"),
     ],
 )
-def test_bad_input_is_one_line_and_status_2(capsys, args, message):
+def test_bad_input_is_one_line_and_status_2(capsys, monkeypatch, args, message):
+    # It is refused before anything is mapped.
+    monkeypatch.delattr("jaxcell.drift.layer.drift_maps")
+    monkeypatch.delattr("jaxcell.drift.distance.drift_maps")
     status, found, error = run(capsys, *args)
     assert (status, found) == (2, None)
     assert error.count("\n") == 1

@@ -250,6 +250,20 @@ def test_many_groups_of_one_cell_are_warned_of():
     assert "persistent groups are cells that water flows out of" in check.warning
 
 
+def test_groups_of_one_cell_may_be_where_the_current_runs_ashore():
+    """All drifters end in the cell of their row that is nearest to the land."""
+    wet = np.arange(8) < np.full((5, 1), 7)
+    currents = sea(0.5 * wet, np.zeros(wet.shape), wet, dx=1.0, dy=1.0)
+    water, flow = Water.of(currents), Flow.of(currents)
+    options = {"method": "rk4", "steps": 4}
+    groups = persistent_groups(
+        drift_map(water, flow, 4.0, spread="sampled", edge="exit", **options)
+    )
+    assert water.column[np.asarray(groups.group) >= 0].tolist() == [6] * 5
+    check = diagnose(water, flow, groups, 4.0, **options)
+    assert (check.locked, check.ashore, check.warning) == (0, 5, None)
+
+
 def test_pieces_of_water_are_told_apart():
     wet = np.ones((6, 9), bool)
     wet[:, 4] = False

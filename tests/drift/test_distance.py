@@ -5,12 +5,24 @@ import pytest
 from seas import sea
 
 from jaxcell import bundled, drift
+from jaxcell.drift.distance import Distance
 
 
 @pytest.fixture(scope="module")
 def eastward():
     """The water and the flow of a tenth of a cell a second to the East."""
     currents = sea(np.full((4, 9), 100.0), np.zeros((4, 9)), np.ones((4, 9), bool))
+    return drift.Water.of(currents), drift.Flow.of(currents)
+
+
+@pytest.fixture(scope="module")
+def eddies():
+    """The water and the flow of four eddies, which spread drifters nowhere."""
+    rows, columns = (np.arange(24) + 0.5) * np.pi / 12 * np.ones((2, 24, 1))
+    columns = columns.T
+    east, north = np.sin(columns) * np.cos(rows), -np.cos(columns) * np.sin(rows)
+    # In six hours they go by some seven cells.
+    currents = sea(0.6 * east, 0.6 * north)
     return drift.Water.of(currents), drift.Flow.of(currents)
 
 
@@ -40,6 +52,17 @@ def test_a_closed_edge_holds_what_leaves(eastward):
     assert (found.total_variation >= found.drifters_left - 1e-12).all()
 
 
+@pytest.mark.parametrize(
+    ("hours", "near"),
+    [([5, 25], (True, True)), ([8, 32], (True, True)), ([18, 18], (False, True)),
+     ([168, 168], (False, False))],
+)  # fmt: skip
+def test_what_is_after_long_steps_is_not_said_to_be_after_few_hours(hours, near):
+    nothing = np.zeros(2)
+    found = Distance(np.array(hours, float), nothing, nothing, nothing, 1)
+    assert found.near == near
+
+
 @pytest.mark.slow
 def test_it_is_that_from_drifters_released_by_chance():
     currents = drift.open_currents(bundled("ocean/gyres.nc"), depths=0)
@@ -53,6 +76,18 @@ def test_it_is_that_from_drifters_released_by_chance():
     )
     expected = drift.compare(water, chain, drifted, found.hours.tolist())
     np.testing.assert_allclose(found.total_variation, expected.total_variation, atol=0.03)
+
+
+def test_a_cell_with_few_drifters_is_told_from_one_with_none(eddies, monkeypatch):
+    """However many cells there are, so many begin in each that their number says something."""
+    water, flow = eddies
+    step = 2 * drift.crossing_time(water, flow)
+    maps = [(drift.drift_map(water, flow, step, **drift.METHODS["drifters"]), step)]
+    (many,) = drift.distances(water, flow, maps)
+    monkeypatch.setattr("jaxcell.drift.distance._DRIFTERS", water.cells)
+    (few,) = drift.distances(water, flow, maps)
+    assert many.total_variation.max() < 0.1
+    np.testing.assert_allclose(few.total_variation, many.total_variation, atol=0.05)
 
 
 def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward, monkeypatch):

@@ -233,7 +233,7 @@ def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
     currents = strait(rows=6, columns=12).isel(time=slice(1))
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     chain = drift.drift_map(water, flow, STEP, **drift.METHODS["drifters"])
-    for name, value in (("_DRIFTERS", 60), ("_SAMPLED", 40), ("_PART", 3)):
+    for name, value in (("_DRIFTERS", 400), ("_PART", 3)):
         monkeypatch.setattr(f"jaxcell.drift.distance.{name}", value)
     (found,) = drift.distances(water, flow, [(chain, STEP)])
     assert found.cells == 36

@@ -70,5 +70,6 @@ def _names(file: OceanFile, role: Push) -> list[str]:
             return [by_standard[one] for one in row.standard_names]
         if named := file.named(row.names):
             return named
-    expected = " or ".join(" and ".join(row.names or row.standard_names) for row in table(role))
+    pairs = (" and ".join(row.names or row.standard_names) for row in table(role))
+    expected = " or ".join(dict.fromkeys(pairs))
     raise file.error(role, f"the file has no {_WHAT[role]}; expected {expected}")

@@ -39,7 +39,8 @@ def log_groups(maps: Sequence[SeaMap], text: str) -> rrb.Container:
         _log_numbers(map, layer, ranks[number])
         title = f"{map.title}: {counted(layer.persistent_groups, 'persistent group')}"
         if isinstance(layer, Layer):
-            title += f", {100 * layer.distance_24h:.2g} % of drifters elsewhere in a day"
+            found, hours = layer.distance.total_variation[-1], layer.distance.hours[-1]
+            title += f", {100 * found:.2g} % of drifters elsewhere after {hours:.3g} h"
         views.append(map.view(title, [picture, f"numbers_{number}", f"drifters_{number}/here"]))
     legend = _legend(drift.layers, max(int(rank.max(initial=-1)) + 1 for rank in ranks))
     if isinstance(drift, SeaDrift):
@@ -144,7 +145,7 @@ def groups_text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
 ## How sure
 
 Drifters that the current itself carries, without cells, are the **black dots**: press play. The
-share that the map has in a wrong cell, and the shares that left in a day:
+share that the map has in a wrong cell, and the shares that left:
 
 {described(drift.layers, "depth", *distance)}
 
