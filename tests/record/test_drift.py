@@ -453,12 +453,12 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
     one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
     record.save_recording(study(one, 3e6, edge="exit"), tmp_path / "round.rrd")
     found = read(tmp_path / "round.rrd")
-    places = found.over("hour", "/map/drifters_0/here", "Points2D:positions")
+    places = found.over("day", "/map/drifters_0/here", "Points2D:positions")
     x = np.array([np.array(at)[:, 0] for at in places.values()])
     assert (x >= 0).all()
     assert (x <= 3000 * columns).all()
     assert (np.abs(np.diff(x, axis=0)) > 20_000).any()  # some go across the seam
-    trails = found.over("hour", "/map/drifters_0/trail", "LineStrips2D:strips")
+    trails = found.over("day", "/map/drifters_0/trail", "LineStrips2D:strips")
     for time, strips in trails.items():
         for number, strip in enumerate(strips):
             assert np.abs(np.diff(np.array(strip)[:, 0])).max(initial=0) < 3000
@@ -525,6 +525,7 @@ def test_many_groups_have_few_colours(tmp_path, read):
 @pytest.mark.parametrize(
     ("duration", "hours", "unit", "frame"),
     [
+        (4 * 86400, 24, "day", 1),
         (4 * 3600, 1, "hour", 1),
         (40, 0.01, "second", 10),
         (2400, 24, "minute", 18),
