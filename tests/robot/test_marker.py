@@ -17,9 +17,6 @@ from jaxcell.robot.frames import camera, pictures
 from jaxcell.robot.marker import CrossLook, Marker, draw_cross, find_cross
 
 
-pytestmark = pytest.mark.slow
-
-
 # Tests run beside each other, and threads of OpenCV would be in each other's way.
 cv2.setNumThreads(1)
 
