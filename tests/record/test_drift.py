@@ -300,7 +300,6 @@ def asked(leaving, tmp_path_factory, read):
     return found, read(file)
 
 
-@pytest.mark.slow
 def test_the_recording_shows_regions_and_what_goes_between(asked):
     found, shown = asked
     exchange = found.exchange
@@ -314,7 +313,6 @@ def test_the_recording_shows_regions_and_what_goes_between(asked):
                      f"strait: {exchange.residence_hours[1]:.3g} h"]  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_recording_shows_who_strands(asked):
     found, shown = asked
     water, beaching = found.waters[0], found.beaching
@@ -418,7 +416,6 @@ def test_the_recording_shows_the_voyage(gyres, found):
     assert "| surest | 100 % | 1,512 |" in text
 
 
-@pytest.mark.slow
 def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     """No groups, no start, no goal, one record, a turned grid; drifters go."""
     record.save_recording(leaving, tmp_path / "away.rrd")
@@ -444,7 +441,6 @@ def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     assert angle == pytest.approx(np.arctan2(0.1, 1) - 0.5, abs=1e-5)
 
 
-@pytest.mark.slow
 def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
     """All stay on the map, and no way is drawn from one side of it to the other."""
     columns = 12
@@ -465,7 +461,6 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
             np.testing.assert_allclose(strip[-1], places[time][number], atol=1e-3)
 
 
-@pytest.mark.slow
 def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)
@@ -599,7 +594,6 @@ def test_names_and_lengths():
     assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]
 
 
-@pytest.mark.slow
 def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
     leaving, tmp_path, read
 ):
