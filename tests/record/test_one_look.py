@@ -171,7 +171,7 @@ def record_sweep(path):
 
 
 @pytest.fixture(scope="module")
-def looks(tmp_path_factory):
+def looks(tmp_path_factory, few_drifters):
     out = tmp_path_factory.mktemp("looks")
     room = out / "room.txt"
     room.write_text(ROOM)

@@ -370,6 +370,7 @@ def test_sweeps_that_are_killed_and_gone_on_with(stub_spec, tmp_path, engine, ki
     assert engine == "dask" or told["partial"] > 0
 
 
+@slow
 def test_a_killed_run_leaves_its_workers_to_die(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()

@@ -28,9 +28,6 @@ from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
-pytestmark = pytest.mark.slow
-
-
 DATA = Path(__file__).parents[2] / "data"
 BOUNCE = math.radians(45)
 
