@@ -133,7 +133,7 @@ class RobotRun:
         runner = runner_of(task, self, emulation, direction, before)
         pose = None if emulation is None else emulation.pose
         if before is not None:
-            pose = None if (kept := before.header.get("pose")) is None else tuple(kept)
+            pose = before.header.get("pose")
             self._ask_for_place(task, emulation, direction, before)
         # Before the robot is there: what it needs takes seconds to load.
         recording = None
