@@ -21,7 +21,8 @@ test: .venv/.dev
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(UNCHECKED)
 
 test-all: .venv/.dev
-	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile
+	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile $(AS_USERS:%=--ignore %)
+	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile $(UNCHECKED)
 	XLA_FLAGS= JAX_ENABLE_X64=0 $(BIN)/pytest tests/test_without_x64.py
 
 fuzz: .venv/.dev

@@ -29,6 +29,15 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 @pytest.fixture(autouse=True, scope="session")
+def one_thread():
+    """Processes of tests beside each other leave no core to threads that wait by spinning."""
+    from jaxcell.base.threads import one_blas_thread
+
+    with one_blas_thread():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
 def commands_of_tests():
     """What commands say does not depend on how fast this machine is, and JAX is set as above."""
     with pytest.MonkeyPatch.context() as patch:

@@ -13,9 +13,6 @@ import pytest
 import jaxcell
 
 
-pytestmark = pytest.mark.slow
-
-
 ROOT = Path(jaxcell.__file__).parent
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

@@ -57,7 +57,6 @@ def test_a_random_start_is_reproducible(capsys):
     assert starts[0] == starts[1] != starts[2]
 
 
-@pytest.mark.slow
 def test_several_angles_make_one_run(capsys):
     maps = MAPS / "lab_a.json"
     _, both, _ = run(capsys, "groups", maps, "--bounce", 45, 135, "--collision", "endpoint")

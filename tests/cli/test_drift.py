@@ -244,7 +244,6 @@ def test_advice_names_no_option_that_is_on(capsys):
     assert "the spread" not in error
 
 
-@pytest.mark.slow
 def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
     """Where no drifter can leave, and where none can stay, however large the table would be."""
     monkeypatch.setattr("jaxcell.drift.ends._MAX_TABLE", -1)
@@ -329,7 +328,6 @@ def test_tables_for_people(capsys):
     assert re.search(r"depth of the goal +│ -118.096, 33.454, 5 ", out)
 
 
-@pytest.mark.slow
 def test_six_layers_fit_on_a_screen_and_begin_with_what_people_ask(
     capsys, monkeypatch, stream, tmp_path
 ):
@@ -356,7 +354,6 @@ def test_six_layers_fit_on_a_screen_and_begin_with_what_people_ask(
     assert rows[-6:] == [str(layer) for layer in range(6)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("back", [None, 14_400])
 def test_as_many_strand_as_of_drifters_that_strand(capsys, stream, tmp_path, back):
     """Drifters of the current, followed one by one, of which those at a coast toss a coin."""
@@ -480,7 +477,6 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     assert error == "jaxcell drift: the residual stayed above the tolerance\n"
 
 
-@pytest.mark.slow
 def test_backward_with_diffusion_between_regions(capsys, stream, tmp_path):
     box = [[-0.004, -0.01], [0.0405, -0.01], [0.0405, 0.04], [-0.004, 0.04], [-0.004, -0.01]]
     geometry = {"type": "Polygon", "coordinates": [box]}

@@ -26,7 +26,6 @@ def run(capsys, *args, file=DRIFTERS):
     return status, json.loads(captured.out) if captured.out else None, captured.err
 
 
-@pytest.mark.slow
 def test_the_two_gyres_are_found_in_trajectories(capsys, tmp_path):
     args = ("--nearly-closed", 2, "--samples", 10, "--after", 100, "--verify", "--out", tmp_path)
     status, found, error = run(capsys, *args)

@@ -21,6 +21,8 @@ INCLUDED = re.compile(r'^--8<-- "([^":]+)"$', re.MULTILINE)
 # What needs a network, a screen, a robot, a cluster or half an hour is read, and not run.
 NOT_HERE = ("jaxcell view", "/dev/tty", "dask://", "--live", "jaxcell demo")
 SHELL = ("pip install ",)
+# What these say takes seconds to do.
+LONG = ("gallery.md", "create.md", "current.md", "dynamics.md", "map.md")
 
 
 @dataclass
@@ -117,9 +119,12 @@ def test_the_code_of_readme_works(tmp_path, capsys, monkeypatch):
     run(README, tmp_path, capsys, monkeypatch, with_commands=False)
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("as_it_comes")
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(one, marks=[pytest.mark.slow] if one.name in LONG else []) for one in PAGES],
+    ids=name,
+)
 def test_it_does_what_it_says(page, tmp_path, capsys, monkeypatch):
     run(page, tmp_path, capsys, monkeypatch)
 

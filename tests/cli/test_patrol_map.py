@@ -141,7 +141,6 @@ def test_the_same_seed_says_the_same(capsys):
     assert simulated[0] == simulated[1] != simulated[2]
 
 
-@pytest.mark.slow
 def test_tables_for_people(capsys, hall):
     args = ["patrol", "map", *map_args((hall, *NEAR, "--base", "auto", "--base-range", 2))]
     assert main([*args, "--robots", "3", "--lost", "0"]) == 0
@@ -270,7 +269,6 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     assert error == "jaxcell patrol map: the residual stayed above the tolerance\n"
 
 
-@pytest.mark.slow
 def test_the_fewest_robots_for_a_capture(capsys):
     wanted = ("--robots", "auto", "--capture", 0.6, "--share", 0)
     status, found, _ = run(capsys, *NEAR, *wanted)

@@ -101,7 +101,6 @@ def test_a_robot_runs_a_filter_without_the_rest(filter_file, tmp_path):
     assert f"jaxcell robot replay {out}/run.jsonl --file filter.jxf --out {out}" in errors
 
 
-@pytest.mark.slow
 def test_a_replay_makes_the_recording_elsewhere(filter_file, tmp_path, capsys):
     command = RobotRun(
         file=filter_file,
@@ -126,7 +125,6 @@ def test_a_replay_makes_the_recording_elsewhere(filter_file, tmp_path, capsys):
     assert rows["o"] == rows["seen"] > 5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -155,7 +153,6 @@ def test_recordings_without_rerun_are_refused(tmp_path, monkeypatch):
         importlib.reload(jaxcell.record.robot)
 
 
-@pytest.mark.slow
 def test_results_are_kept_without_recordings(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rerun", None)
     out = tmp_path / "out"

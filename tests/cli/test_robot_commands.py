@@ -46,7 +46,6 @@ def simulated(file, name="lab_a.json", **fields) -> RobotRun:
     return RobotRun(file=file, simulate=MAPS / name, speedup=100.0, json=True, **fields)
 
 
-@pytest.mark.slow
 def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_path, capsys):
     out = tmp_path / "out"
     code, found = run(simulated(filter_file, start="70", out=out), capsys)
@@ -75,7 +74,6 @@ def test_a_filter_runs_in_a_simulated_map_and_its_log_replays(filter_file, tmp_p
         RobotReplay(log=out / "run.jsonl").run()
 
 
-@pytest.mark.slow
 def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
     filter = bounce_filter(LAB, 45, metadata={**SPEC, "bounce_deg": 45, "name": LAB.workspace.name})
     filter.save(filter_file)
@@ -91,7 +89,6 @@ def test_a_filter_of_another_map_is_refuted(filter_file, tmp_path, capsys):
     assert found["observations"] in found["reason"]
 
 
-@pytest.mark.slow
 def test_a_plan_runs_from_its_start(tmp_path, capsys):
     image, bumped = bounce_tables(LAB, 135)
     cell, actions = 20, []
@@ -107,7 +104,6 @@ def test_a_plan_runs_from_its_start(tmp_path, capsys):
     assert (code, again["result"]) == (0, "arrived")
 
 
-@pytest.mark.slow
 def test_check(capsys):
     with Emulator(Body(LAB.workspace, (0.5, 0.5, 0.0)), line=Line(speedup=20.0)) as robot:
         code, found = run(RobotCheck(port=robot.port, move=True, json=True), capsys)
@@ -215,7 +211,6 @@ def test_cells_of_a_larger_map_are_shown_by_their_numbers(capsys):
     assert "5000, of another map" in shown
 
 
-@pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on(filter_file, tmp_path, capsys, monkeypatch):
     code, whole = run(simulated(filter_file, start="70"), capsys)
     assert (code, len(whole["observations"]) > 4) == (0, True)
@@ -292,7 +287,6 @@ def test_a_log_of_something_else_does_not_go_on(filter_file, tmp_path):
         simulated(filter_file, resume=log).run()
 
 
-@pytest.mark.slow
 def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
     filter_file, tmp_path, capsys, monkeypatch
 ):
@@ -323,7 +317,6 @@ def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
         simulated(filter_file, steps="clock", calibration=other).run()
 
 
-@pytest.mark.slow
 def test_a_robot_that_was_lifted_is_put_back_and_goes_on(filter_file, tmp_path, capsys):
     first, second = tmp_path / "first", tmp_path / "second"
     log = first / "run.jsonl"

@@ -29,8 +29,6 @@ MAIN = (
     "from jaxcell.cli import main; raise SystemExit(main())"
 )
 
-pytestmark = pytest.mark.slow
-
 
 ABOUT = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0, "bounce_deg": 45}
 
@@ -51,7 +49,9 @@ def belief_file(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module", params=["filter_file", "belief_file"])
+@pytest.fixture(
+    scope="module", params=["filter_file", pytest.param("belief_file", marks=pytest.mark.slow)]
+)
 def file(request):
     """What is run."""
     return request.getfixturevalue(request.param)

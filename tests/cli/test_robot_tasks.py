@@ -15,9 +15,6 @@ from jaxcell.robot.team import save_team
 from jaxcell.space import CellSpace, Workspace, free_steps, visible_cells
 
 
-pytestmark = pytest.mark.slow
-
-
 LAB = map_cells("lab_b.json")
 SPEC = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 

@@ -38,7 +38,6 @@ def run(capsys, *args):
     return status, json.loads(captured.out) if captured.out else None, captured.err
 
 
-@pytest.mark.slow
 def test_a_robot_that_slips_is_localized(capsys, tmp_path, room):
     out = tmp_path / "out"
     args = ("localize", room, "--bounce", 135, "--slip", 0.02, "--start", 3)
@@ -62,7 +61,6 @@ def test_a_robot_that_slips_is_localized(capsys, tmp_path, room):
     assert again["word"] == found["word"]
 
 
-@pytest.mark.slow
 def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     out, again = tmp_path / "out", tmp_path / "run"
     args = ("localize", room, "--bounces", 90, 135, "--slip", 0.02, "--start", 3)
@@ -88,7 +86,6 @@ def test_a_robot_that_slips_chooses_among_its_angles(capsys, tmp_path, room):
     assert replayed["observations"] == driven["observations"]
 
 
-@pytest.mark.slow
 def test_plans_of_a_robot_that_slips(capsys, room):
     ends = ("--start", "1.5,1.5,0", "--goal", "1.5,1.5,180")
     status, found, _ = run(

@@ -35,7 +35,6 @@ def described(capsys):
     return json.loads(capsys.readouterr().out)
 
 
-@slow
 def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["sweep", spec(), "--json", "--netcdf"]) == 0
@@ -65,7 +64,6 @@ def test_a_sweep_and_its_status(spec, tmp_path, capsys, monkeypatch):
     assert 'xarray.open_zarr("runs/some/sweep.zarr")' in told.err
 
 
-@slow
 def test_failures_are_told(spec, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["sweep", spec("fail = 5"), "--out", out]) == 1
@@ -82,7 +80,6 @@ def test_failures_are_told(spec, tmp_path, capsys):
     ]
 
 
-@slow
 def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
     def broken(batch, fixed, seed):
         raise RuntimeError
@@ -95,7 +92,6 @@ def test_many_failures_are_told_in_short(spec, tmp_path, capsys, monkeypatch):
     assert f"... and others: all are in {tmp_path / 'failures'}, with their tracebacks" in told
 
 
-@slow
 def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capfd, monkeypatch):
     kept = sweep_stub.stub
 
@@ -172,7 +168,6 @@ def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
     assert sweep_status(out).rate is None
 
 
-@slow
 def test_bad_input_is_one_line(spec, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["sweep", spec(grid="x = []"), "--out", out]) == 2
@@ -189,8 +184,7 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
     assert "jaxcell sweep status: " in capsys.readouterr().err
 
 
-@slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=slow)])
 def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
     given = ["--workers", "1", "--engine", "processes", "--max-failures", "3"]
@@ -229,7 +223,6 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     assert found["running"] is None
 
 
-@slow
 def test_help_needs_neither_jax_nor_zarr():
     program = (
         "import sys\nfrom jaxcell.cli import main\n"

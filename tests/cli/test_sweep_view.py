@@ -11,9 +11,6 @@ from jaxcell.cli.sweep.view import parameters, selected
 from jaxcell.sweep import Spec, open_sweep, run_sweep
 
 
-pytestmark = pytest.mark.slow
-
-
 DATA = Path(__file__).parents[2] / "data"
 LAB = DATA / "maps" / "lab_a.json"
 EIGHT = DATA / "graphs" / "eight.json"
@@ -147,6 +144,7 @@ def test_the_walk_of_a_member(ran):
     assert found["mean_commute_time"] == pytest.approx(member["mean_commute_time"], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_drift_of_a_member(ran):
     folder = ran(
         f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepths = 0\n[grid]\nrho = [0.7, 0.9]\n'

@@ -11,9 +11,6 @@ from jaxcell.cli import main
 from jaxcell.mapping import SimpleMap
 
 
-pytestmark = pytest.mark.slow
-
-
 LAB = str(Path(__file__).parents[2] / "data" / "maps" / "lab_a.json")
 COMMANDS = {
     "groups": ["groups", LAB, "--bounce", "45"],

@@ -38,6 +38,28 @@ def test_what_does_not_strand_drifts_on():
     assert drift.long_term_behaviour(chain, HOUR).groups.count == 3
 
 
+def test_who_strands_is_told_by_powers_of_the_matrix():
+    wet = np.ones((2, 4), bool)
+    wet[0, 0] = False
+    water = drift.Water.of(sea(*np.zeros((2, 2, 4)), wet))
+    # A tenth leaves the map in each step.
+    matrix = np.random.default_rng(1).dirichlet(np.ones(7), 7) * 0.9
+    behaviour = drift.long_term_behaviour(Chain.from_scipy(matrix), HOUR)
+    times = {"afloat": 2 * HOUR, "stranded": 5 * HOUR}
+    found = drift.Stranded.of(water, behaviour, 3.2 * HOUR, **times)
+    chain, cell = drift.beaching(behaviour.chain, drift.coast(water), HOUR, **times)
+    after = np.linalg.matrix_power(chain.to_scipy().toarray(), 3)[:7]
+    assert (found.after_hours, found.beaches) == (3, cell.size)
+    assert found.share == pytest.approx(after[:, 7:].sum() / 7)
+    assert found.left == pytest.approx(1 - after.sum() / 7)
+    assert 0.1 < found.left < 0.9
+    chance, on_beach = np.full((2, 2, 4), np.nan)
+    chance[wet] = after[:, 7:].sum(axis=1)
+    np.testing.assert_allclose(found.chance, chance)
+    on_beach[water.row[cell], water.column[cell]] = after[:, 7:].mean(axis=0)
+    np.testing.assert_allclose(found.on_beach, on_beach)
+
+
 def test_a_coast_is_beside_land():
     wet = np.ones((4, 5), bool)
     wet[1, 1] = False

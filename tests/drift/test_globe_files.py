@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from jaxcell.drift import Water, open_currents
+from jaxcell.drift.currents.sphere import overlapping_columns
 
 
 ROWS, COLUMNS = 4, 12
@@ -57,6 +58,11 @@ def test_a_grid_that_closes_goes_round(tmp_path, lon, again):
     width = ((np.roll(lon, -1) - lon) % 360 + (lon - np.roll(lon, 1)) % 360) / 2
     side = RADIUS * np.radians(width) * np.cos(np.radians(LAT))[:, None]
     np.testing.assert_allclose(found.dx, side, rtol=1e-12)
+
+
+def test_four_columns_may_come_twice():
+    lon, lat = np.meshgrid([0.0, 90, 180, 270] * 2, LAT)
+    assert overlapping_columns(lon, lat) == 4
 
 
 def test_packed_longitudes_close_too(tmp_path):

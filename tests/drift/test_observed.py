@@ -28,7 +28,6 @@ def pair():
     return drift.ObservedDrift.of(seen, moves, after=2 * DAY, sets=2, samples=150)
 
 
-@pytest.mark.slow
 def test_answers_are_those_of_the_chain(pair):
     matrix = np.array([[0.8, 0.1], [0.2, 0.8]])
     hours = 24 * np.linalg.solve(np.eye(2) - matrix, np.ones(2))

@@ -274,6 +274,7 @@ def test_asked_for_by_name(tmp_path):
         ((1, 3), [1, 2, 3]),
         ((None, "2011-07-01T01:00"), [0, 1]),
         (slice("2011-07-01T01:00", None), [1, 2, 3]),
+        ((1, 1), [1]),
     ],
 )
 def test_records(tmp_path, time, records):

@@ -176,7 +176,6 @@ def test_a_section_tells_the_groups_of_all_cells(image, data):
         assert int(groups.count) == expected[3]
 
 
-@pytest.mark.slow
 def test_a_batch_of_sections():
     rng = np.random.default_rng(1)
     images = rng.integers(0, 30, (5, 30)).astype(np.int32)

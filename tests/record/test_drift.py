@@ -300,7 +300,6 @@ def asked(leaving, tmp_path_factory, read):
     return found, read(file)
 
 
-@pytest.mark.slow
 def test_the_recording_shows_regions_and_what_goes_between(asked):
     found, shown = asked
     exchange = found.exchange
@@ -314,7 +313,6 @@ def test_the_recording_shows_regions_and_what_goes_between(asked):
                      f"strait: {exchange.residence_hours[1]:.3g} h"]  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_recording_shows_who_strands(asked):
     found, shown = asked
     water, beaching = found.waters[0], found.beaching
@@ -418,7 +416,6 @@ def test_the_recording_shows_the_voyage(gyres, found):
     assert "| surest | 100 % | 1,512 |" in text
 
 
-@pytest.mark.slow
 def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     """No groups, no start, no goal, one record, a turned grid; drifters go."""
     record.save_recording(leaving, tmp_path / "away.rrd")
@@ -444,7 +441,6 @@ def test_a_sea_with_little_to_tell(leaving, tmp_path, read):
     assert angle == pytest.approx(np.arctan2(0.1, 1) - 0.5, abs=1e-5)
 
 
-@pytest.mark.slow
 def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
     """All stay on the map, and no way is drawn from one side of it to the other."""
     columns = 12
@@ -453,19 +449,18 @@ def test_drifters_and_their_ways_around_the_earth(tmp_path, read):
     one = one.assign_coords(lon=(("y", "x"), 30.0 * column), lat=(("y", "x"), 27.0 * row - 27))
     record.save_recording(study(one, 3e6, edge="exit"), tmp_path / "round.rrd")
     found = read(tmp_path / "round.rrd")
-    places = found.over("hour", "/map/drifters_0/here", "Points2D:positions")
+    places = found.over("day", "/map/drifters_0/here", "Points2D:positions")
     x = np.array([np.array(at)[:, 0] for at in places.values()])
     assert (x >= 0).all()
     assert (x <= 3000 * columns).all()
     assert (np.abs(np.diff(x, axis=0)) > 20_000).any()  # some go across the seam
-    trails = found.over("hour", "/map/drifters_0/trail", "LineStrips2D:strips")
+    trails = found.over("day", "/map/drifters_0/trail", "LineStrips2D:strips")
     for time, strips in trails.items():
         for number, strip in enumerate(strips):
             assert np.abs(np.diff(np.array(strip)[:, 0])).max(initial=0) < 3000
             np.testing.assert_allclose(strip[-1], places[time][number], atol=1e-3)
 
 
-@pytest.mark.slow
 def test_all_cells_persistent(tmp_path, read):
     """Nothing is absorbed, so that there is no tab about it."""
     swirl = np.linspace(-1, 1, 5)
@@ -525,6 +520,7 @@ def test_many_groups_have_few_colours(tmp_path, read):
 @pytest.mark.parametrize(
     ("duration", "hours", "unit", "frame"),
     [
+        (4 * 86400, 24, "day", 1),
         (4 * 3600, 1, "hour", 1),
         (40, 0.01, "second", 10),
         (2400, 24, "minute", 18),
@@ -598,7 +594,6 @@ def test_names_and_lengths():
     assert [round_below(one) for one in (7.2, 1.9, 0.05, 99.0)] == [5, 1, 0.05, 50]
 
 
-@pytest.mark.slow
 def test_nearly_closed_sets_are_in_the_dataset_the_summary_and_the_recording(
     leaving, tmp_path, read
 ):

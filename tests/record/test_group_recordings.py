@@ -79,7 +79,6 @@ def test_walls_are_the_edges_of_free_squares(lab, recorded):
     assert edges == expected
 
 
-@pytest.mark.slow
 def test_walls_of_a_map(hall, read, tmp_path):
     save_recording(hall.groups, tmp_path / "hall.rrd")
     recorded = read(tmp_path / "hall.rrd")
@@ -94,7 +93,6 @@ def test_walls_of_a_map(hall, read, tmp_path):
     assert squares[1, 18] == 0, "in the obstacle by the wall"
 
 
-@pytest.mark.slow
 def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_path):
     """By 90 of 360 degrees, only headings 90 degrees apart share groups."""
     save_recording(hall.groups, tmp_path / "hall.rrd")
@@ -128,7 +126,6 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_pat
         assert f"heading {15 * direction}°" in legend
 
 
-@pytest.mark.slow
 def test_a_tab_for_each_angle(angles, read, tmp_path):
     save_recording(angles, tmp_path / "lab.rrd")
     recorded = read(tmp_path / "lab.rrd")

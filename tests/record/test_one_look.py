@@ -17,9 +17,6 @@ from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import robot_color
 
 
-pytestmark = pytest.mark.slow
-
-
 DATA = Path(__file__).parents[2] / "data"
 ROOM = "; cell 1\n#######\n#..#..#\n#.....#\n#.....#\n#######\n"
 COMMANDS = {
@@ -174,7 +171,7 @@ def record_sweep(path):
 
 
 @pytest.fixture(scope="module")
-def looks(tmp_path_factory):
+def looks(tmp_path_factory, few_drifters):
     out = tmp_path_factory.mktemp("looks")
     room = out / "room.txt"
     room.write_text(ROOM)

@@ -13,9 +13,6 @@ from jaxcell.record import RecordedRobot, RobotRecording
 from jaxcell.space import CellSpace
 
 
-pytestmark = pytest.mark.slow
-
-
 LAB = map_cells("lab_a.json")
 FILTER = bounce_filter(LAB, 45)
 # A robot that starts at (1, 2), to the north.

@@ -8,9 +8,6 @@ from jaxcell.record import log_sweep
 from jaxcell.record.sweep.axes import QUANTILES, axes, means, pairs, statistics
 
 
-pytestmark = pytest.mark.slow
-
-
 def result(shape, coords, **variables):
     """The result of a sweep whose members are all done."""
     dims = tuple(shape)

@@ -2,6 +2,7 @@ import contextlib
 import itertools
 import math
 import os
+import select
 import time
 import tty
 
@@ -245,10 +246,12 @@ def test_bytes_are_lost_both_ways():
 def test_time_waits_for_a_host_that_does_not_read():
     with emulated(line=Line(speedup=1000.0)) as (robot, host):
         host.send(oi.START, oi.stream(IDS))
-        until(lambda: len(robot.trace) > 2)
+        until(lambda: select.select([host.line], [], [], 0)[0])
         time.sleep(0.3)
         # Otherwise it would have been 300 s.
         assert robot.seconds < 30
+        # One frame, with its head, the numbers of its packets and its sum.
+        assert len(host.read()) == 3 + len(IDS) + size(IDS)
         assert host.frames(200)
 
 

@@ -1,6 +1,7 @@
 """The marker in drawn frames. `experiments/ch4_marker.py` has the same rates over thousands."""
 
 import dataclasses
+import inspect
 import math
 import subprocess
 import sys
@@ -14,9 +15,6 @@ from scipy.stats import binom
 
 from jaxcell.robot.frames import camera, pictures
 from jaxcell.robot.marker import CrossLook, Marker, draw_cross, find_cross
-
-
-pytestmark = pytest.mark.slow
 
 
 # Tests run beside each other, and threads of OpenCV would be in each other's way.
@@ -160,9 +158,9 @@ def test_a_cross_cut_off_by_the_frame_is_not_whole():
     ],
 )
 def test_what_is_no_frame_is_refused(frame, told):
-    # Tests check annotations at run time, which users do not.
+    # Tests may check annotations at run time, which users do not.
     with pytest.raises(ValueError, match=told):
-        find_cross.__wrapped__(frame)
+        inspect.unwrap(find_cross)(frame)
 
 
 def test_looks_report_what_is_there():

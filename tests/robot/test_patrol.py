@@ -17,9 +17,6 @@ from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 
-pytestmark = pytest.mark.slow
-
-
 LAB = map_cells("lab_b.json", directions=4)
 # Unit squares with a thin wall between two of them, which no square is lost to.
 PARTED = CellSpace.of(

@@ -65,7 +65,6 @@ def test_the_robot_is_localized_to_its_true_configuration(cell, found, tmp_path)
     assert [state for state in states if state is not None] == run.states[1:][bumps].tolist()
 
 
-@pytest.mark.slow
 def test_an_emulated_robot_is_localized_as_the_model_is(found):
     walker, body = walker_in(LAB_A, 70)
     outcome = run_policy(walker, found.policy, BOUNCES)

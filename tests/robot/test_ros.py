@@ -167,7 +167,6 @@ def test_without_ros_it_says_how_to_have_it():
         Create3().__enter__()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind):
     world = world_of(pose_of(LAB, 70), kind, LAB.workspace)
@@ -204,7 +203,6 @@ def test_a_filter_runs_and_its_candidates_are_published(world_of, tmp_path, kind
     assert arrays[-1].header.frame_id == grids[-1].header.frame_id == "map"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     (tmp_path / "rclpy.py").write_text("import ros_stub\n\nros_stub.install()\n")
@@ -231,7 +229,6 @@ def test_the_watchdog_stops_a_robot_whose_driver_is_gone(tmp_path, kind):
     assert said.endswith("destroyed jaxcell_watchdog\nshutdown\n")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_command_line_drives_it(world_of, tmp_path, capsys, kind):
     world = world_of(pose_of(LAB, 70), kind, LAB.workspace)

@@ -13,9 +13,6 @@ from jaxcell.robot.runner import plan_outcome, replay_filter, run_filter, run_pl
 from jaxcell.robot.walker import Walker, cell_strides
 
 
-pytestmark = pytest.mark.slow
-
-
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
 STRIDES = cell_strides(8, 1.0, 1.0)
 
@@ -35,6 +32,7 @@ def test_the_emulated_robot_is_localized_to_its_true_configuration(cell, bounce_
         assert outcome.cells == tuple(filter.cells(state).tolist())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounce_deg", [45, 135])
 def test_it_is_localized_from_many_cells(bounce_deg):
     filter = bounce_filter(LAB_A, bounce_deg)
@@ -55,6 +53,7 @@ def test_it_is_localized_from_many_cells(bounce_deg):
         assert outcome.colors[-1] > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("open_world", [False, True])
 def test_a_filter_of_another_map_is_refuted_with_what_was_observed(open_world, tmp_path):
     filter = bounce_filter(LAB_B, 45, open_world=open_world)

@@ -39,9 +39,6 @@ from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace
 
 
-pytestmark = pytest.mark.slow
-
-
 STUB = Path(__file__).with_name("arduino_stub")
 COMPILER = next(filter(shutil.which, ("c++", "g++", "clang++")), None)
 STRICT = ["-std=c++11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]

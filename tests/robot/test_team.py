@@ -14,9 +14,6 @@ from jaxcell.robot.walker import Walker
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 
-pytestmark = pytest.mark.slow
-
-
 COMMON = {"cell_m": 1.0, "directions": 8, "step_m": 1.0, "robot_radius_m": 0.0}
 LAB = map_cells("lab_b.json")
 
@@ -73,6 +70,7 @@ def team_file(tmp_path):
     return file, path, bumped
 
 
+@pytest.mark.slow
 def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
     file, path, bumped = team_file
     there = free_steps(LAB, 1.0, "swept")

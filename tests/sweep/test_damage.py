@@ -147,7 +147,6 @@ def test_a_file_that_is_gone_is_told(out, capsys):
     assert f"sweep verify {out}" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_damage_is_told_by_view(out, capsys):
     path = out / "sweep.zarr" / "value" / "c" / "0" / "3"
     content = path.read_bytes()

@@ -139,7 +139,6 @@ def test_sobol_indices_of_the_function_of_ishigami(ishigami, capsys):
                 assert high - low < 0.2
 
 
-@pytest.mark.slow
 def test_sobol_indices_are_shown_where_there_are_some(stub_spec, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.record.log_sweep", lambda *_, **__: None)
     monkeypatch.setattr("jaxcell.cli.sweep.view.has_display", lambda: False)

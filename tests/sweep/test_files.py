@@ -73,7 +73,6 @@ def test_a_damaged_origin_is_none(study, tmp_path, text):
     assert kept_spec(tmp_path / "out").folder == tmp_path / "out"
 
 
-@pytest.mark.slow
 def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
     spec, out = Spec.load("../study/specs/spec.toml"), tmp_path / "runs" / "out"
     run_sweep(spec, out, chunks=[0])
@@ -93,7 +92,6 @@ def test_maps_beside_the_specification(study, tmp_path, monkeypatch, capsys):
         run_sweep(spec, out, resume=True)
 
 
-@pytest.mark.slow
 def test_a_member_is_viewed_from_anywhere(study, tmp_path, monkeypatch):
     monkeypatch.setattr(jaxcell.cli.sweep.view, "has_display", lambda: False)
     out = tmp_path / "runs" / "out"

@@ -46,7 +46,6 @@ def test_shards_together_are_the_sweep(stub_spec, sharded, whole, count):
     assert merged(out) == whole
 
 
-@slow
 def test_members_that_failed_are_merged(stub_spec, tmp_path, sharded):
     spec = stub_spec("fail = 9")
     run_sweep(spec, tmp_path / "whole")
@@ -56,7 +55,6 @@ def test_members_that_failed_are_merged(stub_spec, tmp_path, sharded):
     assert merged(out) == tree(tmp_path / "whole")
 
 
-@slow
 def test_shards_that_cannot_be_merged(stub_spec, tmp_path, sharded, monkeypatch):
     def refused(told):
         with pytest.raises(ValueError, match=told):
@@ -95,7 +93,6 @@ def test_shards_that_are_none(text):
         Shard.read(text)
 
 
-@slow
 def test_the_commands_of_shards(spec_file, tmp_path, capsys):
     spec, out = str(spec_file(head="chunk = 4", text="[grid]\nx = {count = 10}")), tmp_path / "out"
     assert Spec.load(spec).chunk_count == 3

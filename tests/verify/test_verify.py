@@ -28,9 +28,6 @@ from jaxcell.patrol.walks.game import strategy_game
 from jaxcell.space import CellSpace, Workspace, visible_cells
 
 
-pytestmark = pytest.mark.slow
-
-
 DATA = Path(__file__).parents[2] / "data"
 BOUNCE = math.radians(45)
 
@@ -246,7 +243,8 @@ def test_patrols_of_a_map():
 
 @pytest.mark.parametrize("edge", ["uniform", "exit"])
 def test_drifters(edge):
-    currents = drift.open_currents(DATA / "ocean" / "gyres.nc").isel(layer=slice(2, 3))
+    # As the current changes, some drifters stay almost for ever, which no solve is certified for.
+    currents = drift.open_currents(DATA / "ocean" / "gyres.nc", time=0).isel(layer=slice(2, 3))
     found = drift.SeaDrift.of(currents, 3400.0, edge=edge, start=0).towards(100)
     (layer,) = found.layers
     behaviour = layer.behaviour

@@ -1,6 +1,6 @@
 import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ def recording_of(
     task: "AnyTask",
     path: Path,
     *,
-    start: tuple[float, float, float] | None = None,
+    start: Sequence[float] | None = None,
     emulation: "Emulation | None" = None,
     viewer: str | None = None,
 ) -> "RobotRecording":
@@ -29,7 +29,7 @@ def recording_of(
 
     - `task`: what runs.
     - `path`: the file.
-    - `start`: where the robot's odometry begins, if that is known.
+    - `start`: where the robot's odometry begins, `(x, y, theta)`, if that is known.
     - `emulation`: the emulated robot, whose map is drawn.
     - `viewer`: where to show the run as it goes.
     """
@@ -42,7 +42,11 @@ def recording_of(
     trace = None if emulation is None else emulation.robot.trace
     return RobotRecording(
         path,
-        [RecordedRobot(start=start, trace=trace)],
+        [
+            RecordedRobot(
+                start=None if start is None else (start[0], start[1], start[2]), trace=trace
+            )
+        ],
         cells=cells,
         filter=None if isinstance(estimator, Belief) else estimator,
         belief=estimator if isinstance(estimator, Belief) else None,

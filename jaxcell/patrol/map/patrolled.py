@@ -273,7 +273,10 @@ class PatrolledMap(Result):
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
-        return self.contested[self.capture[:, self.contested].argmin(axis=1)]
+        # Of cells that are alike but for rounding, the first.
+        caught = self.capture[:, self.contested]
+        least = caught.min(axis=1, keepdims=True)
+        return self.contested[(caught <= least + 1e-9).argmax(axis=1)]
 
     @derived("attack_time", "probability of capture there", "1", kind="share")
     def weakest_capture(self) -> Float[np.ndarray, "times"]:

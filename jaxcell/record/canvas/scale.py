@@ -43,8 +43,8 @@ class Scale:
         label: Callable[[str], str] = "{}".format,
         *,
         levels: int = LEVELS,
-        least: float | None = None,
-        most: float | None = None,
+        least: float | int | None = None,
+        most: float | int | None = None,
         spaced: Callable[[float, float, int], np.ndarray] = np.linspace,
         **about: Any,
     ) -> "Scale":

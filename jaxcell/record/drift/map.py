@@ -44,7 +44,7 @@ class Clock:
     """The timeline of a recording, in whole units from the first record."""
 
     unit: str
-    "`hour`, `minute` or `second`."
+    "`day`, `hour`, `minute` or `second`."
     frame: int
     "Units from picture to picture."
     frames: int

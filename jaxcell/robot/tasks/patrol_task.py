@@ -56,9 +56,7 @@ class PatrolTask(Task):
 def save_patrols(
     path: str | os.PathLike[str],
     cells: "CellSpace",
-    walks: Sequence[
-        tuple[Int[np.ndarray, "branches positions"], Float[np.ndarray, "branches positions"]]
-    ],
+    walks: Sequence[tuple[Int[np.ndarray, "_ positions"], Float[np.ndarray, "_ positions"]]],
     starts: Sequence[int],
     reach: float,
     **about: Any,

@@ -76,7 +76,9 @@ def test_known_optima_from_the_default_start(graph, attack, optimum):
     assert found.value == pytest.approx(optimum, rel=1e-6)
     assert found.start == 0
     assert found.certificate.outcome is Outcome.CONVERGED
-    assert walk_capture_probabilities(graph, found.matrices[0], attack).min() == found.value
+    # Another program, whose sums may be in another order.
+    least = walk_capture_probabilities(graph, found.matrices[0], attack).min()
+    assert least == pytest.approx(found.value, rel=1e-14)
     assert found.chains[0].cells == 9
 
 
