@@ -183,7 +183,7 @@ class Flow:
         return value(along[0].ravel()), value(along[1].ravel())
 
 
-def steps_in(seconds: float, duration: float) -> int:
+def steps_in(seconds: float | int, duration: float | int) -> int:
     """Number of steps of a duration that is nearest to a time, of one at least."""
     return max(1, round(seconds / duration))
 
