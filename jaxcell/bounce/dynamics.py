@@ -76,7 +76,7 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
     with jax.ensure_compile_time_eval():
         free = np.ones(cells.positions, bool)
         arrays = steps.targets(cells), steps.way, free, order, steps.line
-        return Moves(*map(jnp.asarray, arrays))
+        return Moves(*jax.device_put(arrays))
 
 
 def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
@@ -253,7 +253,7 @@ def bounce_map(
     maps = zip(*(_images(target, way, one) for one in shift.ravel().tolist()), strict=True)
     # One alone is not copied.
     both = (each[0] if len(each) == 1 else np.concatenate(each) for each in maps)
-    return SimpleMap(*(jnp.asarray(each.reshape(*shift.shape, -1)) for each in both))
+    return SimpleMap(*jax.device_put([each.reshape(*shift.shape, -1) for each in both]))
 
 
 @jax.jit

@@ -61,7 +61,10 @@ def test_the_two_gyres_are_found_in_trajectories(capsys, tmp_path):
         (("--samples", 1), "--samples: expected 2 or more, got 1"),
         (("--least", 1000), "--least: no cell has 1000 moves in 432000 s; the most has 28"),
         (("--bounds", 0, 0, 1, 1), "--bounds: no drifter was there"),
-        (("--after", -1), "--after: expected more than 0 days, got -1"),
+        (
+            ("--after", -1),
+            "--after: expected more than 0 and at most 50000 days, 10,000 times the lag, got -1",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(capsys, args, message):
