@@ -282,7 +282,7 @@ class SeaDrift(SeaCurrents):
             surface.water, self.reach, surface.begins.groups, seconds=self.seconds
         )
 
-    @derived("", "drifters that cover every group", kind="count")
+    @derived("", "drifters, group by group, that may visit each cell", kind="count")
     def drifter_count(self) -> int:
         return self.deployment.cells.size
 
