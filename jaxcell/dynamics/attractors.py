@@ -44,7 +44,7 @@ class Attractors:
     """Attractors of a map, and the one that each periodic group leads to."""
 
     of_group: Int[np.ndarray, "groups"]
-    "The attractor that most orbits from each group end on; -1 for none, -2 if they leave the box."
+    "The attractor that most orbits of a group end on, -1 for none or NaN, -2 if they leave the box."
     several: Bool[np.ndarray, "groups"]
     "Whether orbits from the group end on more than one, as near a saddle."
     count: int
@@ -179,16 +179,18 @@ def _of_orbits(
     count = int(end.max(initial=-1)) + 1
     # No orbit begins in a sink: those are the last two groups.
     of_group = np.full(int(groups.count), -1, np.int32)
-    of_group[-2:] = -2
+    of_group[-2] = -2
     several = np.zeros(of_group.size, bool)
     # Those that leave come last, as what most do is taken, and the first of what as many do.
-    pair = begun * (count + 1) + np.where(end < 0, count, end)[: begun.size]
+    away = np.where(np.isfinite(orbit[: begun.size, -1]).all(axis=-1), count, count + 1)
+    pair = begun * (count + 2) + np.where(end[: begun.size] < 0, away, end[: begun.size])
     pair, votes = np.unique(pair, return_counts=True)
-    of_pair, ends = np.divmod(pair, count + 1)
+    of_pair, ends = np.divmod(pair, count + 2)
     order = np.lexsort((-votes, of_pair))
     voted, first, kinds = np.unique(of_pair[order], return_index=True, return_counts=True)
     most = ends[order[first]]
-    of_group[voted], several[voted] = np.where(most == count, -2, most), kinds > 1
+    of_group[voted] = np.select([most < count, most == count], [most, -2], -1)
+    several[voted] = kinds > 1
     anywhere = end[begun.size :]
     by_end = np.argsort(end, kind="stable")
     starts = np.searchsorted(end[by_end], np.arange(count + 1))

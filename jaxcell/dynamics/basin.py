@@ -198,7 +198,8 @@ class Basins(Result):
         if none > 0.05:
             said.append(
                 f"{none:.0%} of the cells lead to groups whose orbits come to none of the "
-                "attractors that were found: take a longer time of a mapping, or a smaller box."
+                "attractors that were found, or to no finite point: take a longer time of a "
+                "mapping, or a smaller box; a section that flows come back to."
             )
         if self.several_share > 0.05:
             said.append(
@@ -334,7 +335,7 @@ def _by_cells(
     rank = np.full(found.count + 2, -1, np.int32)
     rank[order] = np.arange(found.count)
     # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
-    leaves = (reached == -2) & (np.arange(live + 2) != live + 1)
+    leaves = reached == -2
     return Basins(
         box,
         params,

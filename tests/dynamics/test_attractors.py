@@ -136,3 +136,18 @@ def test_remarks_on_single_attractors_are_few():
     turn = dynamics.basins(quarter_turn, box)
     assert turn.attractors > 400
     assert len(turn.remarks) < 10
+
+
+def test_orbits_that_end_at_no_finite_point_lead_nowhere():
+    """As those do that do not come back to a section, where cells around an equilibrium stay."""
+
+    def fades(x, p):
+        return jnp.where(jnp.abs(x) > 1e-3, x / 2, jnp.nan)
+
+    def grows(x, p):
+        return 1.5 * x
+
+    box = Box([-1], [1], [21])
+    for map, shares in ((fades, (0, 1)), (grows, (1, 0))):
+        found = dynamics.basins(map, box, {})
+        assert (found.attractors, found.outside_share, found.nowhere_share) == (0, *shares)
