@@ -44,7 +44,7 @@ class Attractors:
     """Attractors of a map, and the one that each periodic group leads to."""
 
     of_group: Int[np.ndarray, "groups"]
-    "The attractor that most orbits of a group end on, -1 for none or NaN, -2 if they leave the box."
+    "The attractor that most orbits from a group end on; -1 for none or NaN, -2 if they leave."
     several: Bool[np.ndarray, "groups"]
     "Whether orbits from the group end on more than one, as near a saddle."
     count: int
