@@ -317,6 +317,7 @@ def test_a_run_on_a_line_goes_by_the_calibration_of_its_user(
         simulated(filter_file, steps="clock", calibration=other).run()
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_lifted_is_put_back_and_goes_on(filter_file, tmp_path, capsys):
     first, second = tmp_path / "first", tmp_path / "second"
     log = first / "run.jsonl"

@@ -112,7 +112,13 @@ def goes_on(log, file, whole, capsys, tmp_path):
     assert found["emulated"]["truth_is_a_candidate"] is True
 
 
-@pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
+@pytest.mark.parametrize(
+    "kill",
+    [
+        pytest.param(signal.SIGINT, id="ctrl-c", marks=pytest.mark.slow),
+        pytest.param(signal.SIGKILL, id="kill"),
+    ],
+)
 def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
     out = tmp_path / "out"
     log = out / "run.jsonl"
@@ -143,6 +149,7 @@ def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
     goes_on(log, file, whole, capsys, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("charge", "why"),
     [(269.0, "the robot was stopped: the battery is low (10%)"), (0.0, "the robot was stopped: ")],

@@ -49,6 +49,7 @@ def replayed(out, found, capsys) -> dict:
     return again
 
 
+@pytest.mark.slow
 def test_robots_patrol_each_in_a_process_of_its_own(patrol_file):
     robots = [
         subprocess.Popen(
@@ -173,6 +174,7 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
             assert found["emulated"]["end"] == int(cells.index(*end))
 
 
+@pytest.mark.slow
 def test_a_filter_by_the_clock_alone(tmp_path, capsys):
     lab = map_cells("lab_a.json")
     path = tmp_path / "filter.jxf"

@@ -17,6 +17,9 @@ from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import robot_color
 
 
+pytestmark = pytest.mark.slow
+
+
 DATA = Path(__file__).parents[2] / "data"
 ROOM = "; cell 1\n#######\n#..#..#\n#.....#\n#.....#\n#######\n"
 COMMANDS = {

@@ -21,6 +21,7 @@ ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 HALL = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_robot_on_the_line():
     cell, bounce = 70, math.radians(45)
     filter = bounce_filter(LAB, 45)

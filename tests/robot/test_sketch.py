@@ -534,6 +534,7 @@ def test_no_damage_makes_it_hang(seed, rate):
         assert stands_still(robot)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_it_runs_on_the_emulated_line():
     # In real time: on a busy machine the sketch may find that the robot is silent, and give up.

@@ -63,6 +63,7 @@ def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
     assert dict(os.environ) == before
 
 
+@slow
 def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
@@ -264,6 +265,7 @@ def test_a_timeout_that_is_none():
             engine_named("processes", timeout=timeout)
 
 
+@slow
 def test_workers_end_with_the_run(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
@@ -283,6 +285,7 @@ def test_workers_end_with_the_run(stub_spec, tmp_path):
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
+@slow
 def test_dask_gives_the_same(cluster, stub_spec, tmp_path, whole):
     out = tmp_path / "out"
     assert run_sweep(stub_spec(name="whole.toml"), out, engine=cluster).complete
@@ -345,14 +348,8 @@ def test_dask_is_an_extra(monkeypatch):
         engine_named("dask")
 
 
-@pytest.mark.parametrize(
-    ("engine", "kills"),
-    [
-        pytest.param("local", 20, marks=slow),
-        ("processes", 2),
-        pytest.param("dask", 1, marks=slow),
-    ],
-)
+@slow
+@pytest.mark.parametrize(("engine", "kills"), [("local", 20), ("processes", 2), ("dask", 1)])
 def test_sweeps_that_are_killed_and_gone_on_with(stub_spec, tmp_path, engine, kills):
     spec = stub_spec("seconds = 0.01")
     found = subprocess.run(
