@@ -321,6 +321,9 @@ def test_other_files_are_refused(tmp_path):
     xr.Dataset({"cost": ("x", [1])}).to_netcdf(tmp_path / "other.nc")
     with pytest.raises(ValueError, match=r"other\.nc: expected a file of plans"):
         AllPlans.load(tmp_path / "other.nc", room(6, 9))
+    xr.Dataset({"cost": ("x", [1])}).to_netcdf(tmp_path / "old.nc", format="NETCDF3_CLASSIC")
+    with pytest.raises(ValueError, match=r"old\.nc: expected a NetCDF .*: it is of version 3"):
+        AllPlans.load(tmp_path / "old.nc", room(6, 9))
     all_plans(room(6, 9), LAB, file=tmp_path / "small.nc")
     with pytest.raises(ValueError, match=r"small\.nc: positions: expected 15 as in the cells, got"):
         AllPlans.load(tmp_path / "small.nc", two_rooms())

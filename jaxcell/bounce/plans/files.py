@@ -98,6 +98,9 @@ def read_roadmap(path: Path) -> Roadmap:
     if not path.exists():
         raise FileNotFoundError(f"{path}: there is no such file")
     try:
+        with path.open("rb") as content:
+            if content.read(3) == b"CDF":  # The library may crash on one that is damaged.
+                raise ValueError("it is of version 3; plans are written in version 4")
         file = netCDF4.Dataset(path)
     except Exception as error:  # what a damaged file makes the library raise is not written
         raise ValueError(f"{path}: expected a NetCDF file of plans: {_line(error)}") from None
