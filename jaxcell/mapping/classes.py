@@ -2,7 +2,6 @@ import dataclasses
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Bool, Int
@@ -188,5 +187,6 @@ def persistent_groups(chain: Chain | ChainSequence) -> PersistentGroups:
     number = np.full(components, -1, np.int32)
     number[closed] = np.arange(closed.size)
     group = number[label]
-    size = np.bincount(group[persistent], minlength=closed.size).astype(np.int32)
-    return PersistentGroups(jnp.asarray(group), closed.size, jnp.asarray(size), matrix)
+    size = np.bincount(group[persistent], minlength=closed.size)
+    kept = jax.device_put((group, size.astype(np.int32)))
+    return PersistentGroups(kept[0], closed.size, kept[1], matrix)

@@ -53,7 +53,7 @@ def periodic_groups(
     if here and all(device.platform == "cpu" for device in image.devices()):
         on_host = np.asarray(image)
         if _worth_peeling(on_host):
-            return jax.tree.map(jnp.asarray, _peeled_groups(on_host))
+            return jax.device_put(_peeled_groups(on_host))
     return _groups(image, where)
 
 
