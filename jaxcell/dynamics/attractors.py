@@ -17,7 +17,7 @@ from .batches import params_of, stacked, with_last
 from .imaging import CHUNK
 from .maps import Flow, Map
 from .merging import merged
-from .orbits import attractor_owners, orbit_ends
+from .orbits import NONE, OUTSIDE, attractor_owners, orbit_ends
 
 
 # Orbits that begin in each group and, where groups have several, in all of them.
@@ -178,8 +178,8 @@ def _of_orbits(
     """The attractors that orbits end on, the first of which began in groups."""
     count = int(end.max(initial=-1)) + 1
     # No orbit begins in a sink: those are the last two groups.
-    of_group = np.full(int(groups.count), -1, np.int32)
-    of_group[-2] = -2
+    of_group = np.full(int(groups.count), NONE, np.int32)
+    of_group[-2] = OUTSIDE
     several = np.zeros(of_group.size, bool)
     # Those that leave come last, as what most do is taken, and the first of what as many do.
     away = np.where(np.isfinite(orbit[: begun.size, -1]).all(axis=-1), count, count + 1)
@@ -189,7 +189,7 @@ def _of_orbits(
     order = np.lexsort((-votes, of_pair))
     voted, first, kinds = np.unique(of_pair[order], return_index=True, return_counts=True)
     most = ends[order[first]]
-    of_group[voted] = np.select([most < count, most == count], [most, -2], -1)
+    of_group[voted] = np.select([most < count, most == count], [most, OUTSIDE], NONE)
     several[voted] = kinds > 1
     anywhere = end[begun.size :]
     by_end = np.argsort(end, kind="stable")

@@ -12,7 +12,7 @@ from ..space.box import Box
 from . import attractors as of_map
 from .imaging import CHUNK, Say, changed_by_half_step, images_of_each, self_images, torn_axes
 from .maps import Flow, Map
-from .orbits import orbit_basins
+from .orbits import NONE, OUTSIDE, orbit_basins
 
 
 # Remarks on single attractors.
@@ -288,7 +288,7 @@ def basins_of_each(
             cells = one.attractor_cells
             basin, step = orbit_basins(map, box, params, cells, follow=follow, say=say)
             several = np.zeros(box.size, bool)
-            followed = {"left": basin < -1, "basin": np.maximum(basin, -1), "step": step}
+            followed = {"left": basin == OUTSIDE, "basin": np.maximum(basin, NONE), "step": step}
             one = dataclasses.replace(one, several=several, **followed)
         each.append(one)
     return each
@@ -329,13 +329,13 @@ def _by_cells(
     # The sinks have the last two numbers of cells, and so of groups.
     live = int(groups.count) - 2
     reached = found.of_group
-    size = totals(np.maximum(reached, -1), found.count, totals(group, live + 2))
+    size = totals(np.maximum(reached, NONE), found.count, totals(group, live + 2))
     order = np.argsort(-size, kind="stable")
     # Behind those of attractors are those of leaving and of no attractor, as -2 and -1 say.
     rank = np.full(found.count + 2, -1, np.int32)
     rank[order] = np.arange(found.count)
     # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
-    leaves = reached == -2
+    leaves = reached == OUTSIDE
     return Basins(
         box,
         params,

@@ -20,7 +20,7 @@ VISITS = 16
 # Mappings between two looks at which orbits have ended, and the most of them.
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
-_NONE, _OUTSIDE = -1, -2
+NONE, OUTSIDE = -1, -2
 
 
 def orbit_basins(
@@ -57,8 +57,8 @@ def attractor_owners(
     box: Box, attractor_cells: Sequence[Int[np.ndarray, "_"]]
 ) -> Int[np.ndarray, "_"]:
     """The attractor that each cell is on, -1 for none; and what becomes of the two sinks."""
-    owner = np.full(box.size + 2, _NONE, np.int32)
-    owner[box.outside] = _OUTSIDE
+    owner = np.full(box.size + 2, NONE, np.int32)
+    owner[box.outside] = OUTSIDE
     for k, cells in enumerate(attractor_cells):
         owner[cells] = k
     return owner
@@ -83,12 +83,12 @@ def orbit_ends(
         state = jax.device_get(_visit(map, box, params, known, state, k * _STAGE, follow))
         _, label, begun, seen, away = state
         lost, settled = away > follow, seen >= visits
-        basin = np.where(lost, _OUTSIDE, np.where(settled, label, _NONE)).astype(np.int32)
-        since = np.where(lost, done, np.where(settled, begun, _NONE)).astype(np.int32)
+        basin = np.where(lost, OUTSIDE, np.where(settled, label, NONE)).astype(np.int32)
+        since = np.where(lost, done, np.where(settled, begun, NONE)).astype(np.int32)
         return state, lost | settled | (done >= min(most, _MAX_MAPPINGS)), (basin, since)
 
     begun, seen, away = np.zeros((3, len(points)), np.int32)
-    label = np.full(len(points), _NONE, np.int32)
+    label = np.full(len(points), NONE, np.int32)
     basin, since = in_stages((points, label, begun, seen, away), stage)
     return basin, since
 
@@ -106,7 +106,7 @@ def _visit(map: Map, box: Box, params: Any, owner: Any, state: Any, done: Any, f
             begun = jnp.where(another, jnp.asarray(done + k + 1, begun.dtype), begun)
             visits = jnp.where(another, 1, visits + visit.astype(visits.dtype))
             # What has been outside for too long does not come back.
-            away = jnp.where((here == _OUTSIDE) | (away > follow), away + 1, 0)
+            away = jnp.where((here == OUTSIDE) | (away > follow), away + 1, 0)
             return x, jnp.where(visit, here, label), begun, visits, away
 
         return jax.lax.fori_loop(0, _STAGE, step, (x, label, begun, visits, away))
