@@ -5,7 +5,6 @@ import errno
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +17,6 @@ from .workers.engines import Engine, engine_named
 from .workers.halving import Halving
 from .workers.progress import Count, Progress, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
-
-
-if TYPE_CHECKING:
-    pass
 
 
 def run_sweep(

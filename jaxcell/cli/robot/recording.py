@@ -42,11 +42,7 @@ def recording_of(
     trace = None if emulation is None else emulation.robot.trace
     return RobotRecording(
         path,
-        [
-            RecordedRobot(
-                start=None if start is None else (start[0], start[1], start[2]), trace=trace
-            )
-        ],
+        [RecordedRobot(start=start, trace=trace)],
         cells=cells,
         filter=None if isinstance(estimator, Belief) else estimator,
         belief=estimator if isinstance(estimator, Belief) else None,

@@ -27,7 +27,7 @@ class RecordedRobot:
     """A robot in the recording of a run."""
 
     name: str = "robot"
-    start: tuple[float, float, float] | None = None
+    start: Sequence[float] | None = None
     "Where its odometry begins, if that is known: x and y in metres, the heading in radians."
     trace: Sequence[tuple[float, float, float, float]] | None = None
     """Its time in seconds and its true pose, again and again: a list that grows while the robot
