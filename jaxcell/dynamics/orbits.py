@@ -21,6 +21,7 @@ VISITS = 16
 _STAGE = 16
 _MAX_MAPPINGS = 1 << 12
 NONE, OUTSIDE = -1, -2
+"""In place of an attractor: orbits that come to none, and those that leave the box."""
 
 
 def orbit_basins(
