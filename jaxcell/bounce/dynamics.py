@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..mapping import SimpleMap
-from ..space import CellSpace, estimates, line_orders, stencil
+from ..space import CellSpace, estimates, stencil
 from ..space.extent import Extent
 from ..space.steps import Steps
 
@@ -34,10 +34,6 @@ class Moves:
     "The way of each direction."
     free: Bool[Array, "positions"]
     "Which positions are free: all, unless the positions are the squares of a grid with obstacles."
-    order: Int[Array, "lines positions"]
-    "The positions in an order in which those of a straight run follow each other."
-    line: Int[Array, "ways"]
-    "Which of these orders is that of each way."
 
 
 @functools.lru_cache(maxsize=4)
@@ -70,13 +66,10 @@ def moves(cells: CellSpace, *, step: float | None = None, collision: Collision =
         Extent.of(cells), lambda e: estimates.moves(e, step, collision), "moves of all cells", step
     )
     steps = Steps.of(cells, length, collision)
-    order = cells.position_of_square.ravel()[line_orders(*cells.free.shape, steps.lines)]
-    order = order[order >= 0].reshape(-1, cells.positions)
     # Under `jit` too this is a constant.
     with jax.ensure_compile_time_eval():
         free = np.ones(cells.positions, bool)
-        arrays = steps.targets(cells), steps.way, free, order, steps.line
-        return Moves(*jax.device_put(arrays))
+        return Moves(*jax.device_put((steps.targets(cells), steps.way, free)))
 
 
 def step_in_cells(cells: CellSpace, step: float | None, collision: str) -> float:
@@ -126,16 +119,13 @@ def grid_moves(
     if step < 1 - 1e-9:
         raise ValueError(f"step: expected at least one square, got {step}")
     shape = stencil(directions, float(step), collision, free.shape)
-    order = line_orders(*free.shape, shape.lines)
-    return _grid_moves(free, order, shape.way, shape.line, *shape.looks)
+    return _grid_moves(free, shape.way, *shape.looks)
 
 
 @jax.jit
 def _grid_moves(
     free: Bool[Array, "rows columns"],
-    order: Int[Array, "lines squares"],
     way: Int[Array, "directions"],
-    line: Int[Array, "ways"],
     relative: Int[Array, "looks 2"],
     crossed: Int[Array, "ways crossings"],
     beside: Int[Array, "ways corners 2"],
@@ -155,20 +145,7 @@ def _grid_moves(
         passes = passes & (is_free[left] | is_free[right])
     hop = offset[:, :1] * columns + offset[:, 1:]
     target = square[None] + jnp.where(passes, hop, 0)
-    return Moves(target, way, free.ravel(), order, line)
-
-
-def count_before(mask: Bool[Array, "rows places"]) -> Int[Array, "rows places"]:
-    """How many entries of a row are true before each place.
-
-    One pass, which on a CPU takes a third of the time of `jnp.cumsum` and its logarithm of passes.
-    """
-
-    def add(count, here):  # type: ignore[no-untyped-def]
-        return count + here, count
-
-    counts = mask.astype(jnp.int32).T
-    return jax.lax.scan(add, jnp.zeros(mask.shape[0], jnp.int32), counts)[1].T
+    return Moves(target, way, free.ravel())
 
 
 def bounce_shift(

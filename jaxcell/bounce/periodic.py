@@ -11,12 +11,13 @@ from ..mapping import GroupTotals, PeriodicGroups
 from ..space import CellSpace, estimates
 from ..space.extent import Extent
 from ..space.steps import Steps
-from .by_direction import DirectionGroups
 from .dynamics import Collision, bounce_map, bounce_shift, step_in_cells
 from .gridded import wall_groups
 from .groups import bounce_groups
 from .localization.filter_size import heading_filter_sizes
-from .wall_map import WayWalls, wall_tables, walls
+from .runs import Runs
+from .section import AngleGroups, angle_groups
+from .wall_map import wall_tables, walls
 
 
 _PADDING = "-1: no such group"
@@ -110,17 +111,19 @@ class BounceGroups(Result):
                 angles,
                 *_of_each(wall_groups(wall_tables(steps), shift), slice(None)),
             )
-        each = [_of_each(one.totals(), slice(None)) for one in _by_direction(cells, steps, shift)]
+        each = [
+            _of_each(one.summary().totals(), slice(None)) for one in _by_angle(cells, steps, shift)
+        ]
         return cls(cells, motion, angles, *map(np.concatenate, zip(*each, strict=True)))
 
-    def by_direction(self) -> Iterator[DirectionGroups]:
-        """The groups of each angle such that cells follow one direction at a time.
+    def by_angle(self) -> Iterator[AngleGroups]:
+        """The groups of each angle, from which cells follow one direction at a time.
 
         So [`jaxcell.record.save_cells`][] writes what would not fit the memory.
         """
         length = step_in_cells(self.cells, self.motion["step"], self.motion["collision"])
         steps = Steps.of(self.cells, length, self.motion["collision"])
-        return _by_direction(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
+        return _by_angle(self.cells, steps, bounce_shift(self.bounce, self.cells.directions))
 
     @derived("bounce", "bouncing angle", "degree", kind="coordinate")
     def bounce_deg(self) -> Float[np.ndarray, "angles"]:
@@ -224,11 +227,11 @@ def _of_each(
     return [number[which] for number in numbers]
 
 
-def _by_direction(
+def _by_angle(
     cells: CellSpace, steps: Steps, shift: Int[np.ndarray, "angles"]
-) -> Iterator[DirectionGroups]:
-    walls = tuple(WayWalls.of(steps, way) for way in range(len(steps.offset)))
-    return (DirectionGroups.of(cells, steps, walls, one) for one in shift.tolist())
+) -> Iterator[AngleGroups]:
+    runs = Runs.of(steps)
+    return (angle_groups(cells, runs, [one])[0] for one in shift.tolist())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -1,146 +1,129 @@
-"""The straight runs of a robot between its bumps, and the section that the bumps make."""
+"""The straight runs of a robot between its bumps, whatever the bouncing angle."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, Int32
+from jaxtyping import Bool, Int, Int32
 
-from ..mapping.section import bucket
-from .dynamics import Moves, count_before
-from .headings import Headings
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Runs:
-    """The straight run from every position to the wall, whatever the bouncing angle."""
-
-    end: Int[Array, "ways positions"]
-    "The position where the run ends in a bump."
-    length: Int[Array, "ways positions"]
-    "Steps until it does."
-    rank: Int[Array, "ways positions"]
-    "Place of `end` among the walls of a way: how many come before it."
+from ..space import CellSpace
+from ..space.steps import Steps
 
 
-@jax.jit
-def runs(moves: Moves) -> Runs:
-    """Follow the straight run from every position in every way.
-
-    **Arguments:**
-
-    - `moves`: where a step leads.
-
-    **Returns:** `Runs`, with arrays over ways and positions.
-    """
-    ways, positions = moves.target.shape
-    position = jnp.arange(positions, dtype=jnp.int32)
-    still = moves.target == position[None]
-    order = moves.order[moves.line]
-
-    # Backwards along the lines: the wall ahead is here, or where it was for the position before.
-    def look_ahead(stop, here):  # type: ignore[no-untyped-def]
-        index, ends = here
-        stop = jnp.where(ends, index, stop)
-        return stop, stop
-
-    ends = jnp.take_along_axis(still, order, axis=1).T
-    nowhere = jnp.zeros(ways, jnp.int32)
-    _, stop = jax.lax.scan(look_ahead, nowhere, (position, ends), reverse=True)
-    lines = jnp.arange(moves.order.shape[0], dtype=jnp.int32)[:, None]
-    rank = jnp.zeros_like(moves.order).at[lines, moves.order].set(position)
-    start = rank[moves.line]
-    stop = jnp.take_along_axis(stop.T, start, axis=1)
-    end = jnp.take_along_axis(order, stop, axis=1)
-    return Runs(
-        end=end,
-        length=stop - start,
-        rank=jnp.take_along_axis(count_before(still & moves.free[None]), end, axis=1),
-    )
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Bumps:
-    """The section: where a robot may bump in its leading directions, by direction, then position.
-
-    [`Headings`][] says which directions lead.
-    """
-
-    shift: Int[Array | np.ndarray, "*angles"]
-    "Directions that the robot turns by at a bump."
-    first: Int[Array | np.ndarray, "*angles directions"]
-    "The first slot of each direction; those that do not lead have none."
-    direction: Int[Array | np.ndarray, "*angles slots"]
-    position: Int[Array | np.ndarray, "*angles slots"]
-    live: Bool[Array | np.ndarray, "*angles slots"]
-    "Which slots are in use."
+# Squares that are followed to their walls at once.
+_AT_ONCE = 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Straight:
-    """What the walls decide, whatever the bouncing angle."""
+class Runs:
+    """Where the straight runs end on some grids of one shape.
 
-    moves: Moves
-    runs: Runs
-    way: Int[np.ndarray, "directions"]
-    walls: Int[np.ndarray, "directions"]
-    "Number of walls of each direction."
-    begin: Int[np.ndarray, "directions"]
-    position: Int32[np.ndarray, "all"]
-    "The positions of walls, way by way; those of each direction from `begin` on."
+    A *way* is what directions have in common in which steps do the same, and a wall of a way is a
+    free square where the robot bumps in it. Walls are listed way by way, those of each by their
+    squares; the squares of one grid come after those of another.
+    """
+
+    steps: Steps
+    begin: Int[np.ndarray, "_"]
+    "The first wall of each way, and behind the last one how many there are."
+    square: Int[np.ndarray, "walls"]
+    behind: Int[np.ndarray, "walls"]
+    "Number of squares from which the robot runs into each wall, without its own."
+    bump: Int[np.ndarray, "bumps"]
+    "The squares that are walls of any way."
+    place: Int[np.ndarray, "walls"]
+    "The place of each wall among these."
+    ahead: Int32[np.ndarray, "ways bumps"]
+    "The wall ahead of each of these in each way, counted from the first one of the way."
+    length: Int32[np.ndarray, "ways bumps"]
+    "Steps until the robot is there."
 
     @classmethod
-    def of(cls, moves: Moves) -> "Straight":
-        """What follows from the moves."""
-        way, target = np.asarray(moves.way), np.asarray(moves.target)
-        ways, position = np.nonzero(target == np.arange(target.shape[1]))
-        walls = np.bincount(ways, minlength=len(target))
-        begin = np.cumsum(walls) - walls
-        return cls(moves, runs(moves), way, walls[way], begin[way], position.astype(np.int32))
+    def of(cls, steps: Steps) -> "Runs":
+        """The runs where one step leads as given, found on the edges of what is free."""
+        found = [_walls(steps, way) for way in range(len(steps.offset))]
+        square, along, behind = map(np.concatenate, zip(*found, strict=True))
+        begin = np.cumsum([0, *(one[0].size for one in found)])
+        # A square is a wall of many ways, and the wall ahead does not depend on of which.
+        bump, place = np.unique(square, return_inverse=True)
+        of_line = [steps.places(line, bump) for line in range(len(steps.lines))]
+        ahead, length = np.empty((2, len(found), bump.size), np.int32)
+        for way, (_, along, _) in enumerate(found):
+            order, here = np.argsort(along), of_line[steps.line[way]]
+            # From a free square the next wall along the line is on the same run.
+            ahead[way] = order[np.searchsorted(along, here, sorter=order)]
+            length[way] = along[ahead[way]] - here
+        return cls(steps, begin, square, behind, bump, place, ahead, length)
 
-    def section(
-        self, leading: Bool[np.ndarray, "directions"]
+    def of_way(self, way: int) -> slice:
+        """The walls of a way."""
+        return slice(self.begin[way], self.begin[way + 1])
+
+    def of_directions(
+        self, some: Bool[np.ndarray, "directions"]
     ) -> tuple[
-        Int32[np.ndarray, "directions"], Int32[np.ndarray, "slots"], Int32[np.ndarray, "slots"]
+        Int32[np.ndarray, "directions"], Int32[np.ndarray, "slots"], Int[np.ndarray, "slots"]
     ]:
-        """The walls of some directions, by direction, then position.
+        """The walls of some directions, by direction.
 
         **Arguments:**
 
-        - `leading`: the directions.
+        - `some`: which directions.
 
-        **Returns:** the first slot of each direction; the direction and the position of each slot.
+        **Returns:** the first slot of each direction; the direction and the wall of each slot.
         """
-        walls = np.where(leading, self.walls, 0)
-        first = (np.cumsum(walls) - walls).astype(np.int32)
-        direction = np.repeat(np.arange(walls.size, dtype=np.int32), walls)
-        slot = np.arange(direction.size)
-        return first, direction, self.position[slot + (self.begin - first)[direction]]
+        way = self.steps.way
+        count = np.where(some, np.diff(self.begin)[way], 0)
+        first = np.cumsum(count) - count
+        direction = np.repeat(np.arange(way.size, dtype=np.int32), count)
+        wall = np.arange(direction.size) + (self.begin[way] - first)[direction]
+        return first.astype(np.int32), direction, wall
 
-    def bumps(self, headings: Sequence[Headings], angles: tuple[int, ...]) -> Bumps:
-        """The section of each angle, as a batch of this shape."""
-        sections = [self.section(one.leading) for one in headings]
-        first, direction, position = zip(*sections, strict=True)
-        size = np.array([one.size for one in position])
-        slots = bucket(int(size.max()))
-        return Bumps(
-            np.array([one.shift for one in headings], np.int32).reshape(angles),
-            stacked(first, angles, self.way.size),
-            stacked(direction, angles, slots),
-            stacked(position, angles, slots),
-            (np.arange(slots) < size[:, None]).reshape(*angles, slots),
-        )
+    @property
+    def way(self) -> Int[np.ndarray, "walls"]:
+        """The way of each wall."""
+        return np.repeat(np.arange(self.begin.size - 1), np.diff(self.begin))
+
+    def followed(
+        self, way: int
+    ) -> Iterator[tuple[Int[np.ndarray, "some"], Int[np.ndarray, "some"], Int[np.ndarray, "some"]]]:
+        """The free squares run by run, a million or so at a time: the squares, the walls that they
+        run to, counted from the first one of the way, and the steps until they are there.
+        """
+        square, hop = self.square[self.of_way(way)], self.steps.hop(way)
+        count = self.behind[self.of_way(way)] + 1
+        end = np.cumsum(count)
+        cuts = np.unique(np.searchsorted(end, np.arange(0, end[-1], _AT_ONCE)))
+        for some in np.split(np.arange(count.size), cuts[1:]):
+            wall = np.repeat(some, count[some])
+            left = end[wall] - 1 - np.arange(end[some[0]] - count[some[0]], end[some[-1]])
+            yield square[wall] - left * hop, wall, left
+
+    def of_cells(
+        self, cells: CellSpace
+    ) -> tuple[Int32[np.ndarray, "ways positions"], Int32[np.ndarray, "ways positions"]]:
+        """The wall that each position runs to in each way, counted from the first one of the way,
+        and the steps until it is there.
+        """
+        ends, lengths = np.empty((2, self.begin.size - 1, cells.positions), np.int32)
+        position = cells.position_of_square.ravel()
+        for way, (end, length) in enumerate(zip(ends, lengths, strict=True)):
+            for square, wall, left in self.followed(way):
+                here = position[square]
+                end[here], length[here] = wall, left
+        return ends, lengths
 
 
-def stacked(
-    rows: Sequence[Int[np.ndarray, "_"]], angles: tuple[int, ...], size: int
-) -> Int32[np.ndarray, "*angles size"]:
-    """Rows that are filled up with zeros to one length."""
-    table = np.zeros((len(rows), size), np.int32)
-    for row, one in zip(table, rows, strict=True):
-        row[: one.size] = one
-    return table.reshape(*angles, size)
+def _walls(
+    steps: Steps, way: int
+) -> tuple[Int[np.ndarray, "walls"], Int[np.ndarray, "walls"], Int[np.ndarray, "walls"]]:
+    """The squares of the walls of a way, their places along its lines, and the squares behind."""
+    possible = steps.possible(way)
+    square = np.flatnonzero(steps.free & ~possible)
+    begins = np.flatnonzero(steps.starts(way, possible))
+    begin, along = steps.places(int(steps.line[way]), np.stack([begins, square]))
+    # As many runs begin as end, the next one after the end of the one before.
+    order = np.argsort(along)
+    behind = np.empty_like(along)
+    behind[order] = along[order] - np.sort(begin)
+    return square, along, behind

@@ -8,6 +8,7 @@ from ..mapping.section import bucket
 from ..space import CellSpace
 from ..space.steps import Steps
 from .dynamics import Collision, step_in_cells
+from .runs import Runs
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -112,38 +113,6 @@ def cell_walls(
     return wall_tables(Steps.of(cells, step_in_cells(cells, step, collision), collision))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class WayWalls:
-    """The walls of one way of some grids, in the order of places along its lines."""
-
-    square: Int[np.ndarray, "walls"]
-    "Their squares, those of one grid after those of another."
-    place: Int[np.ndarray, "walls"]
-    "Their places, ascending."
-    behind: Int[np.ndarray, "walls"]
-    "Number of squares from which the robot runs into each, without its own."
-
-    @classmethod
-    def of(cls, steps: Steps, way: int) -> "WayWalls":
-        """The walls of a way, found on the edges of what is free and not by following runs."""
-        possible = steps.possible(way)
-        begins = np.flatnonzero(steps.starts(way, possible))
-        square = np.flatnonzero(steps.free & ~possible)
-        # As many runs begin as end, the next one after the end of the one before.
-        begin, place = steps.places(int(steps.line[way]), np.stack([begins, square]))
-        order = np.argsort(place)
-        place = place[order]
-        return cls(square[order], place, place - np.sort(begin))
-
-    def ahead(
-        self, place: Int[np.ndarray, "some"]
-    ) -> tuple[Int[np.ndarray, "some"], Int[np.ndarray, "some"]]:
-        """The number of the wall ahead of places of free squares, and the steps to it."""
-        # From a free square the next wall along the line is on the same run.
-        at = np.searchsorted(self.place, place)
-        return at, self.place[at] - place
-
-
 def wall_tables(steps: Steps) -> Walls:
     """Which wall follows which where one step leads as given.
 
@@ -153,26 +122,19 @@ def wall_tables(steps: Steps) -> Walls:
 
     **Returns:** [`Walls`][].
     """
-    ways, grids = len(steps.offset), len(steps.free)
-    found = [WayWalls.of(steps, way) for way in range(ways)]
-    square = np.concatenate([one.square for one in found])
-    way = np.repeat(np.arange(ways), [one.square.size for one in found])
-    grid = square // steps.free[0].size
+    runs, ways, grids = Runs.of(steps), len(steps.offset), len(steps.free)
+    way, grid = runs.way, runs.square // steps.free[0].size
     count = np.bincount(way * grids + grid, minlength=ways * grids).reshape(ways, grids)
     first = np.cumsum(count, axis=1) - count
     slots = bucket(int(count.max(initial=0)) + 1)
-    slot = np.arange(square.size) - (np.cumsum(count) - count.ravel())[way * grids + grid]
+    slot = np.arange(way.size) - runs.begin[way] - first[way, grid]
     behind = np.full((grids, ways, slots), -1, np.int32)
-    behind[grid, way, slot] = np.concatenate([one.behind for one in found])
+    behind[grid, way, slot] = runs.behind
     after = np.full((grids, ways, ways, slots), slots - 1, np.int32)
     length = np.full(after.shape, -1, np.int32)
-    # A square is a wall of many ways, and the wall ahead does not depend on of which.
-    some, which = np.unique(square, return_inverse=True)
-    place = (grid * ways + way) * ways * slots + slot
-    before = first[:, some // steps.free[0].size]
-    along = [steps.places(line, some) for line in range(len(steps.lines))]
-    for w, one in enumerate(found):
-        at, steps_to = one.ahead(along[steps.line[w]])
-        after.reshape(-1)[place + w * slots] = (at - before[w])[which]
-        length.reshape(-1)[place + w * slots] = steps_to[which]
+    at = (grid * ways + way) * ways * slots + slot
+    before = first[:, runs.bump // steps.free[0].size]
+    for w in range(ways):
+        after.reshape(-1)[at + w * slots] = (runs.ahead[w] - before[w])[runs.place]
+        length.reshape(-1)[at + w * slots] = runs.length[w, runs.place]
     return Walls(steps.way, count.T.astype(np.int32), behind, after, length)

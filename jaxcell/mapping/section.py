@@ -22,13 +22,13 @@ class Section:
     use.
     """
 
-    successor: Int[Array, "*batch slots"]
+    successor: Int[Array | np.ndarray, "*batch slots"]
     "The slot that each slot returns to."
-    duration: Int[Array, "*batch slots"]
+    duration: Int[Array | np.ndarray, "*batch slots"]
     "Mappings until it does, at least 1."
-    lowest: Int[Array, "*batch slots"]
+    lowest: Int[Array | np.ndarray, "*batch slots"]
     "The smallest cell of the full space on the way, the return included."
-    live: Bool[Array, "*batch slots"]
+    live: Bool[Array | np.ndarray, "*batch slots"]
     "Which slots are in use; the others return to themselves."
 
 

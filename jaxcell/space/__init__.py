@@ -44,7 +44,7 @@ What gives which:
 - `Workspace`: `W`, `O`, `F` and `E` of a map, read from a file or made here.
 - `CellSpace`: the cells, `z` from a configuration and back.
 - `free_steps`: where a step leads, among walls of any shape.
-- `stencil`, `Stencil`, `line_orders`: what a step does on a grid, and the order along its lines.
+- `stencil`, `Stencil`: what a step does on a grid.
 - `Slip`, `slipping_step`: a robot that slips, between `felt_walls`; `free_ahead` is how far it is
     to one. `cell_strides` and `stride_legs` are how a walker makes a step end at a centre, and
     `nearest_cell` is where a robot is that may have slipped off the map.
@@ -65,7 +65,7 @@ from .slip import (
     free_ahead as free_ahead,
     slipping_step as slipping_step,
 )
-from .stencils import Stencil as Stencil, line_orders as line_orders, stencil as stencil
+from .stencils import Stencil as Stencil, stencil as stencil
 from .steps import free_steps as free_steps
 from .strides import cell_strides as cell_strides, stride_legs as stride_legs
 from .view import visibility_polygon as visibility_polygon

@@ -21,10 +21,10 @@ Need: TypeAlias = Callable[[Extent], float | int]
 # Bytes of a cell: an image with groups and steps; a roadmap with what makes it; a choice of angles
 # to localize with; a branch of a chain with its matrix; a limiting distribution, and its solve in a
 # persistent cell.
-IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 60, 250, 34, 30, 560
+IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 40, 250, 34, 30, 560
 
 # Bytes of compiling what finds groups on a section, what drives a team, and what patrols a map.
-SECTION, TEAM, PATROL = 100_000_000, 150_000_000, 350_000_000
+SECTION, TEAM, PATROL = 80_000_000, 150_000_000, 350_000_000
 
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
@@ -39,29 +39,38 @@ def cutting(extent: Extent) -> float | int:
 
 
 def moves(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of where a step leads from every position, and of the runs to the walls."""
-    ways, lines, looks = extent.steps(step, collision)
+    """Bytes of where a step leads from every position."""
+    ways = extent.ways(step, collision)
     any_shape = (50 + extent.directions) * extent.near_walls(step)
     listed = 16 * extent.directions
-    return 30 * ways * extent.positions + (25 * lines + looks) * extent.squares + any_shape + listed
+    return 4.5 * ways * extent.positions + 12 * extent.squares + any_shape + listed
+
+
+def section(extent: Extent, step: float | None, collision: str) -> float | int:
+    """Bytes of the periodic groups known at the walls: the runs between these, and the section."""
+    ways = extent.ways(step, collision)
+    walls = ways * extent.bumps(step) / extent.directions
+    return _known(extent, step, 40 * walls + SECTION + 25 * extent.bumps(step))
 
 
 def groups(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the periodic groups, found on the section of bumps; [`moves`][] are among them."""
-    ways, _, _ = extent.steps(step, collision)
-    section = 40 * extent.bumps(step)
-    return moves(extent, step, collision) + 35 * ways * extent.positions + section
+    """Bytes of the periodic groups, and of the runs from all positions."""
+    ways = extent.ways(step, collision)
+    return section(extent, step, collision) + 8 * ways * extent.positions
 
 
 def counts(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of the numbers of periodic groups, which are found from the walls."""
-    ways, _, _ = extent.steps(step, collision)
-    if ways <= MAX_WALL_WAYS:
-        known = 18 * ways**2 * extent.bumps(step) / extent.directions
-    else:
-        known = _section(extent, step)
+    ways = extent.ways(step, collision)
+    if ways > MAX_WALL_WAYS:
+        return section(extent, step, collision)
+    return _known(extent, step, 18 * ways**2 * extent.bumps(step) / extent.directions)
+
+
+def _known(extent: Extent, step: float | None, walls: float | int) -> float | int:
+    """Bytes of what is known of walls, if so many, or of the tests of which steps these block."""
     tested = min(extent.near_walls(step) * extent.directions, STEPS_AT_ONCE)
-    return 5 * extent.squares + max(known, 40 * tested)
+    return (5 if extent.gridded else 10) * extent.squares + max(walls, 40 * tested)
 
 
 def images(extent: Extent, angles: int, step: float | None, collision: str) -> float | int:
@@ -69,30 +78,25 @@ def images(extent: Extent, angles: int, step: float | None, collision: str) -> f
     return groups(extent, step, collision) + IMAGE * angles * extent.size
 
 
-def by_direction(extent: Extent, step: float | None) -> float | int:
+def by_direction(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of the groups on the section, and of the cells of one direction at a time."""
-    return 5 * extent.squares + _section(extent, step) + 50 * extent.positions
-
-
-def _section(extent: Extent, step: float | None) -> float | int:
-    return SECTION + 80 * extent.bumps(step) + 16 * extent.positions
+    return section(extent, step, collision) + 50 * extent.positions
 
 
 def localization(extent: Extent, step: float | None, collision: str) -> float | int:
-    """Bytes of the groups, the images and a filter.
+    """Bytes of the images and a filter.
 
     How many states a filter has is not known before: that it takes the longer to localize the
     larger the map was measured. States are watched while they are made too.
     """
     filter = 250 + 1.2 * (extent.rows + extent.columns)
-    return groups(extent, step, collision) + (IMAGE + filter) * extent.size
+    return moves(extent, step, collision) + (IMAGE + filter) * extent.size
 
 
 def plans(extent: Extent, step: float | None, collision: str) -> float | int:
     """Bytes of a roadmap and the plan to one goal."""
-    ways, _, _ = extent.steps(step, collision)
-    kept = 20 * ways * extent.positions
-    return max(moves(extent, step, collision), kept + ROADMAP * extent.size)
+    ways = extent.ways(step, collision)
+    return _known(extent, step, 8 * ways * extent.positions) + ROADMAP * extent.size
 
 
 def choice(extent: Extent, step: float | None, collision: str) -> float | int:

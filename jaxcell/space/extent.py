@@ -98,25 +98,22 @@ class Extent:
         """Number of cells."""
         return self.positions * self.directions
 
-    def steps(self, step: float | None, collision: str) -> tuple[int, int, int]:
-        """How many ways, orders along lines and squares to look at the moves have, at most.
+    def ways(self, step: float | None, collision: str) -> int:
+        """How many ways the moves have, at most.
 
         **Arguments:** as for [`jaxcell.bounce.moves`][].
         """
         length = 1.0 if step is None else min(step / self.cell, 1e9)
         directions = min(self.directions, _MAX_DIRECTIONS)
         grid = (self.rows, self.columns)
-        if self.gridded and collision == "swept" and length * directions > _MAX_CROSSED:
-            ends = stencil(directions, length, "endpoint", grid)
-            inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
-            ways = int(np.count_nonzero(inside)) + (not inside.all())
-            return ways, len(ends.lines), int(min(2 * length * ways, 4 * self.squares))
-        shape = stencil(directions, length, collision if self.gridded else "endpoint", grid)
-        ways = len(shape.offset)
         if not self.gridded:
             # Slanted walls part directions that do the same on a grid; not all, as measured.
-            ways = min(self.directions, 32 + round(0.45 * self.directions))
-        return ways, len(shape.lines), len(shape.square) if self.gridded else 0
+            return min(self.directions, 32 + round(0.45 * self.directions))
+        if collision == "swept" and length * directions > _MAX_CROSSED:
+            ends = stencil(directions, length, "endpoint", grid)
+            inside = (np.abs(ends.offset) < grid).all(axis=1)[ends.way]
+            return int(np.count_nonzero(inside)) + (not inside.all())
+        return len(stencil(directions, length, collision, grid).offset)
 
     def bumps(self, step: float | None) -> float | int:
         """In about how many cells a step is not possible."""

@@ -86,40 +86,6 @@ def stencil(directions: int, step: float, collision: str, grid: tuple[int, int])
     )
 
 
-@functools.lru_cache(maxsize=16)
-def line_orders(
-    rows: int, columns: int, lines: tuple[tuple[int, int], ...]
-) -> Int[np.ndarray, "lines squares"]:
-    """The squares of a grid line by line, each in the order in which steps follow it.
-
-    **Arguments:**
-
-    - `rows`, `columns`: size of the grid.
-    - `lines`: offsets of steps, `(row, column)`; each makes one order.
-
-    **Returns:** the squares, `row * columns + column`.
-
-    Steps to the right, and steps up, in two rows of three squares:
-
-        >>> from jaxcell.space import line_orders
-        >>> line_orders(2, 3, ((0, 1), (1, 0))).tolist()
-        [[0, 1, 2, 3, 4, 5], [0, 3, 1, 4, 2, 5]]
-    """
-    orders = np.empty((len(lines), rows * columns), np.int32)
-    for order, step in zip(orders, lines, strict=True):
-        begins = np.zeros((rows, columns), bool)
-        for along, move in zip((begins, begins.T), step, strict=True):
-            # No step leads to the first squares, seen in its direction.
-            (along if move >= 0 else along[::-1])[: abs(move)] = True
-        first = np.flatnonzero(begins)
-        back = -step[0], -step[1]
-        count = 1 + steps_before(first, (rows, columns), back)
-        start = np.cumsum(count) - count
-        along_line = np.arange(order.size) - np.repeat(start, count)
-        order[:] = np.repeat(first, count) + along_line * (step[0] * columns + step[1])
-    return orders
-
-
 def line_places(
     square: Int[np.ndarray, "*some"], grid: tuple[int, int], step: tuple[int, int]
 ) -> Int[np.ndarray, "*some"]:

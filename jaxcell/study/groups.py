@@ -44,7 +44,7 @@ class Groups(MapStudy):
         angles = len(self.bounce)
         if self._at_once(extent):
             return estimates.images(extent, angles, **self.motion)
-        return estimates.by_direction(extent, self.step)
+        return estimates.by_direction(extent, **self.motion)
 
     def at_once(self, result: Any) -> bool:
         from ..space.extent import Extent

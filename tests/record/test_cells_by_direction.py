@@ -26,7 +26,7 @@ def groups_of(name, cell, directions, turns, **motion):
 )
 def test_a_store_has_what_is_in_memory(monkeypatch, tmp_path, name, cell, directions, motion):
     # A run longer than what is followed at once, and files that end within a direction.
-    monkeypatch.setattr("jaxcell.bounce.by_direction._AT_ONCE", 7)
+    monkeypatch.setattr("jaxcell.bounce.runs._AT_ONCE", 7)
     monkeypatch.setattr(cells_by_direction, "_CHUNK", 13)
     found = groups_of(name, cell, directions, [3, 0, 1], **motion)
     record.save_cells(found, tmp_path / "groups.zarr", spec={"bounce_deg": 3})
@@ -49,7 +49,7 @@ def test_a_store_is_written_whole_or_not_at_all(monkeypatch, tmp_path):
     record.save_cells(found, path, spec={"try": 1})
     before = sorted(tmp_path.rglob("*"))
     with monkeypatch.context() as patch:
-        patch.setattr(BounceGroups, "by_direction", lambda _: iter([1 / 0]))
+        patch.setattr(BounceGroups, "by_angle", lambda _: iter([1 / 0]))
         with pytest.raises(ZeroDivisionError):
             record.save_cells(found, path, spec={"try": 2})
     assert sorted(tmp_path.rglob("*")) == before

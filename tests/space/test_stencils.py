@@ -3,7 +3,6 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from jaxcell.space import line_orders
 from jaxcell.space.stencils import line_places
 
 
@@ -23,12 +22,6 @@ def walked(rows, columns, step):
             found[-1].append(row * columns + column)
             row, column = row + step[0], column + step[1]
     return found
-
-
-@given(SIZES, SIZES, STEPS)
-def test_squares_are_in_the_order_of_steps(rows, columns, step):
-    order = [square for line in walked(rows, columns, step) for square in line]
-    assert line_orders(rows, columns, (step,)).tolist() == [order]
 
 
 @given(SIZES, SIZES, STEPS)

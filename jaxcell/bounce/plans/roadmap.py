@@ -9,8 +9,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...space import CellSpace, estimates
 from ...space.extent import Extent
-from ..dynamics import Collision, bounce_shift, moves as moves_of
-from ..runs import Straight
+from ...space.steps import Steps
+from ..dynamics import Collision, bounce_shift, step_in_cells
+from ..runs import Runs
 
 
 Method: TypeAlias = Literal["exact", "layered"]
@@ -84,15 +85,15 @@ class Roadmap:
         estimates.check(
             Extent.of(cells), lambda e: estimates.plans(e, step, collision), "a roadmap", step
         )
-        possible = moves_of(cells, step=step, collision=collision)
-        straight = Straight.of(possible)
-        way, runs = straight.way, straight.runs
-        first, direction, position = straight.section(np.ones(cells.directions, bool))
-        wall = first[:, None] + np.asarray(runs.rank)[way]
+        steps = Steps.of(cells, step_in_cells(cells, step, collision), collision)
+        runs = Runs.of(steps)
+        first, direction, at = runs.of_directions(np.ones(cells.directions, bool))
+        position = cells.position_of_square.ravel()[runs.square[at]]
         turned = (direction + shift[:, None]) % cells.directions * cells.positions + position
+        wall, length = runs.of_cells(cells)
         roadmap = cls(
-            wall=wall.ravel(),
-            length=np.asarray(runs.length)[way].ravel(),
+            wall=(first[:, None] + wall[steps.way]).ravel(),
+            length=length[steps.way].ravel(),
             turned=turned.astype(np.int32),
             bounces=angles,
             keep=keep,

@@ -91,7 +91,7 @@ def _write_cells(store: zarr.Group, found: BounceGroups) -> dict[str, tuple[int,
     }
     sums: list[list[np.ndarray]] = []
     violations = differ = 0
-    for i, groups in enumerate(found.by_direction()):
+    for i, groups in enumerate(found.by_angle()):
         period, basin, transient = np.zeros((3, groups.period.size), np.int32)
         for direction in range(cells.directions):
             leads = groups.of_cells(direction)
