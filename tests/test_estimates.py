@@ -197,6 +197,7 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
 )
 def test_what_does_not_fit_is_refused_where_it_is_made(monkeypatch, study):
     # Enough for the cells, and for no study of them.
+    monkeypatch.setattr(estimates, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 20_000)
     with pytest.raises(MemoryError, match=r"needs about .* of memory"):
         study()

@@ -26,6 +26,9 @@ IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 40, 250, 34, 30, 560
 # Bytes of compiling what finds groups on a section, what drives a team, and what patrols a map.
 SECTION, TEAM, PATROL = 80_000_000, 150_000_000, 350_000_000
 
+# Bytes that are not refused: to ask what is free takes longer than to fill them.
+NEGLIGIBLE = 20_000_000
+
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
 
@@ -178,9 +181,11 @@ def check(
     **Raises:** `MemoryError`, in one line with the numbers, and with the smallest cell that would
     fit.
     """
-    needed, available = need(extent), memory.free()
-    if available is not None and needed > available:
-        memory.check(needed, doing, also + _instead(extent, need, available, step))
+    needed = need(extent)
+    if needed > NEGLIGIBLE:
+        available = memory.free()
+        if available is not None and needed > available:
+            memory.check(needed, doing, also + _instead(extent, need, available, step))
     return needed
 
 

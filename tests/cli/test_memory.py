@@ -8,7 +8,7 @@ import xarray as xr
 from jaxcell import bundled
 from jaxcell.base import memory
 from jaxcell.cli import main
-from jaxcell.space import CellSpace
+from jaxcell.space import CellSpace, estimates
 
 
 LAB = bundled("maps/lab_a.json")
@@ -28,7 +28,7 @@ def test_what_does_not_fit_is_refused_before_cells_are_cut(capsys, monkeypatch, 
     free = 10**9 if name in ("patrol map", "team") else 10**8
     monkeypatch.setattr(memory, "free", lambda: free)
     monkeypatch.setattr(CellSpace, "of", None)
-    cell = 0.001 if name in ("groups", "patrol map") else 0.004
+    cell = 0.001 if name in ("groups", "patrol map", "team") else 0.004
     args = [*name.split(), LAB, *COMMANDS[name], "--cell", cell]
     assert main([str(arg) for arg in args]) == 2
     told = capsys.readouterr()
@@ -73,6 +73,7 @@ def test_numbers_may_fit_where_files_do_not(capsys, monkeypatch, tmp_path):
 
 
 def test_what_would_fit_does(capsys, monkeypatch):
+    monkeypatch.setattr(estimates, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 100_000)
     assert main(["groups", str(LAB), "--bounce", "45", "--cell", "0.1"]) == 2
     cell = capsys.readouterr().err.split(" a cell of ")[1].split()[0]
