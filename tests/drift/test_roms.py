@@ -384,3 +384,13 @@ def test_lengths_that_do_not_fit_are_refused_before_any_values_are_read(tmp_path
     with pytest.raises(ValueError, match="xi_u: expected a length of 7 with 8 cells"):
         open_currents(path)
     assert not read
+
+
+@pytest.mark.parametrize(("transform", "bed"), [(1, 0.0), (2, -CRITICAL_DEPTH)])
+def test_a_bed_for_which_the_formula_divides_by_0_is_land(tmp_path, transform, bed):
+    file = native(0.1, 0.2, transform=transform, dry=np.zeros((ROWS, COLUMNS), bool))
+    file["h"] = file["h"].copy()
+    file["h"][2, 5] = bed
+    water = open_currents(write(tmp_path, file), depths=1).water[0]
+    assert not water[2, 5]
+    assert water.sum() == water.size - 1
