@@ -168,13 +168,16 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
     (dim,) = lon.dims
     for name, variable in file.dataset.variables.items():
         if variable.attrs.get("sample_dimension") == dim or str(name).lower() in _COUNTS:
-            counts = file.read(file.dataset[name]).astype(np.int64)
-            if counts.sum() != lon.size:
+            counts = file.read(file.dataset[name])
+            whole = counts.ndim == 1 and (counts == np.abs(counts.round())).all()
+            if not whole or counts.sum() != lon.size:
                 raise file.error(
                     str(name),
-                    f"expected {lon.size} observations of all drifters, got {counts.sum()}",
+                    f"expected {lon.size} observations of all drifters, got {counts.sum():g}"
+                    + " in numbers that are none of observations" * (not whole),
                 )
-            return xr.DataArray(np.repeat(np.arange(counts.size), counts), dims=[dim])
+            number = np.repeat(np.arange(counts.size), counts.astype(np.int64))
+            return xr.DataArray(number, dims=[dim])
     for name, variable in file.dataset.variables.items():
         labels = "instance_dimension" in variable.attrs or (
             variable.attrs.get("cf_role") == "trajectory_id" or str(name).lower() in _LABELS
