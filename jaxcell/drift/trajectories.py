@@ -176,8 +176,8 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
                     f"expected {lon.size} observations of all drifters, got {counts.sum():g}"
                     + " in numbers that are none of observations" * (not whole),
                 )
-            number = np.repeat(np.arange(counts.size), counts.astype(np.int64))
-            return xr.DataArray(number, dims=[dim])
+            owner = np.repeat(np.arange(counts.size), counts.astype(np.int64))
+            return xr.DataArray(owner, dims=[dim])
     for name, variable in file.dataset.variables.items():
         labels = "instance_dimension" in variable.attrs or (
             variable.attrs.get("cf_role") == "trajectory_id" or str(name).lower() in _LABELS
