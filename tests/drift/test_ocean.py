@@ -654,3 +654,12 @@ def test_dates_in_hand_that_nanoseconds_do_not_hold_are_refused():
     dates = np.datetime64("2596-01-19T00", "s") + np.arange(SHAPE[0])
     with pytest.raises(ValueError, match=r"record 0 is missing, or not from 1678 to 2261"):
         open_currents(regular().assign_coords(time=dates))
+
+
+def test_text_that_takes_long_to_read_is_refused(tmp_path):
+    with netCDF4.Dataset(tmp_path / "sea.nc", "w") as file:
+        file.createDimension("y", 4000)
+        file.createDimension("x", 4000)
+        file.createVariable("u", str, ("y", "x"), chunksizes=(8, 8))
+    with pytest.raises(ValueError, match=r"sea\.nc: u: expected at most .* text, got 16,000,000"):
+        open_currents(tmp_path / "sea.nc")
