@@ -6,18 +6,14 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
+from .currents.conventions import Role, find
 from .currents.netcdf import OceanFile
 from .currents.sources import Source, open_source, source_name
 from .currents.sphere import wrapped
 from .currents.times import SECONDS
 
 
-_STANDARD = {"lon": "longitude", "lat": "latitude", "time": "time"}
-_NAMES = {
-    "lon": ("lon", "longitude", "LON", "LONGITUDE"),
-    "lat": ("lat", "latitude", "LAT", "LATITUDE"),
-    "time": ("time", "TIME", "obs_time"),
-}
+_ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
 # Names, in small letters, of counts of observations, of labels of drifters, and the beginnings of
 # those of a dimension along which drifters are.
 _COUNTS = ("rowsize", "row_size")
@@ -120,11 +116,9 @@ def open_trajectories(path: Source) -> Trajectories:
         (2, [4.0, 4.1, 4.2, 5.0, 5.1], [0.0, 3600.0, 7200.0, 0.0, 3600.0])
     """
     with open_source(path) as file:
-        fields = {role: _field(file, role) for role in _STANDARD}
-        lon = file.dataset[fields["lon"]]
-        time = file.dataset[fields["time"]]
+        read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
+        lon, time = read["lon"], read["time"]
         drifter = _drifters(file, lon, time)
-        read = {role: file.dataset[name] for role, name in fields.items()}
         for one in read.values():
             if not set(one.dims) <= set(lon.dims):
                 raise file.error(
@@ -144,15 +138,12 @@ def open_trajectories(path: Source) -> Trajectories:
         return Trajectories.of(**flat, source=source_name(path))
 
 
-def _field(file: OceanFile, role: str) -> str:
-    """The variable with a role: of a usual name, or else of the standard one."""
-    variables = file.dataset.variables
-    standard = [n for n, v in variables.items() if v.attrs.get("standard_name") == _STANDARD[role]]
-    found = [*(name for name in _NAMES[role] if name in variables), *map(str, standard)]
-    if not found:
-        listed = ", ".join(str(name) for name in variables)
-        raise file.error(role, f"expected trajectories with a {_STANDARD[role]}; there is {listed}")
-    return found[0]
+def _field(file: OceanFile, role: Role) -> str:
+    names = [str(name) for name in file.dataset.variables]
+    if (found := find(file.dataset, role, names)) is None:
+        listed = ", ".join(names)
+        raise file.error(role, f"expected trajectories with a {_ROLES[role]}; there is {listed}")
+    return found
 
 
 def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
