@@ -119,7 +119,8 @@ class Belief:
         before = []
         for event in events:
             matrix = arriving[event]
-            way = score[matrix.indices] + np.log(matrix.data)
+            with np.errstate(divide="ignore"):
+                way = score[matrix.indices] + np.log(matrix.data)
             rows = np.flatnonzero(np.diff(matrix.indptr))
             score = np.full(self.hidden.cells, -np.inf)
             from_ = np.zeros(self.hidden.cells, np.int32)

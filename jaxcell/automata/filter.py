@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import json
 import os
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Int32, Int64, Shaped
 
 from .cycles import KnowledgeCycle, knowledge_cycles
-from .formats.storage import read_arrays, write_arrays
+from .formats.storage import checked_metadata, reading, write_arrays
 from .subset import Automaton
 
 
@@ -57,11 +56,7 @@ class Filter:
 
     def __post_init__(self) -> None:
         _check_parts(self.transition, self.offsets, self.members, self.open_world)
-        try:
-            copied = json.loads(json.dumps(dict(self.metadata), allow_nan=False))
-        except (TypeError, ValueError, RecursionError) as error:
-            raise ValueError(f"metadata: expected a JSON object: {error}") from error
-        object.__setattr__(self, "metadata", copied)
+        object.__setattr__(self, "metadata", checked_metadata(self.metadata))
 
     @staticmethod
     def of(
@@ -198,12 +193,7 @@ class Filter:
         **Raises:** `ValueError` if the file is not a filter, is of another version, or was
         truncated or altered.
         """
-        header, arrays = read_arrays(path)
-        try:
-            if header["kind"] != "filter":
-                raise ValueError(f"it is a {str(header['kind'])[:60]}, not a filter")
-            if not isinstance(header["metadata"], dict):
-                raise ValueError("metadata: expected an object")
+        with reading(path, "filter") as (header, arrays):
             sizes = arrays["sizes"]
             if (
                 arrays["transition"].size != 2 * sizes.size
@@ -218,10 +208,6 @@ class Filter:
                 open_world=bool(header["open_world"]),
                 metadata=header["metadata"],
             )
-        except KeyError as error:
-            raise ValueError(f"{path}: {error} is missing") from error
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
 
     @functools.cached_property
     def _tables(self) -> "_Tables":

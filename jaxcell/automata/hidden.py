@@ -86,7 +86,9 @@ class HiddenMap:
             raise ValueError("moves, bumps: expected rows of probabilities that sum to at most 1")
         if any(np.abs(one - walls[0]).max() > 1e-6 for one in walls[1:]):
             raise ValueError("bumps: expected the same probability of a bump for each angle")
-        if not (start.min() >= 0 and abs(start.sum() - 1) < 1e-6):
+        # In a file each share is rounded.
+        off = abs(start.sum() - 1) - cells * _UNIT / 2
+        if not (start.min() >= 0 and off < 1e-6):
             raise ValueError("start: expected a distribution")
         configuration = configuration.astype(np.int32)
         return cls(parts[0], tuple(parts[1:]), configuration, start, dict(metadata or {}))

@@ -1,6 +1,5 @@
 import dataclasses
 import functools
-import json
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int32
 
-from .formats.storage import read_arrays, write_arrays
+from .formats.storage import checked_metadata, reading, write_arrays
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,11 +55,7 @@ class Policy:
 
     def __post_init__(self) -> None:
         self._check()
-        try:
-            copied = json.loads(json.dumps(dict(self.metadata), allow_nan=False))
-        except (TypeError, ValueError, RecursionError) as error:
-            raise ValueError(f"metadata: expected a JSON object: {error}") from error
-        object.__setattr__(self, "metadata", copied)
+        object.__setattr__(self, "metadata", checked_metadata(self.metadata))
 
     @property
     def trap(self) -> int:
@@ -116,12 +111,7 @@ class Policy:
 
         **Raises:** `ValueError` if the file is not a policy, or was truncated or altered.
         """
-        header, arrays = read_arrays(path)
-        try:
-            if header["kind"] != "policy":
-                raise ValueError(f"it is a {str(header['kind'])[:60]}, not a policy")
-            if not isinstance(header["metadata"], dict):
-                raise ValueError("metadata: expected an object")
+        with reading(path, "policy") as (header, arrays):
             named = {name: arrays[name] for name in _ARRAYS}
             sizes = {name: array.size for name, array in named.items()}
             if not (
@@ -130,10 +120,6 @@ class Policy:
             ):
                 raise ValueError("its tables are of different lengths")
             return Policy(**named, metadata=header["metadata"])
-        except KeyError as error:
-            raise ValueError(f"{path}: {error} is missing") from error
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
 
     def _check(self) -> None:
         states = self.turn.size

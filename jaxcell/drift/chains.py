@@ -195,8 +195,7 @@ def phases(flow: Flow, duration: float | int) -> int:
 
 def diffused_cells(water: Water, flow: Flow, duration: float) -> Float[np.ndarray, "axes cells"]:
     """The standard deviation of what diffuses from each cell for a time, in cells along x and y."""
-    sides = np.stack([side[water.row, water.column] for side in (water.dx, water.dy)])
-    return math.sqrt(2 * flow.diffusivity * abs(duration)) / sides
+    return math.sqrt(2 * flow.diffusivity * abs(duration)) / water.sides
 
 
 def _diffused(
@@ -241,7 +240,7 @@ def _turned(
     water: Water, x: Float[np.ndarray, "cells"], y: Float[np.ndarray, "cells"]
 ) -> tuple[Float[np.ndarray, "3 cells"], Float[np.ndarray, "3 cells"]]:
     """The end points of drifts that are turned by 0, 45 and -45 degrees."""
-    dx, dy = (side[water.row, water.column] for side in (water.dx, water.dy))
+    dx, dy = water.sides
     right, up = (x - water.column) * dx, (y - water.row) * dy
     angle = np.radians([[0], [45], [-45]])
     cos, sin = np.cos(angle), np.sin(angle)

@@ -63,7 +63,7 @@ def nearly_closed_sets(
     """
     phases = chain.phases if isinstance(chain, ChainSequence) else 1
     steps = phases * steps_in(hours * 3600, duration * phases)
-    area = (water.dx * water.dy)[water.row, water.column]
+    area = water.sides.prod(axis=0)
     mass = np.where(np.bincount(water.piece)[water.piece] < _LEAST_PIECE * water.cells, 0.0, area)
     every = np.arange(water.cells, dtype=np.int32)
     around = np.vstack([every, np.where(water.neighbor >= 0, water.neighbor, every)])

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.ndimage
 from jaxtyping import Array, Bool, Float, Int
 
+from .drifters import nearest_square
 from .flow import Flow, advect, checked_duration
 from .water import Water
 
@@ -70,12 +71,9 @@ def ftle(
 @functools.partial(jax.jit, static_argnames="wraps")
 def _exponent(sides, x, y, east, west, north, south, *, wraps):  # type: ignore[no-untyped-def]
     """The logarithm of the largest singular value of the gradient of the drift."""
-    rows, columns = sides.shape[1:]
 
     def sides_at(x, y):  # type: ignore[no-untyped-def]
-        row = jnp.clip(jnp.round(y).astype(jnp.int32), 0, rows - 1)
-        column = jnp.round(x).astype(jnp.int32)
-        column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
+        row, column = nearest_square(sides.shape[1:], wraps, x, y)
         return sides[:, row, column]
 
     began = sides_at(x, y)
@@ -121,7 +119,7 @@ def ridges(
         raise ValueError(f"share: expected more than 0 and at most 1, got {share}")
     # West and East, South and North, and the two diagonals, by their places in Water.neighbor.
     lines = ((3, 4), (1, 6), (0, 7), (2, 5))
-    side = np.stack([water.dx[water.row, water.column], water.dy[water.row, water.column]])
+    side = water.sides
     length = np.stack([side[0], side[1], np.hypot(*side), np.hypot(*side)])
     beside = np.where(water.neighbor >= 0, values[water.neighbor], np.nan)
     bend = np.stack([beside[a] + beside[b] - 2 * values for a, b in lines]) / length**2

@@ -139,6 +139,10 @@ def boxes(
             f"cell: {cell:g} degrees make {rows * columns:,} squares; expected {_MAX_CELLS:,} or "
             "fewer"
         )
+    # Rows end at a pole, or where they go from one to the other as far beyond both.
+    rows = min(rows, math.ceil(180 / cell - _ROUNDING))
+    top = 90 - rows * cell
+    south = max(-90.0, min(south, top)) if top >= -90 else (top - 90) / 2
     lon, lat = np.meshgrid(
         wrapped(west + cell * (np.arange(columns) + 0.5)), south + cell * (np.arange(rows) + 0.5)
     )
@@ -163,9 +167,10 @@ def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int,
     gap = np.diff(np.append(around, around[0] + 360))
     west = cell * math.floor(around[(int(gap.argmax()) + 1) % around.size] / cell)
     south = cell * math.floor(seen.lat.min() / cell)
-    width, height = ((seen.lon - west) % 360).max(), seen.lat.max() - south
-    columns, rows = int(width / cell) + 1, int(height / cell) + 1
-    return west, south, min(columns, round(360 / cell)), min(rows, math.ceil((90 - south) / cell))
+    # The West may be a rounding error to the East of what it is the West of.
+    width = ((seen.lon - west + _ROUNDING) % 360).max()
+    rows = int((seen.lat.max() - south) / cell) + 1
+    return west, south, min(int(width / cell) + 1, round(360 / cell)), rows
 
 
 def _asked(bounds: Sequence[float | int], cell: float | int) -> tuple[float, float, int, int]:

@@ -294,7 +294,7 @@ def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
             f"{name}: the views of {water.cells} cells take more than 4 GiB; expected at most "
             "65536 cells"
         )
-    corner = np.hypot(water.dx, water.dy)[water.row, water.column] / 2
+    corner = np.hypot(*water.sides) / 2
     if not reach * (1 + _ROUNDING) >= corner.max():
         cell = int(np.argmax(corner))
         raise ValueError(
@@ -305,7 +305,7 @@ def check_reach(water: Water, reach: float | int, name: str = "reach") -> None:
 
 def _visible(water: Water, reach: float | int) -> Bool[np.ndarray, "cells cells"]:
     """Which cells lie wholly within the disc around each."""
-    dx, dy = (side[water.row, water.column][:, None] for side in (water.dx, water.dy))
+    dx, dy = water.sides[..., None]
     sees = np.zeros((water.cells, water.cells), bool)
     rows = max(1, _CHUNK // water.cells)
     for start in range(0, water.cells, rows):

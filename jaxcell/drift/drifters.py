@@ -118,7 +118,7 @@ def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type
         key, began = now
         on = on_grid((rows, columns), flow.wraps, x, y)
         end_x, end_y = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
-        row, column = _square((rows, columns), flow.wraps, x, y)
+        row, column = nearest_square((rows, columns), flow.wraps, x, y)
         dx, dy = sides[:, row, column]
         right, up = (end_x - x) * dx, (end_y - y) * dy
         drawn = jax.random.uniform(key, x.shape, x.dtype)
@@ -150,16 +150,16 @@ def diffuse(
 
     None goes ashore: it stays where it was instead.
     """
-    row, column = _square(wet.shape, flow.wraps, x, y)
+    row, column = nearest_square(wet.shape, flow.wraps, x, y)
     far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
     right, up = far * jax.random.normal(key, (2, x.size), x.dtype) / sides[:, row, column]
     on, to = (wet.shape, flow.wraps), (x + right, y + up)
-    ashore = on_grid(*on, *to) & ~wet[_square(*on, *to)]
+    ashore = on_grid(*on, *to) & ~wet[nearest_square(*on, *to)]
     stays = ~on_grid(*on, x, y) | ashore
     return jnp.where(stays, x, to[0]), jnp.where(stays, y, to[1])
 
 
-def _square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
+def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
     """The row and column of the squares that hold points, or are nearest to them."""
     rows, columns = shape
     row, column = (jnp.round(one).astype(jnp.int32) for one in (y, x))

@@ -211,7 +211,7 @@ def _leakage(
 ) -> tuple[Float[np.ndarray, "sets"], Float[np.ndarray, "sets"]]:
     """The share that leaves each of the sets of all drifters, by another chain, and the hours."""
     (water,), (found,) = sets.waters, sets.layers
-    area = (water.dx * water.dy)[water.row, water.column]
+    area = water.sides.prod(axis=0)
     inside = found.begin == np.arange(found.count)[:, None]
     begin = inside * area
     begin /= begin.sum(axis=1, keepdims=True)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 import os
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -14,6 +13,7 @@ import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int
 
+from ..base.documents import decode_json, read_text
 from ..base.quantities import Result, derived, quantity
 from ..mapping import Chain, ChainSequence
 from ..mapping.classes import reaching
@@ -151,7 +151,7 @@ def read_regions(
         (['middle'], (1, 538), True)
     """
     try:
-        features = json.loads(Path(path).read_text(encoding="utf-8"))["features"]
+        features = decode_json(read_text(Path(path)), "a GeoJSON file")["features"]
         named = [
             (_name(one, k), shapely.geometry.shape(one["geometry"]))
             for k, one in enumerate(features)

@@ -6,18 +6,14 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
 
+from .currents.conventions import Role, find
 from .currents.netcdf import OceanFile
 from .currents.sources import Source, open_source, source_name
 from .currents.sphere import wrapped
 from .currents.times import SECONDS
 
 
-_STANDARD = {"lon": "longitude", "lat": "latitude", "time": "time"}
-_NAMES = {
-    "lon": ("lon", "longitude", "LON", "LONGITUDE"),
-    "lat": ("lat", "latitude", "LAT", "LATITUDE"),
-    "time": ("time", "TIME", "obs_time"),
-}
+_ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
 # Names, in small letters, of counts of observations, of labels of drifters, and the beginnings of
 # those of a dimension along which drifters are.
 _COUNTS = ("rowsize", "row_size")
@@ -120,11 +116,9 @@ def open_trajectories(path: Source) -> Trajectories:
         (2, [4.0, 4.1, 4.2, 5.0, 5.1], [0.0, 3600.0, 7200.0, 0.0, 3600.0])
     """
     with open_source(path) as file:
-        fields = {role: _field(file, role) for role in _STANDARD}
-        lon = file.dataset[fields["lon"]]
-        time = file.dataset[fields["time"]]
+        read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
+        lon, time = read["lon"], read["time"]
         drifter = _drifters(file, lon, time)
-        read = {role: file.dataset[name] for role, name in fields.items()}
         for one in read.values():
             if not set(one.dims) <= set(lon.dims):
                 raise file.error(
@@ -144,15 +138,12 @@ def open_trajectories(path: Source) -> Trajectories:
         return Trajectories.of(**flat, source=source_name(path))
 
 
-def _field(file: OceanFile, role: str) -> str:
-    """The variable with a role: of a usual name, or else of the standard one."""
-    variables = file.dataset.variables
-    standard = [n for n, v in variables.items() if v.attrs.get("standard_name") == _STANDARD[role]]
-    found = [*(name for name in _NAMES[role] if name in variables), *map(str, standard)]
-    if not found:
-        listed = ", ".join(str(name) for name in variables)
-        raise file.error(role, f"expected trajectories with a {_STANDARD[role]}; there is {listed}")
-    return found[0]
+def _field(file: OceanFile, role: Role) -> str:
+    names = [str(name) for name in file.dataset.variables]
+    if (found := find(file.dataset, role, names)) is None:
+        listed = ", ".join(names)
+        raise file.error(role, f"expected trajectories with a {_ROLES[role]}; there is {listed}")
+    return found
 
 
 def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
@@ -168,13 +159,16 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
     (dim,) = lon.dims
     for name, variable in file.dataset.variables.items():
         if variable.attrs.get("sample_dimension") == dim or str(name).lower() in _COUNTS:
-            counts = file.read(file.dataset[name]).astype(np.int64)
-            if counts.sum() != lon.size:
+            counts = file.read(file.dataset[name])
+            whole = counts.ndim == 1 and (counts == np.abs(counts.round())).all()
+            if not whole or counts.sum() != lon.size:
                 raise file.error(
                     str(name),
-                    f"expected {lon.size} observations of all drifters, got {counts.sum()}",
+                    f"expected {lon.size} observations of all drifters, got {counts.sum():g}"
+                    + " in numbers that are none of observations" * (not whole),
                 )
-            return xr.DataArray(np.repeat(np.arange(counts.size), counts), dims=[dim])
+            owner = np.repeat(np.arange(counts.size), counts.astype(np.int64))
+            return xr.DataArray(owner, dims=[dim])
     for name, variable in file.dataset.variables.items():
         labels = "instance_dimension" in variable.attrs or (
             variable.attrs.get("cf_role") == "trajectory_id" or str(name).lower() in _LABELS

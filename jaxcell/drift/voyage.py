@@ -120,8 +120,6 @@ def discounted_voyage(
     goal: npt.ArrayLike | int,
     discount: float = 0.99,
     tolerance: float = 1e-8,
-    *,
-    throw: bool = False,
 ) -> Voyage:
     """The navigation policy of Alam 2018, Alg. 5.5, by value iteration.
 
@@ -134,14 +132,12 @@ def discounted_voyage(
     - `goal`: a cell, several, or a mask over the cells.
     - `discount`: more than 0 and less than 1; the source does not give its own.
     - `tolerance`: of the error of the values.
-    - `throw`: whether to raise when the values or the arrival are not known well enough. Not so by
-        default, as in [`jaxcell.drift.long_term_behaviour`][]: where an eddy holds drifters almost
-        for ever, times are beyond 64-bit numbers. `certificate` and `arrival` of the result say so.
 
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values.
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], with the values. Where an eddy holds drifters
+    almost for ever, times are beyond 64-bit numbers: its `certificate` and `arrival` say so.
 
     **Raises:** `ValueError` as [`voyage_model`][jaxcell.drift.voyage_model] and
-    [`jaxcell.markov.value_iteration`][]; `RuntimeError` if `throw` is set and a solve stalls.
+    [`jaxcell.markov.value_iteration`][].
 
     Two layers of three cells: at the surface everything drifts East, below it West.
     To the goal, cell 0, one goes down (1), drifts (0) and comes up (-1):
@@ -155,21 +151,20 @@ def discounted_voyage(
         [0.0, 95.06, 93.119, 99.0, 97.02, 95.06]
     """
     model = voyage_model(sea, goal, discount)
-    best = value_iteration(model, discount, tolerance, throw=throw)
-    return _voyage(sea, goal, best.policy, best.value, best.certificate, throw)
+    best = value_iteration(model, discount, tolerance, throw=False)
+    return _voyage(sea, goal, best.policy, best.value, best.certificate)
 
 
-def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -> Voyage:
+def surest_voyage(sea: Sea, goal: npt.ArrayLike | int) -> Voyage:
     """The policy that most likely arrives, and of such policies the quickest.
 
     **Arguments:**
 
     - `sea`: the layers.
     - `goal`: a cell, several, or a mask over the cells.
-    - `throw`: whether to raise when the policy or the arrival is not good enough; see
-        [`discounted_voyage`][jaxcell.drift.discounted_voyage].
 
-    **Returns:** [`Voyage`][jaxcell.drift.Voyage], without values.
+    **Returns:** [`Voyage`][jaxcell.drift.Voyage], without values, of which the same holds as of
+    that of [`discounted_voyage`][jaxcell.drift.discounted_voyage].
 
     **Raises:** `ValueError` for a goal that is empty or not on the map; `RuntimeError` if policies
     improve without end.
@@ -188,8 +183,8 @@ def surest_voyage(sea: Sea, goal: npt.ArrayLike | int, *, throw: bool = False) -
     there = _there(sea, goal)
     chains, allowed = _actions(sea)
     model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
-    best = stochastic_shortest_path(model, there, throw=throw)
-    return _voyage(sea, goal, best.policy, None, best.certificate, throw)
+    best = stochastic_shortest_path(model, there, throw=False)
+    return _voyage(sea, goal, best.policy, None, best.certificate)
 
 
 def simulate_voyages(
@@ -278,7 +273,6 @@ def _voyage(
     policy: Int[Array, "states"],
     value: Float[Array, "states"] | None,
     certificate: Certificate,
-    throw: bool,
 ) -> Voyage:
     there = _there(sea, goal)
     chains, allowed = _actions(sea)
@@ -290,8 +284,8 @@ def _voyage(
         jnp.where(there[None], stay.astype(jnp.float64), loop.probability),
     )
     begins = slice(0, sea.cells)
-    probability = arrival_probabilities(chain, there, throw=throw).value[begins]
-    arrival = conditional_hitting_times(chain, there, throw=throw)
+    probability = arrival_probabilities(chain, there, throw=False).value[begins]
+    arrival = conditional_hitting_times(chain, there, throw=False)
     conditional = arrival.value[begins]
     return Voyage(
         there[begins],

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array, csgraph
 from scipy.spatial import cKDTree
 
-from .currents.sphere import EARTH_RADIUS, goes_round
+from .currents.sphere import EARTH_RADIUS, goes_round, on_sphere
 
 
 # Water is connected to that beside it and at its corners, for so do drifters move.
@@ -116,6 +116,11 @@ class Water:
         return np.any(self.neighbor < 0, axis=0)
 
     @property
+    def sides(self) -> Float[np.ndarray, "axes cells"]:
+        """The lengths of each cell along the x and y axes of the grid, in metres."""
+        return np.stack([side[self.row, self.column] for side in (self.dx, self.dy)])
+
+    @property
     def reach(self) -> Float[np.ndarray, "rows columns"]:
         """How far from the centre of a square a place on it may be, in metres: half its diagonal.
 
@@ -135,7 +140,9 @@ class Water:
         """
         if not (np.isfinite(lon) and -90 <= lat <= 90):
             raise ValueError(f"place: expected a longitude and a latitude, got ({lon}, {lat})")
-        away = _distance(lon, lat, self.lon, self.lat)
+        place = on_sphere(*np.array([lon, lat], float)[:, None, None])
+        chord = np.linalg.norm(on_sphere(self.lon, self.lat) - place, axis=0)
+        away = 2 * EARTH_RADIUS * np.arcsin(np.minimum(chord / 2, 1))
         row, column = np.unravel_index(np.nanargmin(away), away.shape)
         if away[row, column] > self.reach[row, column]:
             raise ValueError(
@@ -218,7 +225,7 @@ class Water:
         # From a cell with all its neighbours one of them is nearer.
         shore = np.flatnonzero((self.piece == piece) & self.boundary)
         row, column = self.row[shore], self.column[shore]
-        side = np.stack([self.dx[self.row, self.column], self.dy[self.row, self.column]])
+        side = self.sides
         scale = side[:, shore].mean(axis=1)
         # Around the Earth everything is there a turn earlier and later too.
         x = self.on_columns(x)
@@ -261,15 +268,3 @@ def _joined(label: Int[np.ndarray, "rows columns"], count: int) -> Int[np.ndarra
     _, piece = csgraph.connected_components(graph, directed=False)
     _, smallest = np.unique(piece, return_index=True)
     return np.argsort(np.argsort(smallest))[piece][label]
-
-
-def _distance(
-    lon: float | int,
-    lat: float | int,
-    lons: Float[np.ndarray, "rows columns"],
-    lats: Float[np.ndarray, "rows columns"],
-) -> Float[np.ndarray, "rows columns"]:
-    """Great-circle distances in metres, by the haversine formula."""
-    east, north = np.radians(lons - lon), np.radians(lats - lat)
-    across = np.cos(np.radians(lat)) * np.cos(np.radians(lats)) * np.sin(east / 2) ** 2
-    return 2 * EARTH_RADIUS * np.arcsin(np.sqrt(np.clip(np.sin(north / 2) ** 2 + across, 0, 1)))

@@ -229,9 +229,7 @@ def run_patrol(
             log.observation(walker, way=way, goal=goal, position=patrol.position)
         if walker.drives and not bumped:
             _look(patrol, look, log)
-    outcome = patrol.outcome()
-    finished(outcome, log)
-    return outcome
+    return finished(patrol.outcome(), log)
 
 
 def _look(patrol: Patrol, look: Callable[[int], Any] | None, log: RunLog | None) -> None:

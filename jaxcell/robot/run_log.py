@@ -52,13 +52,14 @@ class RunLog:
         """
         self.on_event = None
         self._began = time.monotonic()
+        line = _line({"format": _FORMAT, "version": _VERSION, **header})
         self._file = open(path, "x", encoding="utf-8")  # noqa: SIM115
-        self._write({"format": _FORMAT, "version": _VERSION, **header})
+        self._write(line)
 
     def event(self, name: str, **fields: Any) -> None:
         """Write an event."""
         seconds = round(time.monotonic() - self._began, 3)
-        self._write({"event": name, "seconds": seconds, **fields})
+        self._write(_line({"event": name, "seconds": seconds, **fields}))
         if self.on_event is not None:
             self.on_event(name, {"seconds": seconds, **fields})
 
@@ -73,8 +74,8 @@ class RunLog:
             estimate=np.round(walker.estimate, 4).tolist(),
         )
 
-    def _write(self, line: Mapping[str, Any]) -> None:
-        self._file.write(json.dumps(line, allow_nan=False) + "\n")
+    def _write(self, line: str) -> None:
+        self._file.write(line)
         self._file.flush()
 
     def __enter__(self) -> "RunLog":
@@ -86,9 +87,13 @@ class RunLog:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if error is not None:
-            self.event("stopped", reason=why_stopped(error))
-        self._file.close()
+        with self._file:
+            if error is not None:
+                self.event("stopped", reason=why_stopped(error))
+
+
+def _line(values: Mapping[str, Any]) -> str:
+    return json.dumps(values, allow_nan=False) + "\n"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,7 +154,7 @@ def stopped(outcome: _O, run: LoggedRun) -> _O:
     return dataclasses.replace(outcome, result="stopped", reason=f"{run.stopped}; {outcome.reason}")
 
 
-def finished(outcome: RunOutcome, log: RunLog | None) -> RunOutcome:
+def finished(outcome: _O, log: RunLog | None) -> _O:
     """Write how a run ended, and return it."""
     if log is not None:
         log.event("end", result=outcome.result, reason=outcome.reason)

@@ -185,7 +185,7 @@ class Walker:
         if abs(way) < self._tolerance:
             return False
         bearing = cmath.phase(way)
-        if back or abs(_wrapped(bearing - self._facing)) > BEHIND:
+        if back or abs(math.remainder(bearing - self._facing, math.tau)) > BEHIND:
             self._face(bearing + math.pi)
             return self._count(self._robot.forward(-abs(way), tolerance=self._tolerance))
         self._face(bearing)
@@ -195,7 +195,7 @@ class Walker:
         if not self.drives:
             self._facing = heading
             return
-        angle = _wrapped(heading - self._facing)
+        angle = math.remainder(heading - self._facing, math.tau)
         if abs(angle) > self._turn_tolerance:
             self._count(self._robot.turn(angle, tolerance=self._turn_tolerance))
 
@@ -204,8 +204,3 @@ class Walker:
         self._at += complex(moved.distance, moved.left) * cmath.rect(1.0, self._facing)
         self._facing += moved.angle
         return moved.bumped
-
-
-def _wrapped(angle: float) -> float:
-    """The same angle between -pi and pi."""
-    return math.remainder(angle, 2 * math.pi)

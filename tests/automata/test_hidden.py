@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+import scipy.sparse
 from hypothesis import given, settings, strategies as st
 
 from jaxcell.automata import Belief, Bounded, HiddenMap, expected_entropy
@@ -268,3 +269,20 @@ def test_what_is_no_hidden_map_is_refused(moves, start, match):
     zero = np.zeros_like(moves)
     with pytest.raises(ValueError, match=match):
         HiddenMap.of(moves, zero, np.zeros(start.size, int), start)
+
+
+def test_a_large_map_is_read_back(tmp_path):
+    """The shares of the start are rounded in the file, and there are many of them."""
+    cells = 50_000
+    part = scipy.sparse.eye_array(cells) / 2
+    hidden = HiddenMap.of(part, part, np.arange(cells), np.full(cells, 1 / cells))
+    hidden.save(tmp_path / "belief.jxb")
+    again = HiddenMap.load(tmp_path / "belief.jxb")
+    np.testing.assert_allclose(again.start, hidden.start, atol=2.0**-30)
+
+
+def test_the_likeliest_path_of_a_map_whose_least_probabilities_were_rounded_to_0(tmp_path):
+    moves = np.array([[1 - 1e-12, 1e-12], [0.0, 1.0]])
+    HiddenMap.of(moves, 0 * moves, np.arange(2), np.array([0.9, 0.1])).save(tmp_path / "belief.jxb")
+    hidden = HiddenMap.load(tmp_path / "belief.jxb")
+    assert Belief(hidden).likeliest_path([0, 0]).tolist() == [0, 0, 0]

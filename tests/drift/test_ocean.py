@@ -467,6 +467,12 @@ def with_value(name, value):
         (lambda d: d, {"time": "2011-07-02"}, r"time: 2011-07-02: the nearest .*T03:00"),
         (lambda d: d, {"time": "noon"}, r"time: expected an index or a date .*'noon'"),
         (lambda d: d, {"time": "NaT"}, r"time: expected .*'NaT'"),
+        # 64 bits of nanoseconds would have it on 2011-07-01.
+        (lambda d: d, {"time": "2596-01-19T01:00"}, r"time: expected a date from 1678 to 2261"),
+        (lambda d: d, {"time": slice(None, None, -1)}, r"time: expected a step of 1 or more"),
+        (lambda d: d, {"time": slice(None, None, 0)}, r"time: expected a step of 1 or more"),
+        (lambda d: d.assign_coords(time=("time", HOURS * 1e12, {"units": "hours"})), {},
+         r"time: the time of record 1 is missing, or not from 1678 to 2261"),
         (lambda d: d, {"time": (0, "2012-01-01")}, r"time: 2012-01-01: the nearest"),
         (lambda d: d, {"time": (2, 1)}, r"time: expected the earlier time first"),
         (lambda d: d, {"time": (0, 1, 2)}, r"time: expected the first and the last"),
@@ -642,3 +648,18 @@ def test_wcofs_4km():
     assert float(currents.u[0, 0, 30, 10]) == pytest.approx(0.10539, abs=1e-4)
     assert float(currents.v[0, 0, 30, 10]) == pytest.approx(-0.16569, abs=1e-4)
     assert float(np.degrees(currents.angle[30, 10])) == pytest.approx(16.432, abs=1e-3)
+
+
+def test_dates_in_hand_that_nanoseconds_do_not_hold_are_refused():
+    dates = np.datetime64("2596-01-19T00", "s") + np.arange(SHAPE[0])
+    with pytest.raises(ValueError, match=r"record 0 is missing, or not from 1678 to 2261"):
+        open_currents(regular().assign_coords(time=dates))
+
+
+def test_text_that_takes_long_to_read_is_refused(tmp_path):
+    with netCDF4.Dataset(tmp_path / "sea.nc", "w") as file:
+        file.createDimension("y", 4000)
+        file.createDimension("x", 4000)
+        file.createVariable("u", str, ("y", "x"), chunksizes=(8, 8))
+    with pytest.raises(ValueError, match=r"sea\.nc: u: expected at most .* text, got 16,000,000"):
+        open_currents(tmp_path / "sea.nc")

@@ -101,6 +101,7 @@ def test_what_is_wrong_with_regions_is_said(tmp_path, currents):
     ):
         with pytest.raises(ValueError, match=wrong):
             drift.read_regions(write(path, polygons), water)
-    path.write_text('{"type": "Feature"}')
-    with pytest.raises(ValueError, match="expected a GeoJSON FeatureCollection"):
-        drift.read_regions(path, water)
+    for text in ('{"type": "Feature"}', '{"features": ' + "[" * 50_000):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="expected a GeoJSON FeatureCollection"):
+            drift.read_regions(path, water)

@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from jaxcell.drift import open_currents
+from jaxcell.drift.currents.netcdf import OceanFile
 from jaxcell.drift.currents.roms import SLevels, at_height, to_centres
 
 
@@ -371,3 +372,25 @@ def test_a_missing_value_in_the_sea_is_a_gap(tmp_path):
     currents = open_currents(path)
     assert not currents.water.values[0, 4, 5:7].any()
     assert int((~currents.water).sum()) == DRY.sum() + 2
+
+
+def test_lengths_that_do_not_fit_are_refused_before_any_values_are_read(tmp_path, monkeypatch):
+    path = write(tmp_path, native(0.1, 0.2).isel(xi_u=slice(0, 5)))
+    read = []
+    whole = OceanFile.read
+    monkeypatch.setattr(
+        OceanFile, "read", lambda file, array, dims=(): read.append(1) or whole(file, array, dims)
+    )
+    with pytest.raises(ValueError, match="xi_u: expected a length of 7 with 8 cells"):
+        open_currents(path)
+    assert not read
+
+
+@pytest.mark.parametrize(("transform", "bed"), [(1, 0.0), (2, -CRITICAL_DEPTH)])
+def test_a_bed_for_which_the_formula_divides_by_0_is_land(tmp_path, transform, bed):
+    file = native(0.1, 0.2, transform=transform, dry=np.zeros((ROWS, COLUMNS), bool))
+    file["h"] = file["h"].copy()
+    file["h"][2, 5] = bed
+    water = open_currents(write(tmp_path, file), depths=1).water[0]
+    assert not water[2, 5]
+    assert water.sum() == water.size - 1

@@ -6,6 +6,7 @@ import xarray as xr
 from hypothesis import given, strategies as st
 
 from jaxcell import drift, mapping, markov
+from jaxcell.drift.counted import located
 
 
 # Three drifters of 4, 2 and 3 observations, the first of which crosses the date line.
@@ -97,6 +98,10 @@ def test_decoded_times_of_a_dataset_in_hand_are_read():
     [
         (lambda d: d.drop_vars("longitude"), "lon: expected trajectories with a longitude; there"),
         (lambda d: d.assign(rowsize=d.rowsize + 1), "rowsize: expected 9 observations of all drif"),
+        (lambda d: d.assign(rowsize=("traj", [14, -2, -3])), "rowsize: .* that are none of obs"),
+        (lambda d: d.assign(rowsize=("traj", [4.5, 2.5, 2])), "rowsize: .* that are none of obs"),
+        (lambda d: d.assign(rowsize=("traj", [4, 5, np.nan])), "rowsize: .* that are none of obs"),
+        (lambda d: d.assign(rowsize=(("a", "b"), [[4, 5]])), "rowsize: .* that are none of obs"),
         (lambda d: d.drop_vars("rowsize"), "longitude: nothing says which drifter is meant along"),
         (
             lambda d: d.assign(latitude=d.start_lon),
@@ -125,6 +130,28 @@ def test_boxes_go_on_beyond_the_date_line():
     assert lon[moves.begin].tolist() == [179.5, 179.5, -179.5]
     with pytest.raises(ValueError, match="bounds: no drifter was there"):
         drift.boxes(first, 1.0, (0, 0, 10, 10))
+
+
+@pytest.mark.parametrize("cell", [1.0, 4.0, 7.0, 40.0, 80.0])
+@pytest.mark.parametrize("asked", [False, True])
+@pytest.mark.parametrize(("south", "north"), [(-90, -70), (70, 90), (0, 90), (-90, 90)])
+def test_boxes_end_at_the_poles(cell, asked, south, north):
+    lat = np.array([south + 0.1, north - 0.1])
+    seen = drift.Trajectories.of(np.full(2, 5.0), lat, np.zeros(2), np.arange(2))
+    water = drift.boxes(seen, cell, (0, south, 90, north) if asked else None)
+    south, north = water.lat[0, 0] - cell / 2, water.lat[-1, 0] + cell / 2
+    assert south <= seen.lat.min() + 1e-9
+    assert north >= seen.lat.max() - 1e-9
+    assert north - south > 180 or (south >= -90 - 1e-9 and north <= 90 + 1e-9)
+    assert np.abs(water.lat).max() < 90 - 1e-9
+    assert (located(water, seen.lon, seen.lat) >= 0).all()
+
+
+@pytest.mark.parametrize(("west", "cell"), [(1.7, 0.1), (3.4, 0.2), (-51.2, 0.1), (0.35, 0.01)])
+def test_boxes_begin_with_the_first_observation_whatever_the_rounding(west, cell):
+    lon = west + cell * np.array([0.0, 1.5])
+    seen = drift.Trajectories(lon, np.full(2, 0.55), np.zeros(2), np.arange(2))
+    assert drift.boxes(seen, cell).number.shape[1] == 2
 
 
 def test_moves_are_between_observations_a_lag_apart():

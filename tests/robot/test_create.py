@@ -18,6 +18,7 @@ import jaxcell
 from jaxcell.robot import Create, RobotStopped
 from jaxcell.robot.create.open_interface import Command, CommandParser, stream_frame
 from jaxcell.robot.create.packets import METRES_PER_COUNT, PACKETS, Contact
+from jaxcell.robot.create.watchdog import Watchdog
 
 
 # Long enough for a machine that has other things to do.
@@ -349,6 +350,14 @@ def test_a_watchdog_that_dies_stops_the_wheels(terminal):
         with pytest.raises(RobotStopped, match="watchdog"):
             keep_driving(create)
         eventually(lambda: robot.wheels == (0, 0))
+
+
+def test_a_watchdog_that_does_not_start_leaves_no_line_open():
+    before = sorted(os.listdir("/dev/fd"))
+    for command in (["/no/such/program"], ["false"]):
+        with pytest.raises(OSError, match=r"No such file|did not start"):
+            Watchdog(command)
+    assert sorted(os.listdir("/dev/fd")) == before
 
 
 def test_refusals(terminal):

@@ -19,6 +19,10 @@ ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 IDS = (7, 35, 43, 44)
 
 
+def query(*ids: int) -> bytes:
+    return bytes([149, len(ids), *ids])
+
+
 class Host:
     """Bytes to an emulated robot and from it, without the driver."""
 
@@ -35,7 +39,7 @@ class Host:
         return b""
 
     def ask(self, *ids: int) -> dict[str, int]:
-        self.send(oi.query_list(ids))
+        self.send(query(*ids))
         answer = b""
 
         def whole() -> bool:
@@ -155,12 +159,12 @@ def test_frames_come_every_15_ms_of_its_time_until_paused():
         assert min(b - a for a, b in itertools.pairwise(times)) > 0.01
         assert 0.0149 < (times[-1] - times[0]) / (len(times) - 1) < 0.03
         # The query is answered after the pause, so that nothing comes after its answer.
-        host.send(oi.pause_resume(False), oi.query_list([35]))
+        host.send(bytes([150, False]), query(35))
         until(lambda: host.read().endswith(b"\x01"))
         ticks = len(robot.trace)
         until(lambda: len(robot.trace) > ticks + 5)
         assert host.read() == b""
-        host.send(oi.pause_resume(True))
+        host.send(bytes([150, True]))
         assert host.frames(3)
 
 

@@ -15,9 +15,6 @@ from jaxcell.robot.create.open_interface import (
     StreamParser,
     drive,
     drive_direct,
-    pause_resume,
-    query_list,
-    sensors,
     stream,
     stream_frame,
 )
@@ -55,10 +52,7 @@ def test_vectors_of_the_specification():
     assert drive(-200, 500) == bytes([137, 255, 56, 1, 244])
     assert drive(200) == bytes([137, 0, 200, 128, 0])
     assert drive(200, -1) == bytes([137, 0, 200, 255, 255])
-    assert query_list([29, 13]) == bytes([149, 2, 29, 13])
     assert stream([29, 13]) == bytes([148, 2, 29, 13])
-    assert sensors(100) == bytes([142, 100])
-    assert (pause_resume(True), pause_resume(False)) == (bytes([150, 1]), bytes([150, 0]))
     assert b"".join((RESET, START, SAFE, FULL, STOP)) == bytes([7, 128, 131, 132, 173])
 
 
@@ -130,9 +124,7 @@ def test_a_group_is_its_members(group):
         (lambda: drive(0, 2001), "radius = 2001"),
         (lambda: drive_direct(right=-501, left=0), "right = -501"),
         (lambda: drive_direct(right=0, left=501), "left = 501"),
-        (lambda: sensors(59), r"ids\[0\] = 59"),
-        (lambda: query_list([7, 6, 99]), r"ids\[2\] = 99"),
-        (lambda: query_list([7] * 256), "256 ids"),
+        (lambda: stream([7, 8, 59]), r"ids\[2\] = 59"),
         (lambda: stream([]), "at least one"),
         (lambda: stream([100, 100, 101]), "at most 172"),
         (lambda: StreamParser([3, 102]), r"ids\[1\] = 102"),
@@ -151,14 +143,21 @@ def right_left(right, left):
     return drive_direct(right=right, left=left)
 
 
+def query(ids):
+    return bytes([149, len(ids), *ids])
+
+
 speeds = st.integers(-500, 500)
 commands = st.one_of(
     st.tuples(st.just(drive), speeds, st.integers(-2000, 2000)),
     st.tuples(st.just(right_left), speeds, speeds),
-    st.tuples(st.sampled_from([stream, query_list]), lists_of_ids),
-    st.tuples(st.just(sensors), st.sampled_from(sorted(PACKETS))),
+    st.tuples(st.just(stream), lists_of_ids),
+    st.tuples(st.just(query), lists_of_ids),
     st.tuples(
-        st.just(bytes), st.sampled_from([RESET, START, SAFE, FULL, STOP, b"\x8c\0\2<\x08>\x08"])
+        st.just(bytes),
+        st.sampled_from(
+            [RESET, START, SAFE, FULL, STOP, b"\x8c\0\2<\x08>\x08", b"\x8e\x64", b"\x96\0"]
+        ),
     ),
 )
 

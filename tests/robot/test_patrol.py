@@ -201,6 +201,8 @@ def test_robots_and_seeds_draw_differently(task_of):
     [
         (lambda f: f.update(free=3), "free: expected a list of rows"),
         (lambda f: f.update(free=["..", "."]), "free: expected rows of . and #, of one length"),
+        (lambda f: f.update(free=["##", "##"]), "free: expected rows .* with a . or more"),
+        (lambda f: f.update(free=["", ""]), "free: expected rows .* with a . or more"),
         (lambda f: f.update(directions=8), "directions: expected 4"),
         (lambda f: f.update(closed=[[99, 0]]), "closed: position 99 does not exist"),
         (lambda f: f.update(closed=[[0, 0, 1]]), "closed: expected whole numbers, any x 2"),

@@ -155,6 +155,17 @@ def test_whatever_ends_the_block_ends_the_motion(world_of, kind):
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
+def test_signals_end_the_process_again_though_closing_fails(world_of, monkeypatch):
+    def dismiss(self):
+        raise OSError("the watchdog does not end")
+
+    monkeypatch.setattr(Beats, "dismiss", dismiss)
+    world_of((1.0, 1.5, 0.0), "base")
+    with pytest.raises(OSError, match="does not end"), Base():
+        assert signal.getsignal(signal.SIGTERM) != signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
 def test_a_robot_that_is_not_there_is_named(world_of, monkeypatch):
     monkeypatch.setattr(node, "_GREETING", 0.1)
     world_of((1.0, 1.5, 0.0), "create3").dead = True

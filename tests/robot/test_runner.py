@@ -155,6 +155,28 @@ def test_a_log_tells_its_events_once_they_are_written(tmp_path):
     assert all(event == written for event, written in told)
 
 
+def test_a_log_whose_end_is_not_written_is_closed(tmp_path):
+    def fail(name, fields):
+        raise OSError("no space left")
+
+    def run(log):
+        with log:
+            log.on_event = fail
+            raise RuntimeError("the line is lost")
+
+    log = RunLog(tmp_path / "run.jsonl", {})
+    with pytest.raises(OSError, match="no space left"):
+        run(log)
+    with pytest.raises(ValueError, match="closed file"):
+        log.event("note")
+
+
+def test_a_header_that_is_no_json_leaves_no_file(tmp_path):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        RunLog(tmp_path / "run.jsonl", {"cell_m": math.nan})
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_error_ends_a_log_with_its_reason(tmp_path):
     def run() -> None:
         with RunLog(tmp_path / "run.jsonl", {}) as log:

@@ -46,7 +46,9 @@ def test_a_plan_is_read(tmp_path):
         ({"step_m": None}, "step_m: expected a finite number"),
         ({"cell_m": math.inf}, "cell_m: expected a finite number"),
         ({"directions": True}, "directions: expected a whole number"),
-        ({"start": "3"}, "start: expected a finite number"),
+        ({"start": "3"}, "start: expected a whole number from 0"),
+        ({"start": 2.5}, "start: expected a whole number from 0"),
+        ({"start": -1}, "start: expected a whole number from 0"),
     ],
 )
 def test_bad_plans(tmp_path, changed, message):

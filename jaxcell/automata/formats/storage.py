@@ -4,9 +4,10 @@ Arrays are stored as the differences between neighbours: sorted cells differ by 
 of them are small and compress well.
 """
 
+import contextlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,39 @@ def read_kind(path: str | os.PathLike[str]) -> str:
     **Raises:** `ValueError` as [`read_arrays`][].
     """
     return str(_read(path, headed=True)[0].get("kind"))
+
+
+@contextlib.contextmanager
+def reading(
+    path: str | os.PathLike[str], kind: str
+) -> Iterator[tuple[dict[str, Any], dict[str, Int32[np.ndarray, "_"]]]]:
+    """Read a file of one kind; what is missing or wrong in it is said with its name.
+
+    **Raises:** `ValueError` as [`read_arrays`][], for another kind or metadata that are no object,
+    and for a `KeyError` or a `ValueError` in the block.
+    """
+    header, arrays = read_arrays(path)
+    try:
+        if header["kind"] != kind:
+            raise ValueError(f"it is a {str(header['kind'])[:60]}, not a {kind}")
+        if not isinstance(header["metadata"], dict):
+            raise ValueError("metadata: expected an object")
+        yield header, arrays
+    except KeyError as error:
+        raise ValueError(f"{path}: {error} is missing") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def checked_metadata(metadata: Mapping[str, Any]) -> Any:
+    """A copy of metadata as a file gives them back.
+
+    **Raises:** `ValueError` if they are no JSON object.
+    """
+    try:
+        return json.loads(json.dumps(dict(metadata), allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"metadata: expected a JSON object: {error}") from error
 
 
 def read_arrays(

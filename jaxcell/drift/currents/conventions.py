@@ -97,7 +97,7 @@ CONVENTIONS: tuple[Convention, ...] = (
     _row("stokes", "", "sea_surface_wave_stokes_drift_eastward_velocity "
          "sea_surface_wave_stokes_drift_northward_velocity", along="earth"),
     _row("stokes", "vsdx vsdy", along="earth"),  # CMEMS
-    _row("time", "time ocean_time scrum_time time_counter mt t", "time"),
+    _row("time", "time ocean_time scrum_time time_counter obs_time mt t", "time"),
     _row("depth", "depth depthu depthv deptht z lev level s_rho sc_r z_slice", "depth"),
     _row("y", "lat latitude y nj j eta_rho eta_u eta_v y_rho y_v rlat",
          "latitude projection_y_coordinate"),

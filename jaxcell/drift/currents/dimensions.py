@@ -38,6 +38,14 @@ class Axes:
         return self.rho != (self.y, self.x)
 
     @property
+    def between(self) -> int | None:
+        """The axis, -2 for y and -1 for x, along which it stands between the centres, if any.
+
+        Sides named eta_u and xi_v are level with the centres.
+        """
+        return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
+
+    @property
     def rho(self) -> tuple[str, str]:
         """The dimensions `(y, x)` of the cell centres."""
         return STAGGERED.get(self.y, self.y), STAGGERED.get(self.x, self.x)
@@ -46,8 +54,9 @@ class Axes:
 def find_axes(file: OceanFile, name: str) -> Axes:
     """Find the dimensions of a velocity from what they are called and described as.
 
-    **Raises:** `ValueError` if one of them cannot be determined, if there is no y or x, or if no
-    longitudes and latitudes belong to them.
+    **Raises:** `ValueError` if one of them cannot be determined, if there is no y or x, if no
+    longitudes and latitudes belong to them, for a length that does not fit the cells,
+    or for a grid of a single row or column, whose cells have no size.
     """
     _check_structured(file, name)
     found: dict[Kind, str] = {}
@@ -67,7 +76,9 @@ def find_axes(file: OceanFile, name: str) -> Axes:
     y, x = found["y"], found["x"]
     rho = STAGGERED.get(y, y), STAGGERED.get(x, x)
     lon, lat = _position(file, name, "lon", rho), _position(file, name, "lat", rho)
-    return Axes(found.get("time"), found.get("depth"), y, x, lon, lat)
+    axes = Axes(found.get("time"), found.get("depth"), y, x, lon, lat)
+    _check_lengths(file, axes)
+    return axes
 
 
 def is_rectangular(file: OceanFile, axes: Axes) -> bool:
@@ -105,6 +116,21 @@ def _check_structured(file: OceanFile, velocity: str) -> None:
             dim == "nele" or (lon is not None and lat is not None and lon != lat)
         ):
             raise unstructured(file, velocity)
+
+
+def _check_lengths(file: OceanFile, axes: Axes) -> None:
+    """Refuse a variable whose y and x are not as long as those of the cells."""
+    sizes = file.dataset.sizes
+    for axis, dim, rho in zip((-2, -1), (axes.y, axes.x), axes.rho, strict=True):
+        if sizes[rho] == 1:
+            raise file.error(rho, "expected 2 cells or more along it, got 1")
+        # Files that were cut with equal index ranges have one more side than lies between centres.
+        least = sizes[rho] - (axis == axes.between)
+        if not least <= sizes[dim] <= sizes[rho]:
+            raise file.error(
+                dim,
+                f"expected a length of {least} with {sizes[rho]} cells ({rho}), got {sizes[dim]}",
+            )
 
 
 def unstructured(file: OceanFile, field: str) -> ValueError:

@@ -60,14 +60,9 @@ def read_grid(file: OceanFile, axes: Axes, bounds: Sequence[float | int] | None)
     - `axes`: of one of its velocities.
     - `bounds`: as for [`jaxcell.drift.open_currents`][].
 
-    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, for
-    a grid of a single row or column, whose cells have no size, and for an `angle` that is not the
-    angle of the grid.
+    **Raises:** `ValueError` for positions that are not in order, for bounds that hold no cell, and
+    for an `angle` that is not the angle of the grid.
     """
-    sizes = {name: file.dataset.sizes.get(name, 0) for name in axes.rho}
-    for name, size in sizes.items():
-        if size < 2:
-            raise file.error(name, f"expected 2 cells or more along it, got {size}")
     box = None if bounds is None else _bounds(file, bounds)
     make = _rectangular if is_rectangular(file, axes) else _curvilinear
     return make(file, axes, box)

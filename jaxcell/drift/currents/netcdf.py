@@ -20,7 +20,7 @@ from ...base import memory
 # Above this an array is refused before it is made: more is nearly always a whole ocean by mistake.
 LARGEST_BYTES = 4 * 2**30
 
-_MAX_COORDINATE = 10_000_000
+_MAX_READ = 10_000_000
 
 # Numbers that stand for "no value" in files that do not say so: the oldest convention, and the
 # default fill of NetCDF, ROMS and HYCOM, all of them above the last.
@@ -118,14 +118,14 @@ def open_netcdf(path: str | os.PathLike[str]) -> Iterator[OceanFile]:
     engine = netcdf_engine(path)
     with unwarned():
         try:
-            sizes = _coordinate_sizes(path) if engine == "netcdf4" else {}
+            sizes = _sizes_read(path) if engine == "netcdf4" else {}
         except Exception as error:  # as above
             raise _unreadable(name, error) from error
         for field, size in sizes.items():
-            if size > _MAX_COORDINATE:
+            if size > _MAX_READ:
                 raise ValueError(
-                    f"{name}: {field}: expected a coordinate of at most {_MAX_COORDINATE:,} "
-                    f"values, got {size:,}"
+                    f"{name}: {field}: expected at most {_MAX_READ:,} values of a coordinate or of "
+                    f"text, got {size:,}"
                 )
         try:
             dataset = open_undecoded(path, engine)
@@ -173,10 +173,14 @@ def netcdf_engine(path: str | os.PathLike[str]) -> Literal["netcdf4", "scipy"]:
     return "scipy" if magic in (b"CDF\1", b"CDF\2") else "netcdf4"
 
 
-def _coordinate_sizes(path: str | os.PathLike[str]) -> dict[str, int]:
-    """The lengths of the coordinates, all of whose values xarray reads to open a file."""
+def _sizes_read(path: str | os.PathLike[str]) -> dict[str, int]:
+    """The sizes of what xarray reads whole to open a file: coordinates, and text."""
     with netCDF4.Dataset(path) as file:
-        return {name: len(size) for name, size in file.dimensions.items() if name in file.variables}
+        return {
+            name: math.prod(one.shape)
+            for name, one in file.variables.items()
+            if one.dimensions == (name,) or one.dtype is str
+        }
 
 
 def _unreadable(name: str, error: Exception) -> ValueError:

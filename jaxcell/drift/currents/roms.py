@@ -78,18 +78,23 @@ class SLevels:
     ) -> Float[np.ndarray, "levels y x"]:
         """The height of each level over the mean sea surface in metres, negative below it.
 
+        It is NaN where the formula divides by 0, as where land is as high as `critical_depth`.
+
         **Arguments:**
 
         - `depth`: of the sea bed under the mean surface, in metres, positive.
         - `surface`: height of the surface over its mean (zeta), in metres.
         """
         s, stretching = self.s[:, None, None], self.stretching[:, None, None]
-        with np.errstate(divide="ignore", invalid="ignore"):  # on land the depth may be anything
+        with np.errstate(all="ignore"):  # on land the depth may be anything
             if self.transform == 1:
                 still = self.critical_depth * (s - stretching) + depth * stretching
-                return still + surface * (1 + still / depth)
-            share = (self.critical_depth * s + depth * stretching) / (self.critical_depth + depth)
-            return surface + (surface + depth) * share
+                found = still + surface * (1 + still / depth)
+            else:
+                total = self.critical_depth + depth
+                share = (self.critical_depth * s + depth * stretching) / total
+                found = surface + (surface + depth) * share
+        return np.where(np.isfinite(found), found, np.nan)
 
     def beyond(
         self, heights: Float[np.ndarray, "levels y x"], wanted: Float[np.ndarray, "y x"]

@@ -26,6 +26,8 @@ SECONDS = {
 }  # fmt: skip
 # The years that times are counted from: those whose nanoseconds fit 64 bits, and some to spare.
 _YEARS = range(1700, 2201)
+# From 1970, where there is no date; their nanoseconds fit too.
+_MAX_SECONDS = 9.2e9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,8 +71,10 @@ def record_times(file: OceanFile, dim: str | None) -> RecordTimes:
         raise file.error(name, "expected a record or more, got none")
     found = _counted(file, name)
     times = found.values
-    if np.isnat(times).any():
-        raise file.error(name, f"the time of record {int(np.isnat(times).argmax())} is missing")
+    if (odd := np.isnat(times)).any():
+        raise file.error(
+            name, f"the time of record {int(odd.argmax())} is missing, or not from 1678 to 2261"
+        )
     backwards = np.diff(times) <= np.timedelta64(0, "ns")
     if backwards.any():
         k = int(backwards.argmax())
@@ -102,10 +106,11 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
     """The times of a variable, each by the time since the first."""
     times = read_times(file, name)
     if times.dtype.kind == "M":
-        return RecordTimes(times.astype("datetime64[ns]"))
+        return RecordTimes(_in_nanoseconds(times))
     if times.dtype.kind == "f":
         units = file.dataset[name].attrs["units"]
-        values = np.datetime64(0, "ns") + np.round(times * 1e9).astype("timedelta64[ns]")
+        seconds = np.where(np.abs(times) < _MAX_SECONDS, times, np.nan)
+        values = np.datetime64(0, "ns") + np.round(seconds * 1e9).astype("timedelta64[ns]")
         note = f"{name}: {units} without a date; counted from 1970-01-01"
         return RecordTimes(values, None, False, note)
     first = times[0]
@@ -114,14 +119,20 @@ def _counted(file: OceanFile, name: str) -> RecordTimes:
             name, f"expected dates in the years {_YEARS[0]} to {_YEARS[-1]}, got {first}"
         )
     start = cftime.datetime(first.year, 1, 1, calendar=first.calendar)
-    values = np.array([_since(start, one) for one in times])
+    values = _in_nanoseconds(np.array([_since(start, one) for one in times]))
     note = f"{name}: calendar {start.calendar}; its days are counted on from {first.year}-01-01"
     return RecordTimes(values, start, True, note)
 
 
 def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
     """A date of another calendar, by the days since the beginning of a year."""
-    return np.datetime64(f"{start.year}-01-01", "ns") + np.timedelta64(date - start)
+    return np.datetime64(f"{start.year}-01-01", "us") + np.timedelta64(date - start)
+
+
+def _in_nanoseconds(dates: Any) -> Any:
+    """Dates in 64 bits of nanoseconds, NaT where they do not fit."""
+    found = dates.astype("datetime64[ns]")
+    return np.where(found.astype(dates.dtype) == dates, found, np.datetime64("NaT", "ns"))[()]
 
 
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
@@ -142,6 +153,8 @@ def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.nd
     if when is None:
         return records
     if isinstance(when, slice):
+        if not (when.step is None or (_is_index(when.step) and when.step > 0)):
+            raise file.error("time", f"expected a step of 1 or more, got {when}")
         if all(end is None or _is_index(end) for end in (when.start, when.stop)):
             chosen = records[when]
             if chosen.size == 0:
@@ -192,14 +205,15 @@ def _moment(file: OceanFile, moment: Any, start: cftime.datetime | None) -> np.d
                 moment = datetime.datetime.fromisoformat(moment)
             if isinstance(moment, datetime.datetime) and moment.tzinfo is not None:
                 moment = moment.astimezone(datetime.UTC).replace(tzinfo=None)
-            wanted = np.datetime64(moment, "ns")
+            wanted = np.datetime64(moment)
     except (TypeError, ValueError) as error:
         raise file.error(
             "time",
             f"expected an index or a date such as 2016-02-02T12:00, got {moment!r}",
         ) from error
+    wanted = _in_nanoseconds(wanted)
     if np.isnat(wanted):
-        raise file.error("time", f"expected a date, got {moment!r}")
+        raise file.error("time", f"expected a date from 1678 to 2261, got {moment!r}")
     return wanted
 
 

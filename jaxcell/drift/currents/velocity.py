@@ -34,8 +34,6 @@ class Component:
     - `places`: of the levels to be read, or `None` if there is only one.
     - `rows`, `columns`: of the values to be read; those on the sides of the cells that are averaged
         reach over the block by a cell where the file does.
-    - `staggered`: the axis, -2 for y and -1 for x, along which the values stand between the cells;
-        `None` if they stand at the centres.
     - `inner`: the block among the centres that come out.
     - `mask`: where a value is a current; `None` if the file does not say, and all values count.
     - `factor`: metres per second in a unit of the file.
@@ -48,7 +46,6 @@ class Component:
     places: Int[np.ndarray, " levels"] | None
     rows: Int[np.ndarray, " y"]
     columns: Int[np.ndarray, " x"]
-    staggered: int | None
     inner: Int[np.ndarray, " block"]
     mask: Mask | None
     factor: float
@@ -84,9 +81,8 @@ class Component:
             open_sides = np.broadcast_to(self.mask.water, values.shape)
             values = np.where(open_sides, values, np.nan)
         self._check_speed(values, record)
-        if self.staggered is None:
+        if (axis := axes.between) is None:
             return values, open_sides, unmasked
-        axis = self.staggered
         centres = to_centres(values, open_sides, axis)
         beside = to_centres(open_sides.astype(float), open_sides, axis) > 0
         unmasked = to_centres(unmasked, np.isfinite(unmasked), axis)
@@ -116,45 +112,32 @@ def component(
 ) -> Component:
     """Prepare the reading of a velocity on a block of cells.
 
-    **Raises:** `ValueError` for an unknown unit, and for a length that does not fit the cells.
+    **Raises:** `ValueError` for an unknown unit.
     """
     factor = metres_per_second(file, name)
     dims, rho = (axes.y, axes.x), axes.rho
     cells = [grid.rows, grid.columns]
-    lengths = [file.dataset.sizes[dim] for dim in rho]
-    # Sides named eta_u and xi_v are level with the centres.
-    staggered = -2 if axes.y in ("eta_v", "y_v") else -1 if axes.x in ("xi_u", "x_u") else None
     inner = np.arange(0)
-    if staggered is not None:
-        first, last = int(cells[staggered][0]), int(cells[staggered][-1])
-        outer = np.arange(max(first - 1, 0), min(last + 2, lengths[staggered]))
-        inner = cells[staggered] - outer[0]
-        if grid.wraps and staggered == -1 and first == 0 and last + 1 < lengths[-1]:
+    if (between := axes.between) is not None:
+        length = file.dataset.sizes[rho[between]]
+        first, last = int(cells[between][0]), int(cells[between][-1])
+        outer = np.arange(max(first - 1, 0), min(last + 2, length))
+        inner = cells[between] - outer[0]
+        if grid.wraps and between == -1 and first == 0 and last + 1 < length:
             # The western side of the first column is the eastern one of the last.
             outer, inner = np.append(last, outer), inner + 1
-        cells[staggered] = outer
-    for k, dim in zip((-2, -1), dims, strict=True):
-        # Files that were cut with equal index ranges have one more side than lies between centres.
-        expected = {lengths[k] - 1, lengths[k]} if k == staggered else {lengths[k]}
-        if file.dataset.sizes[dim] not in expected:
-            raise file.error(
-                dim,
-                f"expected a length of {min(expected)} with {lengths[k]} cells ({rho[k]}), got "
-                f"{file.dataset.sizes[dim]}",
-            )
+        cells[between] = outer
     mask = read_mask(file, rho, cells[0], cells[1], places, axes.depth)
-    if staggered is not None:
-        cells[staggered] = cells[staggered][:-1]
-        between = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
-        if between is None and mask is not None:
-            before = np.arange(len(cells[staggered]))
-            wet = mask.water.take(before, staggered) & mask.water.take(before + 1, staggered)
-            between = dataclasses.replace(mask, water=wet)
-        mask = between
+    if between is not None:
+        cells[between] = cells[between][:-1]
+        of_sides = read_mask(file, dims, cells[0], cells[1], places, axes.depth)
+        if of_sides is None and mask is not None:
+            before = np.arange(len(cells[between]))
+            wet = mask.water.take(before, between) & mask.water.take(before + 1, between)
+            of_sides = dataclasses.replace(mask, water=wet)
+        mask = of_sides
     flags = read_flags(file, name)
-    return Component(
-        file, name, axes, places, cells[0], cells[1], staggered, inner, mask, factor, flags
-    )
+    return Component(file, name, axes, places, cells[0], cells[1], inner, mask, factor, flags)
 
 
 def metres_per_second(file: OceanFile, name: str) -> float:

@@ -83,23 +83,6 @@ def drive_direct(*, right: int, left: int) -> bytes:
     return struct.pack(">Bhh", 145, right, left)
 
 
-def sensors(id_: int) -> bytes:
-    """Ask once for a packet or a group.
-
-    **Raises:** `ValueError` for an unknown number.
-    """
-    members([id_])
-    return bytes([142, id_])
-
-
-def query_list(ids: Sequence[int]) -> bytes:
-    """Ask once for several packets or groups.
-
-    **Raises:** `ValueError` for an unknown number, or more than 255 of them.
-    """
-    return _list(149, ids)
-
-
 def stream(ids: Sequence[int]) -> bytes:
     """Ask for a frame with these packets every 15 ms, from now on.
 
@@ -107,12 +90,7 @@ def stream(ids: Sequence[int]) -> bytes:
     bytes that the line carries in 15 ms.
     """
     _frame_layout(tuple(ids))
-    return _list(148, ids)
-
-
-def pause_resume(on: bool) -> bytes:
-    """Pause the stream, or resume it with the packets asked for last."""
-    return bytes([150, on])
+    return bytes([148, len(ids), *ids])
 
 
 def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
@@ -297,13 +275,6 @@ def _frame_layout(ids: tuple[int, ...]) -> tuple[int | None, ...]:
             "expected at least one packet and at most 172 bytes in all"
         )
     return HEADER, len(body), *body, None
-
-
-def _list(opcode: int, ids: Sequence[int]) -> bytes:
-    members(ids)
-    if len(ids) > 255:
-        raise ValueError(f"{len(ids)} ids: expected at most 255")
-    return bytes([opcode, len(ids), *ids])
 
 
 def _check(name: str, value: int, largest: int) -> None:

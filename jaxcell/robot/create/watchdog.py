@@ -44,15 +44,20 @@ class Watchdog:
         beats, self._beats = os.pipe()
         # So that a watchdog that hangs cannot make a beat block.
         os.set_blocking(self._beats, False)
-        self._process = subprocess.Popen(
-            command,
-            stdin=beats,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            pass_fds=lines,
-            start_new_session=True,
-        )
-        os.close(beats)
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=beats,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                pass_fds=lines,
+                start_new_session=True,
+            )
+        except OSError:
+            os.close(self._beats)
+            raise
+        finally:
+            os.close(beats)
         ready = b""
         if self._process.stdout is not None:
             with self._process.stdout as output:

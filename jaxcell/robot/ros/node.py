@@ -3,7 +3,6 @@ import cmath
 import contextlib
 import math
 import os
-import signal
 import sys
 import threading
 import time
@@ -62,17 +61,12 @@ class RosRobot(abc.ABC):
         self._danger: str | None = None
         self._reason: str | None = "it is not armed"
         self._failure: BaseException | None = None
-        self._handled: list[signal.Signals] = []
         self._stack = contextlib.ExitStack()
 
     def __enter__(self: _R) -> _R:
-        try:
-            with self._stack:
-                self._open()
-                self._stack = self._stack.pop_all()
-        except BaseException:
-            leave_signals(self._handled)
-            raise
+        with self._stack:
+            self._open()
+            self._stack = self._stack.pop_all()
         return self
 
     def __exit__(
@@ -83,7 +77,6 @@ class RosRobot(abc.ABC):
     ) -> None:
         self._reason = "it is closed"
         self._stack.close()
-        leave_signals(self._handled)
 
     def _open(self) -> None:
         rclpy = import_module("rclpy")
@@ -91,9 +84,9 @@ class RosRobot(abc.ABC):
         words = ["--ros-args", *(word for rule in self._remap for word in ("-r", rule))]
         # Its own handlers would leave the wheels turning.
         handlers = import_module("rclpy.signals").SignalHandlerOptions.NO
+        self._stack.callback(leave_signals, end_by_signals())
         rclpy.init(args=words, signal_handler_options=handlers)
         self._stack.callback(rclpy.shutdown)
-        self._handled = end_by_signals()
         self.node = rclpy.create_node("jaxcell")
         self._stack.callback(self.node.destroy_node)
         self._sensors = quality.qos_profile_sensor_data

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 from ...automata import Belief, Filter, HiddenMap, Policy
 from ...automata.formats.storage import read_kind
 from ...base.documents import Fields, checked_number, decode_json, read_text, refused
+from ...space.cells import MAX_CELLS
 from ..team import KIND as TEAM, MemberTask, read_member
 from .patrol_task import KIND as PATROL, PatrolTask, read_patrol
 from .task import Task, common_fields, digest as digest
@@ -163,7 +164,7 @@ def _plan(path: Path, fields: Fields) -> PlanTask:
         checked_number(field, action, expected)
     return PlanTask(
         **common_fields(path, fields),
-        start=int(fields.number("start")),
+        start=fields.whole("start", 0, MAX_CELLS - 1),
         actions=tuple(map(math.radians, actions)),
     )
 

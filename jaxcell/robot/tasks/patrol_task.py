@@ -4,19 +4,16 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.documents import Fields, refused
 from ...base.files import replacing
+from ...space import CellSpace, free_steps
 from ..routing import grid_steps, wave
 from .task import Task, common_fields, robot_fields
-
-
-if TYPE_CHECKING:
-    from ...space import CellSpace
 
 
 KIND = "patrol"
@@ -30,7 +27,7 @@ class PatrolTask(Task):
     "Its number."
     robots: int
     "Number of robots."
-    cells: "CellSpace"
+    cells: CellSpace
     "The squares of the map, with the four directions that the robot drives in."
     closed: tuple[tuple[int, int], ...]
     "Ways that a wall between two free squares closes: a position, and 0 East to 3 South."
@@ -55,7 +52,7 @@ class PatrolTask(Task):
 
 def save_patrols(
     path: str | os.PathLike[str],
-    cells: "CellSpace",
+    cells: CellSpace,
     walks: Sequence[tuple[Int[np.ndarray, "_ positions"], Float[np.ndarray, "_ positions"]]],
     starts: Sequence[int],
     reach: float,
@@ -86,8 +83,6 @@ def save_patrols(
         >>> task.cells.positions, task.image.tolist(), task.reach
         (3, [[2, 1, 0]], 1.5)
     """
-    from ...space import CellSpace, free_steps
-
     assert cells.workspace is not None
     plane = CellSpace(cells.workspace, cells.cell, 4, cells.origin, cells.free)
     open_, grid = free_steps(plane, 1.0, "swept"), grid_steps(cells.free)
@@ -122,8 +117,6 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
 
     **Raises:** `ValueError` that names the field.
     """
-    from ...space import CellSpace
-
     fields = Fields(values, f"{path}: ")
     own = robot_fields(path, fields, robot)
     common = common_fields(path, fields)
@@ -134,8 +127,8 @@ def read_patrol(path: Path, values: dict[str, Any], robot: int) -> PatrolTask:
     rows = fields.get("free")
     if not isinstance(rows, list) or not all(isinstance(row, str) for row in rows):
         raise fields.refused("free", "a list of rows of . and #")
-    if len({len(row) for row in rows}) != 1 or set("".join(rows)) - {".", "#"}:
-        raise fields.refused("free", "rows of . and #, of one length")
+    if len({len(row) for row in rows}) != 1 or set("".join(rows)) not in ({"."}, {".", "#"}):
+        raise fields.refused("free", "rows of . and #, of one length, with a . or more")
     free = np.array([list(row) for row in rows]) == "."
     x, y = fields.numbers("origin_m", (2,), whole=False).tolist()
     cells = CellSpace.of_grid(free, 4, cell=common["cell"], origin=(x, y))
