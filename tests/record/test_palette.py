@@ -2,7 +2,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
 from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import (
@@ -11,7 +10,6 @@ from jaxcell.record.canvas.palette import (
     cycle_color,
     group_class,
     ramp,
-    step_classes,
 )
 
 
@@ -104,18 +102,6 @@ def test_classes_of_groups():
     colors = [GROUP_CLASSES[one].color for one in classes]
     assert all(one != other for one, other in itertools.pairwise(colors))
     assert len(set(colors[:7])) == 7
-
-
-@given(st.integers(0, 5000))
-def test_classes_of_steps(longest):
-    share, classes = step_classes(longest)
-    assert len(classes) <= 256
-    for step in range(1, longest + 1):
-        label = classes[2 + (step - 1) // share].label
-        numbers = [int(word) for word in label.split() if word.isdigit()]
-        assert min(numbers) <= step <= max(numbers)
-    if longest < 250:
-        assert share == 1
 
 
 def test_colors_of_cycles():

@@ -126,29 +126,29 @@ def log_robot(
     ],
     length: float,
     color: Color,
-    timeline: str = "step",
+    trail: str,
     times: Int[np.ndarray, "times"] | None = None,
-    trail: str | None = None,
     trail_color: Color | None = None,
-    corners: int | None = _CORNERS,
+    corners: int = _CORNERS,
     width: float = 1.5,
     middle: float = 0.5,
     order: float = 30.0,
 ) -> None:
-    """Log a robot as an arrow over time, and the trail behind it.
+    """Log a robot as an arrow over the timeline `step`, and the trail behind it.
 
     **Arguments:**
 
     - `path`: the entity of the robot.
     - `poses`: x, y and heading of each state, in metres and radians.
     - `length`: of the arrow.
+    - `trail`: the entity of the trail.
     - `times`: the states that are shown; by default all.
-    - `trail`: the entity of the trail, if it is to have one.
-    - `corners`: how many corners of the trail are kept; `None` for all.
+    - `trail_color`: by default that of the robot.
+    - `corners`: how many corners of the trail are kept.
     - `width`: of the trail, in points on the screen.
-    - `order`: of the robot; the trail lies below it.
     - `middle`: the share of the arrow that is behind the centre of the robot; at the half it lies
         in its square in any heading.
+    - `order`: of the robot; the trail lies below it.
     """
     x, y, theta = poses
     times = np.arange(x.size) if times is None else times
@@ -156,19 +156,15 @@ def log_robot(
     heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     style = {"colors": color, "radii": length / 8, "draw_order": order}
     arrows = {"origins": place[times] - middle * heading[times], "vectors": heading[times]}
-    send_changing(stream, path, rr.Arrows2D, times, None, timeline, style=style, **arrows)
-    if trail is None:
-        return
+    send_changing(stream, path, rr.Arrows2D, times, style=style, **arrows)
     corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
-    kept = corner.size if corners is None else corners
     passed = np.searchsorted(corner, times, side="right").tolist()
     strips = [
-        place[np.append(corner[max(0, past - kept) : past], time)]
+        place[np.append(corner[max(0, past - corners) : past], time)]
         for time, past in zip(times.tolist(), passed, strict=True)
     ]
-    line = trail_color or color
-    style = {"colors": line, "radii": points(width), "draw_order": order - 10}
-    send_changing(stream, trail, rr.LineStrips2D, times, None, timeline, style=style, strips=strips)
+    style = {"colors": trail_color or color, "radii": points(width), "draw_order": order - 10}
+    send_changing(stream, trail, rr.LineStrips2D, times, style=style, strips=strips)
 
 
 def log_walker(

@@ -139,25 +139,3 @@ def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
     count = len(CATEGORIES)
     place = np.where(rank < count, rank, count + rank % count)
     return (1 + 2 * place).astype(np.uint8)
-
-
-def step_classes(longest: int) -> tuple[int, list[PictureClass]]:
-    """The classes in pictures of the mappings that cells are away from their groups.
-
-    **Arguments:**
-
-    - `longest`: the largest number of mappings.
-
-    **Returns:** how many numbers share a class, and the classes: 0 for what is not free, 1 for
-    the cells on a group, and step `s > 0` has class `2 + (s - 1) // share`.
-    """
-    longest = max(longest, 1)
-    share = -(-longest // 250)
-    starts = np.arange(1, longest + 1, share)
-    colors = ramp((starts - 1) / max(longest - 1, 1)).tolist()
-    classes = [NOT_FREE, PictureClass("on a group", ON_GROUP)]
-    for start, (red, green, blue) in zip(starts.tolist(), colors, strict=True):
-        last = min(start + share - 1, longest)
-        steps = f"{start}" if start == last else f"{start} to {last}"
-        classes.append(PictureClass(f"{steps} mappings from its group", (red, green, blue)))
-    return share, classes

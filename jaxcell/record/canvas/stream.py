@@ -64,6 +64,7 @@ def send_changing(
     times: Int[np.ndarray, "times"],
     lengths: npt.ArrayLike | None = None,
     timeline: str = "step",
+    /,
     *,
     style: Mapping[str, Any] | None = None,
     **columns: Any,

@@ -187,7 +187,7 @@ class SeaMap:
     ) -> rrb.Container:
         """Log the text and the legend of a tab with maps side by side."""
         legend = [*legend, (self.dry, LAND)]
-        return log_tab(self.stream, path, name, views, text, legend, timeline=self.clock.unit)
+        return log_tab(self.stream, path, name, views, text, legend)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

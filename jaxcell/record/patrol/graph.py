@@ -15,10 +15,10 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_walker, points
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Level, ramp, robot_color
+from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Color, Level, ramp, robot_color
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import counted, described, made_with, numbers
-from ..canvas.scale import ramp_legend
+from ..canvas.scale import Scale
 from ..canvas.stream import plane, send_blueprint, send_changing
 from .game import log_game
 
@@ -26,7 +26,6 @@ from .game import log_game
 _STEPS = 1000
 # So many colours of vertices, over all steps, are a few MB.
 _MAX_COLORS = 1_000_000
-_SHADES = 6
 _MAX_NAMES = 80
 _MAX_CHANCES = 60
 # What a solver leaves of a probability that is 0.
@@ -129,7 +128,7 @@ def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
         # A light rim, for an edge may have the colour of the patroller.
         log_walker(stream, path, place, color, 0.9 * drawing.mark, width=2.0, rim=3.5)
     longest = _log_idle(drawing, walks)
-    legend = ramp_legend("{:.3f} of the steps", most, _SHADES)
+    legend = _scale(most, "of the steps").legend()
     legend.append(("a vertex, larger with more time there", FREE))
     if robots == 1:
         legend.append(("the patroller", ROBOT))
@@ -213,11 +212,11 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         plot.axes(middles, ticks(high), "steps between charges", "share of them")
         plot.bars("interval", charged.interval, every, BELIEF)
         charts.append(plot.view("Steps between charges"))
-    texts, shades = zip(*ramp_legend(f"{{:.3g}} {units}", most, _SHADES), strict=True)
-    legend = [
-        *map(Level, texts, shades[::-1]),
-        *([] if finite.all() else [("never", PLAIN)]),
-    ]
+    shades = _scale(most, units).legend()
+    # Yellow is for what waits least.
+    turned = zip(shades, shades[::-1], strict=True)
+    legend: list[tuple[str, Color]] = [Level(one[0], other[1]) for one, other in turned]
+    legend += [] if finite.all() else [("never", PLAIN)]
     rows: list[Any] = [rrb.Horizontal(*views), *([rrb.Horizontal(*charts)] if charts else [])]
     return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(5, 1))
 
@@ -236,7 +235,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     colors = np.where(stay[:, None] > _NOTHING, ramp(stay / most), FREE[:3]).astype(np.uint8)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
-    legend = ramp_legend("{:.3f} chance to leave by it, or to wait", most, _SHADES)
+    legend = _scale(most, "chance to leave by it, or to wait").legend()
     legend.append(("a vertex where it never waits", FREE))
     view = drawing.view("Where a patroller goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
@@ -251,6 +250,11 @@ def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container
     legend = log_matrix(stream, "times/matrix", matrix, rows, patrol.names, "steps")
     view = matrix_view("times/matrix", "Expected steps from a row to a column", matrix.shape)
     return log_tab(stream, "times", "Hitting times", view, "", legend, shares=(3, 1))
+
+
+def _scale(most: float, unit: str) -> Scale:
+    """The scale of lines and discs, from 0."""
+    return Scale.over(np.array([0.0, most]), f"{{}} {unit}".format)
 
 
 def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """How often each robot takes each edge."""
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -9,12 +10,9 @@ from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
 from ..canvas.palette import ramp, robot_color
 from ..canvas.prose import described
-from ..canvas.scale import ramp_legend
+from ..canvas.scale import Scale
 from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, only_some, robot_table
-
-
-_SHADES = 5
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
@@ -39,8 +37,8 @@ def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
         log_dots(map.stream, f"{path}/cover", map.xy(policy.cover), 0.25 * side, color, 30.0)
         log_contacts(map, f"{path}/contact", [policy])
         views.append(map.view(f"Robot {robot}", [f"policy_{robot}/**", "base/**"]))
-    legend = ramp_legend("{:.2g} of the steps", most, _SHADES)
-    legend += [("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
+    scale = Scale.over(np.array([0.0, most]), "{} of the steps".format)
+    legend = [*scale.legend(), ("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
     return log_tab(map.stream, "policies", "Policies", views, _text(patrol), legend, rows=(5, 4))
 
 
