@@ -187,8 +187,8 @@ Press play, or drag `step` at the bottom.
 - **dots**: bumps, a second one inside the first.
 
 The tab **Reaching the goal** shows from where it can be reached."""
-_REACHING = """- **Above**: in how many headings the robot can set out from each square.
-- **Below**: whether it can in one, that of `direction` at the bottom, or of the robot at `step`."""
+_REACHING = """- **Above**: in how many headings it can set out from each square.
+- **Below**: whether it can in one, that of `direction`, or of the robot at `step`."""
 
 
 def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
@@ -198,7 +198,7 @@ def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
     return f"""# From start to goal by bumps
 
 A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
-as the plan says, and runs on. It senses its bumps and counts its steps.
+as the plan says.
 
 {_outcome(plan)}
 

@@ -204,7 +204,9 @@ The tab **Bumps needed** shows how long it takes from everywhere.
 The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
 the colour of the angle that it turns by.{part}
 
-One sequence for all starts takes {counted(found.fixed_bumps, "bump")}: {fixed or "no turn"}. These
-angles can tell {found.classes:,} classes of cells apart.
+These angles can tell {found.classes:,} classes of cells apart. One sequence of turns for all
+starts takes {counted(found.fixed_bumps, "bump")}:
+
+`{fixed or "none"}`
 
 {made_with(spec, found.cells)}"""

@@ -90,7 +90,6 @@ def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
             f"In the end {counted(found.candidates.size, 'cell')} hold it with probability 0.95; "
             f"the truth is {truth} them."
         )
-    says = " At a bump it says which way it turns." * (len(found.bounces) > 1)
     return f"""# Where is a robot that slips?
 
 {_turning(found)} Its steps and turns are off by {100 * found.slip.step:.3g} %. It makes
@@ -105,7 +104,7 @@ def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
 Press play, or drag `step` at the bottom.
 
 - **colours**: how probable each position is, whatever the heading.
-- **vermilion arrow**: the robot, unseen by the belief, and its trail.{says}
+- **vermilion arrow**: the true robot, and its trail.
 - **pink frame and blue arrow**: the likeliest cell.
 - **green frames**, at the end: the credible set.
 

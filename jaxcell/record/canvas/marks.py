@@ -11,7 +11,7 @@ import numpy.typing as npt
 import rerun as rr
 from jaxtyping import Float, Int
 
-from .palette import TEXT, Color
+from .palette import PLAIN, TEXT, Color, share_colors
 from .stream import send_changing
 
 
@@ -31,15 +31,13 @@ def log_labels(
     stream: rr.RecordingStream,
     path: str,
     labels: Sequence[tuple[str, float, float]],
-    color: Color = TEXT,
     order: float = 60.0,
 ) -> None:
     """Log texts at places; the viewer hangs each centred below its place."""
     if labels:
-        style = {**LABEL, "colors": color, "draw_order": order}
-        at = [(x, y) for _, x, y in labels]
-        text = rr.Points2D(at, labels=[text for text, _, _ in labels], **style)
-        stream.log(path, text, static=True)
+        texts, x, y = zip(*labels, strict=True)
+        at = np.stack([x, y], axis=1)
+        stream.log(path, rr.Points2D(at, labels=texts, draw_order=order, **LABEL), static=True)
 
 
 def send_labels(
@@ -104,6 +102,25 @@ def log_lines(
     stream.log(path, lines, static=True)
 
 
+def log_shares(
+    stream: rr.RecordingStream,
+    path: str,
+    ends: Float[np.ndarray, "lines 2 2"],
+    level: Float[np.ndarray, "lines"],
+    width: float,
+    order: float = 15.0,
+) -> None:
+    """Log lines that are wide and yellow where a number is near 1, and thin and grey where it is 0.
+
+    **Arguments:**
+
+    - `width`: half that of the widest, in units of the plane.
+    """
+    colors, radii = share_colors(level, PLAIN), width * (0.1 + 0.9 * level)
+    lines = rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=order)
+    stream.log(path, lines, static=True)
+
+
 def log_arrows(
     stream: rr.RecordingStream,
     path: str,
@@ -111,7 +128,7 @@ def log_arrows(
     vectors: npt.ArrayLike,
     color: Color | Sequence[Color],
     radius: float,
-    order: float = 30.0,
+    order: float,
 ) -> None:
     """Log arrows from places."""
     arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)

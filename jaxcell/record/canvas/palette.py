@@ -62,6 +62,10 @@ _RAMP = np.array(
 )
 
 
+# What a solver leaves of a probability that is 0.
+_NOTHING = 1e-9
+
+
 def robot_color(robot: int) -> tuple[str, Color]:
     """What stands for one of several robots, which are counted from 0."""
     return ROBOTS[robot % len(ROBOTS)]
@@ -72,6 +76,11 @@ def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
     at = np.clip(value, 0, 1) * (len(_RAMP) - 1)
     channels = [np.interp(at, np.arange(len(_RAMP)), channel) for channel in _RAMP.T]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
+
+
+def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.ndarray, "values 3"]:
+    """The colours of [`ramp`][], and another for what is 0."""
+    return np.where(share[:, None] > _NOTHING, ramp(share), none[:3]).astype(np.uint8)
 
 
 def mix(color: Color, other: Color, share: float) -> Color:

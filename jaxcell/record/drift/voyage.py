@@ -240,8 +240,7 @@ A drifter goes up, down, or drifts, in steps of {voyage.hours:.3g} hours, to the
 {place_name(lon, lat)}, {depth:g} m deep.
 
 - **Left**: the *value* of each cell, yellow if near in time, and sure.
-- **Right**: what to do: go down (dark blue), go up (light blue), drift (vermilion); grey never
-  arrives.
+- **Right**: what to do; grey never arrives.
 - **Black dots** follow this policy for {steps:,} steps, released {released}.
 
 {described([*policies.values()], *columns, first={"policy": [*policies]})}

@@ -113,13 +113,13 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Mapping[str, Any]) -> st
     who = "A robot patrols" if patrol.robots == 1 else f"{patrol.robots} robots patrol"
     divided = ""
     if patrol.regions is not None:
-        divided = " Each has a region of its own, and reports to a base station."
+        divided = " Each has its own region, and reports to a base station."
     return f"""# Patrolling with limited visibility
 
 {who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
 
 An adversary attacks the cell at {place(patrol, attack.target)} when nobody looks, for
-{attack.attack_times[0]:,} steps. It is caught, if a robot sees that cell by then, with probability
+{attack.attack_times[0]:,} steps. A robot sees it by then, and it is caught, with probability
 **{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look

@@ -12,10 +12,21 @@ from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol, steps_between_visits
 from ..canvas.curves import curve_view, log_curve
-from ..canvas.marks import LABEL, log_walker, points
+from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Color, Level, ramp, robot_color
+from ..canvas.palette import (
+    BELIEF,
+    FREE,
+    PLAIN,
+    ROBOT,
+    ROBOTS,
+    Color,
+    Level,
+    ramp,
+    robot_color,
+    share_colors,
+)
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import counted, described, made_with, numbers
 from ..canvas.scale import Scale
@@ -28,8 +39,6 @@ _STEPS = 1000
 _MAX_COLORS = 1_000_000
 _MAX_NAMES = 80
 _MAX_CHANCES = 60
-# What a solver leaves of a probability that is 0.
-_NOTHING = 1e-9
 
 
 def log_patrol_graph(
@@ -74,8 +83,7 @@ class _Drawing:
         "The radius of a large vertex."
         stream.log("graph", rr.Transform3D(scale=[1, -1, 1]), static=True)
         self.labels("names", xy - [0, self.mark], patrol.names, len(xy) <= _MAX_NAMES)
-        line = rr.LineStrips2D(self.ends, colors=PLAIN, radii=points(1.0), draw_order=1)
-        stream.log("graph/edges", line, static=True)
+        log_lines(stream, "graph/edges", list(self.ends), PLAIN, 1.0, 1.0)
 
     def view(self, title: str, *contents: str) -> rrb.Spatial2DView:
         """A view of entities of the graph, with a margin around it."""
@@ -104,13 +112,7 @@ class _Drawing:
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
         """Log lines that are wide and yellow where a number is near 1."""
-        lines = rr.LineStrips2D(
-            ends,
-            colors=np.where(level[:, None] > _NOTHING, ramp(level), PLAIN).astype(np.uint8),
-            radii=self.mark * (0.04 + 0.41 * level),
-            draw_order=10,
-        )
-        self.stream.log(f"graph/{name}", lines, static=True)
+        log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
 def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
@@ -232,7 +234,7 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     drawing.lines("next", halves, chance / most)
     labels = [f"{one:.3f}" for one in chance.tolist()]
     drawing.labels("chances", halves.mean(axis=1), labels, chance.size <= _MAX_CHANCES)
-    colors = np.where(stay[:, None] > _NOTHING, ramp(stay / most), FREE[:3]).astype(np.uint8)
+    colors = share_colors(stay / most, FREE)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
     legend = _scale(most, "chance to leave by it, or to wait").legend()
@@ -275,7 +277,7 @@ Press play, or drag `step` at the bottom.
 
 - **The walk**: wide yellow edges are walked often.
 - **Time since a visit**: a vertex is yellow when a patroller is there, and turns blue.
-- The tab **Waiting**: how long each vertex waits in the long run{_asked(patrol)}.
+- The tab **Waiting**: how long vertices and news wait in the long run.
 - The tab **Where to next**: wide yellow halves of edges are likely ways out.
 
 ## Numbers
@@ -288,14 +290,6 @@ A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} eq
 {_constraints(patrol)}
 {_team(patrol)}
 {made_with(spec)}"""
-
-
-def _asked(patrol: GraphPatrol) -> str:
-    """What else the tab on waiting has."""
-    found = [] if patrol.news is None else ["how old news of it are at the base"]
-    if patrol.charged is not None:
-        found.append("what becomes of that for a robot that is at the charger in time")
-    return "".join(f", {one}" for one in found)
 
 
 def _constraints(patrol: GraphPatrol) -> str:
