@@ -11,7 +11,7 @@ import numpy.typing as npt
 import rerun as rr
 from jaxtyping import Float, Int
 
-from .palette import PLAIN, TEXT, Color, share_colors
+from .palette import BLACK, FREE, PLAIN, TEXT, Color, share_colors, text_on
 from .stream import send_changing
 
 
@@ -19,7 +19,7 @@ from .stream import send_changing
 _CORNERS = 6
 _LAST_STEPS = 4
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of points of which one sees their labels only."""
+"""The style of points of which one sees their labels only, which stand on black."""
 
 
 def points(width: float) -> float:
@@ -31,13 +31,20 @@ def log_labels(
     stream: rr.RecordingStream,
     path: str,
     labels: Sequence[tuple[str, float, float]],
+    grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts at places; the viewer hangs each centred below its place."""
+    """Log texts at places; the viewer hangs each centred below its place.
+
+    **Arguments:**
+
+    - `grounds`: the colour on which each stands, or one on which all do.
+    """
     if labels:
         texts, x, y = zip(*labels, strict=True)
-        at = np.stack([x, y], axis=1)
-        stream.log(path, rr.Points2D(at, labels=texts, draw_order=order, **LABEL), static=True)
+        style = {**LABEL, "colors": [text_on(one) for one in grounds], "draw_order": order}
+        text = rr.Points2D(np.stack([x, y], axis=1), labels=texts, **style)
+        stream.log(path, text, static=True)
 
 
 def send_labels(
@@ -50,8 +57,8 @@ def send_labels(
     order: float = 60.0,
     **columns: Any,
 ) -> None:
-    """Log texts that change over the timeline `step`, each with its place unless that is fixed."""
-    style = {**LABEL, "draw_order": order}
+    """Log texts on free space over the timeline `step`, with their places unless they are fixed."""
+    style = {**LABEL, "colors": text_on(FREE), "draw_order": order}
     columns["labels"] = labels
     send_changing(stream, path, rr.Points2D, times, lengths, style=style, **columns)
 

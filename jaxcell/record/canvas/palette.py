@@ -20,6 +20,7 @@ FREE: Color = (236, 236, 232)
 MARGIN: Color = (96, 100, 106)
 WALL: Color = (205, 208, 212)
 TEXT: Color = (255, 255, 255)
+INK: Color = (0, 0, 0)
 ROBOT: Color = (213, 94, 0)
 TRAIL: Color = (90, 90, 90)
 BELIEF: Color = (0, 114, 178)
@@ -62,6 +63,8 @@ _RAMP = np.array(
 )
 
 
+# Grounds that are darker than this have white labels.
+_DARK = 104
 # What a solver leaves of a probability that is 0.
 _NOTHING = 1e-9
 
@@ -81,6 +84,15 @@ def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
 def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.ndarray, "values 3"]:
     """The colours of [`ramp`][], and another for what is 0."""
     return np.where(share[:, None] > _NOTHING, ramp(share), none[:3]).astype(np.uint8)
+
+
+def text_on(ground: Color) -> Color:
+    """The colour of a label on a ground, which is legible in both themes of the viewer.
+
+    Behind a label there is half a veil, dark in the dark theme and light in the light one.
+    """
+    red, green, blue = ground[:3]
+    return INK if 0.3 * red + 0.59 * green + 0.11 * blue > _DARK else TEXT
 
 
 def mix(color: Color, other: Color, share: float) -> Color:

@@ -236,10 +236,10 @@ def _log_frame(map: SeaMap) -> None:
     log_arrows(stream, "map/frame/north", [foot], [north], TEXT, 0.1 * margin, order=50.0)
     rows, columns = water.number.shape
     lon, lat = (float(one[rows // 2, columns // 2]) for one in (water.lon, water.lat))
-    top_x, top_y = (foot + 1.4 * north + [0, 0.4 * margin]).tolist()
+    beside_x, beside_y = (foot + north / 2 + [0.7 * margin, 0.3 * margin]).tolist()
     labels = [
         (f"{length:g} km", 0.5 * length, low),
-        ("N", top_x, top_y),
+        ("N", beside_x, beside_y),
         (f"centre {place_name(lon, lat)}", 0.8 * width, low + 0.4 * margin),
     ]
     log_labels(stream, "map/frame/labels", labels)
