@@ -260,6 +260,19 @@ def test_the_recording_shows_groups(gyres, found):
         assert pale.sum() > full.sum()
 
 
+def test_a_label_stands_deep_in_what_it_names(gyres):
+    """Around a hole, too, where the middle of all cells is not one of them."""
+    map = map_of(gyres, 0)
+    water = map.water
+    row, column = water.row - water.row.mean(), water.column - water.column.mean()
+    ring = np.abs(np.hypot(row, column) - 8) < 2.5
+    assert ring.any()
+    x, y = map.middle(ring)
+    at = np.linalg.norm(map.xy() - [x, y], axis=1).argmin()
+    assert ring[at]
+    assert np.hypot(row[at] - row[~ring], column[at] - column[~ring]).min() > 1.5
+
+
 def test_the_dataset_has_the_numbers_of_the_maps(gyres, dataset):
     for layer, ranks in enumerate(gyres.group_ranks):
         assert dataset.group_number[layer].values.tolist() == ranks.tolist()

@@ -8,6 +8,9 @@ import rerun as rr
 
 import jaxcell.record.bounce.groups
 from jaxcell.record import save_recording
+from jaxcell.record.canvas.map import CellMap
+from jaxcell.record.canvas.palette import FREE, OBSTACLE
+from jaxcell.record.canvas.stream import new_stream
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +68,19 @@ def test_y_points_up(lab, recorded):
     centre_x, centre_y, _ = lab.cells.centre(np.arange(lab.cells.positions))
     np.testing.assert_allclose(x, centre_x)
     np.testing.assert_allclose(-y, centre_y)
+
+
+def test_a_label_knows_the_ground_below_its_mark(lab):
+    cells = lab.cells
+    map = CellMap(new_stream("test"), cells)
+    below = np.vstack([np.zeros_like(cells.free[:1]), cells.free[:-1]])
+    free = below.ravel()[cells.square]
+    for position, is_free in enumerate(free.tolist()):
+        place = map.xy(np.array(position))
+        at, ground = map.below(place, cells.cell / 2)
+        np.testing.assert_allclose(place - at, [0, cells.cell / 2])
+        assert ground == (FREE if is_free else OBSTACLE)
+    assert 0 < free.sum() < free.size
 
 
 def test_walls_are_the_edges_of_free_squares(lab, recorded):

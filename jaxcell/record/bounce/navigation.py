@@ -70,8 +70,8 @@ def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
     log_frame(map.stream, f"map/{name}/frame", place, half, color, order=15.0)
     log_arrows(map.stream, f"map/{name}/heading", place, heading, color, half / 8, order=15.0)
-    ((x, y),) = place.tolist()
-    log_labels(map.stream, f"map/{name}/label", [(name, x, y - half)], [palette.FREE])
+    at, ground = map.below(place[0], half)
+    log_labels(map.stream, f"map/{name}/label", [(name, *at.tolist())], [ground])
 
 
 def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:

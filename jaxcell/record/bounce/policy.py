@@ -65,7 +65,7 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
         ("the state of the robot", CURRENT),
     ]
     text = log_text(stream, "text", _text(found, drawn, spec))
-    side = log_tab(stream, "tree", "Policy", tree, "", legend, shares=(3, 1))
+    side = log_tab(stream, "tree", "Policy", tree, "", legend, shares=(5, 4))
     about = rrb.Vertical(text, side, row_shares=[1, 1])
     return rrb.Horizontal(left, about, column_shares=[1, 1], name="Localization")
 

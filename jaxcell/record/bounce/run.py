@@ -76,9 +76,9 @@ def log_end(map: CellMap, run: Localization) -> None:
     """Mark, at the last step, the cells that are left, and the truth."""
     last = run.observations.size
     log_candidates(map, run.candidates, last)
-    below = map.xy(run.path[-1:]) - np.array([0, map.frame])
+    at, ground = map.below(map.xy(run.path[-1:])[0], map.frame)
     end, labels = np.array([last]), ["the truth"]
-    send_labels(map.stream, "map/truth", labels, end, order=50.0, positions=below)
+    send_labels(map.stream, "map/truth", labels, end, ground=ground, positions=at[None])
 
 
 def log_turns(

@@ -39,11 +39,11 @@ def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Mapping[str, Any]
     seen = map.view("Where the robot is, and where it takes itself to be", marks)
     views = rrb.Vertical(seen, _curves(stream, found, last), row_shares=[7, 3])
     legend, text = scale.legend(shown=[]), _text(found, spec)
-    tabs = [log_tab(stream, "", "Belief", views, text, legend, shares=(3, 2), rows=(4, 1))]
+    tabs = [log_tab(stream, "", "Belief", views, text, legend, shares=(3, 2), rows=(3, 1))]
     if len(found.smoothed):
         after = map.picture("smoothed", scale.classes, heat(found.smoothed), "step", steps)
         view = map.view("Where it was, by the whole run", [after, "trail", "robot"])
-        tabs.append(log_tab(stream, "smoothed", "Looking back", view, "", legend, shares=(4, 1)))
+        tabs.append(log_tab(stream, "smoothed", "Looking back", view, "", legend, shares=(7, 2)))
     send_blueprint(stream, tabs, "step", float(np.clip(last / 20, 2, 30)))
 
 

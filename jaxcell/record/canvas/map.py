@@ -18,7 +18,7 @@ from jaxtyping import Float, Int, Integer, UInt8
 
 from ...space import CellSpace
 from .marks import log_lines
-from .palette import FREE, MARGIN, OBSTACLE, WALL, PictureClass
+from .palette import FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
 from .stream import plane
 
 
@@ -66,6 +66,18 @@ class CellMap:
         """The centres of cells or positions, in metres."""
         x, y, _ = self.cells.centre(cell)
         return np.stack([x, y], axis=-1)
+
+    def below(
+        self, place: Float[np.ndarray, "2"], gap: float
+    ) -> tuple[Float[np.ndarray, "2"], Color]:
+        """Where the label of a mark stands, so far below its middle, and the colour there."""
+        at = place - np.array([0, gap])
+        # A label hangs below its place.
+        under = at - np.array([0, 0.25 * self.cells.cell])
+        column, row = np.floor((under - self.cells.origin) / self.cells.cell).astype(int)
+        rows, columns = self.cells.free.shape
+        inside = 0 <= row < rows and 0 <= column < columns
+        return at, FREE if inside and self.cells.free[row, column] else OBSTACLE
 
     def picture(
         self,

@@ -54,11 +54,11 @@ def send_labels(
     times: Int[np.ndarray, "times"],
     lengths: npt.ArrayLike | None = None,
     *,
-    order: float = 60.0,
+    ground: Color = FREE,
     **columns: Any,
 ) -> None:
-    """Log texts on free space over the timeline `step`, with their places unless they are fixed."""
-    style = {**LABEL, "colors": text_on(FREE), "draw_order": order}
+    """Log texts over the timeline `step`, on a ground of one colour."""
+    style = {**LABEL, "colors": text_on(ground), "draw_order": 60.0}
     columns["labels"] = labels
     send_changing(stream, path, rr.Points2D, times, lengths, style=style, **columns)
 

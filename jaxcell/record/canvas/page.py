@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int, UInt8
 
 from .marks import LABEL
-from .palette import Color, Level
+from .palette import OBSTACLE, Color, Level
 from .stream import plane
 
 
@@ -139,4 +139,4 @@ def _swatches(
 
 def _legend_view(path: str, rows: int) -> rrb.Spatial2DView:
     """A view of a legend of so many rows."""
-    return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2))
+    return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2), ground=OBSTACLE)

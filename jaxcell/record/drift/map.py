@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
+from scipy.ndimage import distance_transform_edt
 
 from ...drift import Flow, SeaDrift, Water
 from ...drift.sea_layers import SeaLayers
@@ -125,9 +126,15 @@ class SeaMap:
         return max(0.4 * float(self.side.min()), 0.004 * self.extent)
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Where the label of some cells stands."""
-        x, y = np.median(self.xy(np.flatnonzero(cells)), axis=0)
-        return float(x), float(y)
+        """Where the label of some cells stands: as deep among them as the middle one that is."""
+        row, column = self.water.row[cells], self.water.column[cells]
+        among = np.zeros(np.add(self.water.number.shape, 2), bool)
+        among[row + 1, column + 1] = True
+        depth = distance_transform_edt(among)[row + 1, column + 1]
+        deepest = self.xy(np.flatnonzero(cells)[depth == depth.max()])
+        away = np.linalg.norm(deepest - np.median(deepest, axis=0), axis=1)
+        x, y = deepest[away.argmin()].tolist()
+        return x, y
 
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]

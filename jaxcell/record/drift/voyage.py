@@ -101,7 +101,7 @@ def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
         space.view("What to do there", [*common, "water/**", "policy/**", "drifters"]),
     )
     text = _text(drift, drift.voyage, steps)
-    return log_tab(stream, "voyage", "Voyage", views, text, legend, rows=(5, 4))
+    return log_tab(stream, "voyage", "Voyage", views, text, legend, shares=(5, 3), rows=(5, 4))
 
 
 def _log_land(space: _Space) -> None:

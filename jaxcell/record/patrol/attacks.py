@@ -71,8 +71,9 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     style = {"positions": [target], "radii": 0.3 * side, "draw_order": 50}
     send_changing(stream, "map/attack", rr.Points2D, times, style=style, colors=colors)
     log_frame(stream, "map/target", target, 0.5 * side, palette.TARGET, 2.0, 49.0)
-    above = target + np.array([0, 1.5 * side])
-    send_labels(stream, "map/attack_label", shown, times, positions=np.tile(above, (len(shown), 1)))
+    at, ground = map.below(target, 0.6 * side)
+    places = np.tile(at, (len(shown), 1))
+    send_labels(stream, "map/attack_label", shown, times, ground=ground, positions=places)
 
 
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:

@@ -220,7 +220,7 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
     legend: list[tuple[str, Color]] = [Level(one[0], other[1]) for one, other in turned]
     legend += [] if finite.all() else [("never", PLAIN)]
     rows: list[Any] = [rrb.Horizontal(*views), *([rrb.Horizontal(*charts)] if charts else [])]
-    return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(5, 1))
+    return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(7, 2))
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
@@ -233,7 +233,10 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     chance, stay = patrol.probabilities.T.ravel(), patrol.stay
     drawing.lines("next", halves, chance / most)
     labels = [f"{one:.3f}" for one in chance.tolist()]
-    drawing.labels("chances", halves.mean(axis=1), labels, chance.size <= _MAX_CHANCES)
+    # Beside the line, on the right of who leaves by it.
+    along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)
+    beside = halves.mean(axis=1) + drawing.mark * (along[:, ::-1] * [1, -1] + [0, 0.35])
+    drawing.labels("chances", beside, labels, chance.size <= _MAX_CHANCES)
     colors = share_colors(stay / most, FREE)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
