@@ -24,7 +24,7 @@ _HEADING_ROW = len(palette.CATEGORIES) + 2
 # After the heading: a row for it, one empty, and those of the steps.
 _LEGEND_ROWS = _HEADING_ROW + 8
 _ON_GROUP = "on a group"
-_EMPTY = "", palette.OBSTACLE
+_EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[str, Any]) -> None:
@@ -156,9 +156,9 @@ class _OfAngle:
         scale = self._steps.legend()
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
         spacing = 360 / self._cells.directions
-        # An arrow is drawn in the place of this swatch, which has the colour of the ground.
+        # An arrow is drawn in the place of this swatch.
         return [
-            [*of_family[one], (f"heading {k * spacing:.6g}°", palette.OBSTACLE), _EMPTY, *scale]
+            [*of_family[one], (f"heading {k * spacing:.6g}°", palette.CLEAR), _EMPTY, *scale]
             for k, one in enumerate(self._family.tolist())
         ]
 

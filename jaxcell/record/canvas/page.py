@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int, UInt8
 
 from .marks import LABEL
-from .palette import OBSTACLE, Color, Level
+from .palette import CLEAR, OBSTACLE, Color, Level
 from .stream import plane
 
 
@@ -120,7 +120,9 @@ def _swatches(
     Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
 ]:
     """The lines that are drawn for a legend: one for a meaning, many for a part of a colour bar."""
-    color = np.array([(*one, 255)[:4] for _, one in legend], float)
+    # What is clear is drawn black, so it has the colour of the ground.
+    shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
+    color = np.array([(*one, 255)[:4] for one in shown], float)
     is_level = np.array([isinstance(one, Level) for one in legend])
     lines: list[tuple[float, np.ndarray, float]] = []
     for row in range(len(legend)):

@@ -140,7 +140,7 @@ def _log_variable(
         views.append(plot.view(f"mean by {across.name} and {up.name}", [f"/pairs/{i}/**"]))
     maps = rrb.Horizontal(*views) if len(views) <= _MAX_BESIDE else rrb.Tabs(*views)
     key = log_legend(stream, f"heat/{name}/legend", scale.legend())
-    below = rrb.Horizontal(maps, key, column_shares=[4, 1])
+    below = rrb.Horizontal(maps, key, column_shares=[2, 1])
     return rrb.Vertical(series, below, row_shares=[4, 5], name=name)
 
 
