@@ -23,7 +23,7 @@ from ..canvas.palette import (
 )
 from ..canvas.prose import counted, described, made_with, numbers
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint
+from ..canvas.stream import pace, send_blueprint
 
 
 # So many angles have maps, those with the largest shares of time.
@@ -65,7 +65,7 @@ def log_coverage(
         log_tab(stream, "", "Coverage", maps, text, legend),
         *(_log_angle(map, policy, i) for i in shown),
     ]
-    send_blueprint(stream, tabs, "direction", max(2.0, cells.directions / 30))
+    send_blueprint(stream, tabs, "direction", pace(cells.directions))
 
 
 def heat_scale(most: float) -> Scale:

@@ -16,7 +16,7 @@ from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import bouncing, made_with
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint, send_changing
+from ..canvas.stream import pace, send_blueprint, send_changing
 
 
 _NO_GROUP = len(palette.GROUP_CLASSES)
@@ -38,7 +38,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[s
         log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)
         for i, angle in enumerate(groups.bounce_deg.tolist())
     ]
-    send_blueprint(stream, tabs, "direction", max(2.0, groups.cells.directions / 30))
+    send_blueprint(stream, tabs, "direction", pace(groups.cells.directions))
 
 
 def log_group_tab(

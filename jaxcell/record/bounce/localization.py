@@ -13,7 +13,7 @@ from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_text
 from ..canvas.palette import KNOWN, PLAIN, ROBOT, cycle_color
 from ..canvas.prose import bouncing, counted, made_with, table
-from ..canvas.stream import send_blueprint
+from ..canvas.stream import pace, send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
 from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, observed
@@ -50,7 +50,7 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
             map, found.groups, 0, "Groups", directions_shown(cells, found.run.path), spec
         ),
     ]
-    send_blueprint(stream, tabs, "step", float(np.clip(found.run.path.size / 20, 2, 30)))
+    send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
 
 def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -> rrb.View:

@@ -25,7 +25,7 @@ from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import degrees, made_with, numbers, pose, times
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint
+from ..canvas.stream import pace, send_blueprint
 from .run import log_turns
 
 
@@ -57,10 +57,10 @@ def log_navigation(
     if plan.found:
         reaching = _log_reaching(map, plan, "reaching", _reaching_text(plan))
         tabs = [_log_plan(map, plan, text), reaching]
-        send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
+        send_blueprint(stream, tabs, "step", pace(plan.actions.size))
     else:
         tab = _log_reaching(map, plan, "", text)
-        send_blueprint(stream, [tab], "direction", max(2.0, plan.cells.directions / 30))
+        send_blueprint(stream, [tab], "direction", pace(plan.cells.directions))
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:

@@ -15,7 +15,7 @@ from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
 from ..canvas.prose import counted, degrees, made_with, table, times
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint
+from ..canvas.stream import pace, send_blueprint
 from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, log_turns
 
 
@@ -38,7 +38,7 @@ def log_localization_policy(
     """
     map = CellMap(stream, found.cells)
     tabs = [_log_run(map, found, spec), _log_needed(map, found)]
-    send_blueprint(stream, tabs, "step", float(np.clip(found.run.path.size / 20, 2, 30)))
+    send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
 
 def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) -> rrb.Container:

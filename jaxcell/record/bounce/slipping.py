@@ -13,7 +13,7 @@ from ..canvas.marks import points
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES
 from ..canvas.prose import bouncing, counted, degrees, made_with
-from ..canvas.stream import send_blueprint, send_changing
+from ..canvas.stream import pace, send_blueprint, send_changing
 from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
@@ -44,7 +44,7 @@ def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Mapping[str, Any]
         after = map.picture("smoothed", scale.classes, heat(found.smoothed), "step", steps)
         view = map.view("Where it was, by the whole run", [after, "trail", "robot"])
         tabs.append(log_tab(stream, "smoothed", "Looking back", view, "", legend, shares=(7, 2)))
-    send_blueprint(stream, tabs, "step", float(np.clip(last / 20, 2, 30)))
+    send_blueprint(stream, tabs, "step", pace(last))
 
 
 def _log_likeliest(map: CellMap, found: Slipped) -> None:

@@ -95,6 +95,11 @@ def send_blueprint(
     stream.send_blueprint(fixed(layout, play))
 
 
+def pace(steps: int) -> float:
+    """Steps a second of what plays in some twenty seconds, if that can be followed."""
+    return float(np.clip(steps / 20, 2, 30))
+
+
 def plane(
     origin: str,
     title: str,
