@@ -2,22 +2,21 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
 from . import info_exports
+from .options import Printing
 from .terminal import say, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Info:
+class Info(Printing):
     """Describe a file: a map, a graph, currents, or a result."""
 
     file: tyro.conf.Positional[Path]
     """Any file that jaxcell reads or writes, or a directory of results."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         found = describe(self.file)

@@ -1,12 +1,11 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from ..base.bundled import bundled_names
 from .info import describe
+from .options import Printing
 from .terminal import say, table
 
 
@@ -16,12 +15,9 @@ _HALVES = " ▄▀█"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Maps:
+class Maps(Printing):
     """List the maps, graphs, currents and sweeps that come with jaxcell. Their names begin with @,
     and stand wherever a command expects a file."""
-
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         found = {

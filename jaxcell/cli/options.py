@@ -1,9 +1,14 @@
 import contextlib
+import dataclasses
 import math
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 from ..base.files import replacing
 from .terminal import note, status
@@ -11,6 +16,14 @@ from .terminal import note, status
 
 # Bytes above which the need is printed.
 _MUCH = 1e9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Printing:
+    """What commands take that print what they found."""
+
+    json: Annotated[bool, tyro.conf.arg(name="json")] = False
+    """Print one JSON object and nothing else."""
 
 
 def say_memory(needed: float | int, doing: str) -> None:
@@ -29,6 +42,15 @@ def starting() -> Iterator[None]:
 
         configure_jax()
         yield
+
+
+def prepare_tasks() -> None:
+    """Find tasks beside the user, and let them compute as commands do.
+
+    This does not import JAX, which they may not need.
+    """
+    os.environ.setdefault("JAX_ENABLE_X64", "1")
+    sys.path.append(os.getcwd())
 
 
 def direction_at(heading: float, directions: int) -> int:

@@ -5,14 +5,12 @@ import json
 import re
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
-
-import tyro
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..base.extras import has_module, missing_module
 from ..study import Study
 from ..study.study import Say, silent
-from .options import say_memory, starting, write_text
+from .options import Printing, say_memory, starting, write_text
 from .terminal import note, note_results, progress, say as print_line, status, stdout_on_stderr
 
 
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Command:
+class Command(Printing):
     """What the commands of all studies take, and what they do."""
 
     study: ClassVar[type[Study]]
@@ -29,8 +27,6 @@ class Command:
 
     out: Path | None = None
     """Directory for the results: NetCDF, a Rerun recording, summary.json."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
     verify: bool = False
     """Compute small parts of the result again by another route; exit with 1 if they differ."""
 

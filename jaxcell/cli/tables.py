@@ -32,7 +32,12 @@ def show(
     - `seconds`: how long it took.
     - `cells`: those on which its positions are; by default its own.
     """
-    described = _brief(result)
+    described, below = _brief(result), parts(result)
+    for part in below.values():
+        if isinstance(part, tuple) and len(part) == 1:
+            # A table of one column would say again what the first says.
+            new = {key: one for key, one in _brief(part[0]).items() if key not in described}
+            described = new | described
     cells = getattr(result, "cells", None) if cells is None else cells
     # Those along the dimension of a table are columns of it.
     single = [
@@ -47,10 +52,10 @@ def show(
     _tables(result, "", cells)
     if result.brief:
         say("The rest is in the files of --out, and in --json.")
-    for name, part in parts(result).items():
+    for name, part in below.items():
         title = name.replace("_", " ").capitalize()
         if isinstance(part, tuple):
-            _side_by_side(part, title, set(described) if len(part) == 1 else set())
+            _side_by_side(part, title)
         else:
             show(part, title, cells=cells)
 
@@ -90,14 +95,14 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
             table(f"{title[:1].upper()}{title[1:]}", tuple(shown), rows)
 
 
-def _side_by_side(several: tuple[Result, ...], title: str, known: set[str]) -> None:
-    """Print the numbers of results of one kind, a column for each, or a row for each of more than
-    three, without those that are known; and the tables of each."""
+def _side_by_side(several: tuple[Result, ...], title: str) -> None:
+    """Print the numbers of several results of one kind, a column for each, or a row for each of
+    more than three; and the tables of each."""
     across = len(several) <= _MAX_COLUMNS
     rows: dict[str, list[str]] = {}
     for column, one in enumerate(several):
         for name, (about, value) in _brief(one).items():
-            if is_single(about) and name not in known:
+            if is_single(about) and len(several) > 1:
                 key = about.meaning if across else name.replace("_", " ")
                 rows.setdefault(key, [""] * len(several))[column] = written(value, about)
     numbers = [*map(str, range(len(several)))]

@@ -11,14 +11,13 @@ import rerun.blueprint as rrb
 from ..base.quantities import Quantity, Result, values
 from .canvas.curves import curve_view, log_curve
 from .canvas.map import CellMap
-from .canvas.page import legend_view, log_legend, log_tab
+from .canvas.page import log_legend, log_tab
 from .canvas.prose import made_with, numbers
 from .canvas.scale import Scale
 from .canvas.stream import send_blueprint
 from .data.summary import cells_of
 
 
-_LEGEND_ROWS = 5
 _ON_A_MAP = ("position",), ("direction", "position")
 
 
@@ -37,7 +36,7 @@ def log_result(stream: rr.RecordingStream, result: Result, spec: Mapping[str, An
         views.append(curve_view(f"curves/{name}", _titled(about), len(value) - 1))
     grid = rrb.Grid(*views, grid_columns=math.ceil(math.sqrt(len(views))))
     text = "\n\n".join([f"# {result.title}", numbers(result), made_with(spec, cells)])
-    tab = log_tab(stream, "", result.title, grid, text, [], timeline=timeline)
+    tab = log_tab(stream, "", result.title, grid, text, [])
     send_blueprint(stream, [tab], timeline, 4.0)
 
 
@@ -47,13 +46,8 @@ def _log_map(map: CellMap, name: str, about: Quantity, value: Any, timeline: str
     levels = scale.levels(np.where(np.isfinite(numbers), numbers, scale.bounds[-1]))
     over_time = (timeline, np.arange(len(numbers))) if numbers.ndim == 2 else ()
     picture = map.picture(name, scale.classes, levels, *over_time)
-    legend = scale.legend(_LEGEND_ROWS)
-    log_legend(map.stream, f"{name}/legend", legend, timeline)
-    return rrb.Vertical(
-        map.view(_titled(about), [picture]),
-        legend_view(f"{name}/legend", len(legend)),
-        row_shares=[4, 1],
-    )
+    key = log_legend(map.stream, f"{name}/legend", scale.legend())
+    return rrb.Vertical(map.view(_titled(about), [picture]), key, row_shares=[4, 1])
 
 
 def _titled(about: Quantity) -> str:

@@ -37,6 +37,7 @@ from .study import (
     Seconds as Seconds,
     Study as Study,
     parameters as parameters,
+    refuse as refuse,
     require as require,
     silent as silent,
 )

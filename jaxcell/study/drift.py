@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import tyro
 
 from ..base.quantities import Result
-from .study import Metres, Say, Seconds, Study, require, silent
+from .study import Metres, Say, Seconds, Study, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -89,22 +89,26 @@ class Drift(Study):
 
     def __post_init__(self) -> None:
         require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
-        require("duration", self.duration, "more than 0 seconds", lambda x: x > 0)
-        require("after", self.after, "more than 0 seconds", lambda x: x > 0)
-        require("beaching", self.beaching, "more than 0 seconds", lambda x: x > 0)
-        require("resuspension", self.resuspension, "more than 0 seconds", lambda x: x > 0)
-        if self.resuspension is not None and self.beaching is None:
-            raise ValueError("resuspension: expected a time of beaching too, got none")
+        for name in ("duration", "after", "beaching", "resuspension", "search"):
+            require(name, getattr(self, name), "more than 0 seconds", lambda x: x > 0)
         require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
         require("range", self.range, "more than 0 m", lambda x: x > 0)
         require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
         require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
-        require("search", self.search, "more than 0 seconds", lambda x: x > 0)
-        if self.search is not None and self.range is None:
-            raise ValueError("search: expected a range too, got none")
         require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
         _numbers("start", self.start, 2, '"lon,lat" in degrees')
         _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
+        # Which is the spread of the method "drifters".
+        if (self.spread or self.method) in ("sampled", "drifters"):
+            refuse(self, "for a spread that is sampled", "rho")
+        if self.beaching is None:
+            refuse(self, "without beaching", "resuspension")
+            if self.regions is None:
+                refuse(self, "without regions or beaching", "after")
+        if self.range is None:
+            refuse(self, "without a range", "search")
+        if self.goal is None:
+            refuse(self, "without a goal", "discount")
 
     def currents(self) -> "xr.Dataset":
         """Read the currents."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from .study import Say, Study, require
+from .study import Say, Study, refuse, require
 
 
 if TYPE_CHECKING:
@@ -51,10 +51,10 @@ class GraphStudy(Study):
             require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
         if (self.charger is None) != (self.every is None):
             raise ValueError("every: expected with a charger, and only then")
-        if self.charger is not None and self.speed is not None:
-            raise ValueError("charger has no meaning with a speed")
-        if self.division is not None and self.robots == 1:
-            raise ValueError("division has no meaning for one robot")
+        if self.speed is not None:
+            refuse(self, "with a speed", "charger")
+        if self.robots == 1:
+            refuse(self, "for one robot", "division")
 
     def more(self, found: "GraphPatrol", say: Say) -> dict[str, Any]:
         """What else was asked of the walks."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from .map_study import MapStudy, cell_at
-from .study import Degrees, Say, require, silent
+from .study import Degrees, Say, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -46,19 +46,16 @@ class Localize(MapStudy):
     def __post_init__(self) -> None:
         super().__post_init__()
         require("slip", self.slip, "a number from 0 to 1", lambda x: 0 <= x <= 1)
-        if self.slip is not None and self.open_world:
-            raise ValueError("open_world: a belief has no trap; expected no slip with it")
         if self.slip is not None and self.collision != "swept":
             raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
         if (self.bounce is None) == (not self.bounces):
             raise ValueError("bounce: expected one angle, or several in bounces")
-        for name in ("goal", "aim"):
-            if not self.bounces and getattr(self, name) != getattr(type(self), name):
-                raise ValueError(f"{name}: it is for --bounces; one angle leaves no choice")
-            if self.slip is not None and getattr(self, name) != getattr(type(self), name):
-                raise ValueError(f"{name}: it is for robots that do not slip")
-        if self.bounces and self.open_world:
-            raise ValueError("open_world: it is for --bounce; a choice of angles always has a trap")
+        if self.slip is not None:
+            refuse(self, "for a robot that slips", "open_world", "goal", "aim")
+        elif self.bounces:
+            refuse(self, "for several bounces, which always have a trap", "open_world")
+        else:
+            refuse(self, "for one angle, which leaves no choice", "goal", "aim")
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates

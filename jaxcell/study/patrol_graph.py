@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..base.limits import MAX_VERTICES
 from .graph_study import GraphStudy
-from .study import Say, require, silent
+from .study import Say, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -17,6 +17,14 @@ if TYPE_CHECKING:
 
 
 _CHANCE = "least chance that"
+# The parameters that only some strategies have.
+_OF_STRATEGIES = {
+    "constraints": ("commute",),
+    "vertex": ("toward",),
+    "visits": ("mixing", "kemeny", "entropy", "return-time"),
+    "attack_time": ("capture",),
+    "attack_times": ("capture",),
+}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -62,11 +70,17 @@ class PatrolGraph(GraphStudy):
         require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
         require("paths", self.paths, "at least 1", lambda x: x >= 1)
         if self.division is not None:
-            for name in ("vertex", "emphasis", "visits", "attack_times", "constraints"):
-                if getattr(self, name):
-                    raise ValueError(f"division has no meaning with {name}, which is for all")
-        if self.emphasis and not (self.strategy == "commute" or self.game):
-            raise ValueError(f"emphasis has no meaning for {self.strategy!r} without a game")
+            for_all = "vertex", "emphasis", "visits", "attack_times", "constraints"
+            refuse(self, "with a division: it is for all robots", *for_all)
+        for name, strategies in _OF_STRATEGIES.items():
+            if self.strategy not in strategies:
+                refuse(self, f"for {self.strategy!r}", name)
+        if not self.game:
+            refuse(self, "without a game", "values")
+        if self.strategy != "commute" and not self.game:
+            refuse(self, f"for {self.strategy!r} without a game", "emphasis")
+        if self.speed is not None:
+            refuse(self, "with a speed: they are on steps", "constraints")
         if len(self.emphasis) == 1:
             raise ValueError("emphasis: expected two or more vertices, got one")
         for i, name in enumerate(self.emphasis):
@@ -74,24 +88,13 @@ class PatrolGraph(GraphStudy):
                 raise ValueError(f"emphasis: vertex {name!r} comes twice")
         if self.attack_times is not None and self.attack_time is not None:
             raise ValueError("attack_times: expected either this file or one attack_time, got both")
-        if self.values is not None and not self.game:
-            raise ValueError("values has no meaning without a game")
-        prescribed = ("mixing", "kemeny", "entropy", "return-time")
-        if self.visits is not None and self.strategy not in prescribed:
-            raise ValueError(f"visits has no meaning for {self.strategy!r}")
-        if self.constraints is not None and self.strategy != "commute":
-            raise ValueError(f"constraints has no meaning for {self.strategy!r}")
-        if self.constraints is not None and self.speed is not None:
-            raise ValueError("constraints has no meaning with a speed: they are on steps")
-        if self.attack_times is not None and self.strategy != "capture":
-            raise ValueError(f"attack_times has no meaning for {self.strategy!r}")
-        for parameter, strategy in (("vertex", "toward"), ("attack_time", "capture")):
-            given, wanted = getattr(self, parameter) is not None, self.strategy == strategy
-            wanted = wanted and (parameter != "attack_time" or self.attack_times is None)
-            if given and not wanted:
-                raise ValueError(f"{parameter} has no meaning for {self.strategy!r}")
-            if wanted and not given:
-                raise ValueError(f"{parameter}: {strategy!r} needs it")
+        given = self.attack_time if self.attack_times is None else self.attack_times
+        for name, strategy, value in (
+            ("vertex", "toward", self.vertex),
+            ("attack_time", "capture", given),
+        ):
+            if self.strategy == strategy and value is None:
+                raise ValueError(f"{name}: {strategy!r} needs it")
 
     def memory(self, written: bool = False) -> float | int:
         from ..base import memory

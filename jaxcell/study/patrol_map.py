@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from ..base.quantities import Result
 from .map_study import CellStudy
-from .study import Metres, Say, require, silent
+from .study import Metres, Say, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ class PatrolMap(CellStudy):
         require("capture", self.capture, "more than 0 and less than 1", lambda x: 0 < x < 1)
         if (self.robots == "auto") != (self.capture is not None):
             raise ValueError('robots: expected "auto" with a wanted capture, and only then')
-        if self.robots == "auto" and self.base is not None:
-            raise ValueError('robots: "auto" has no meaning with a base')
+        if self.robots == "auto":
+            refuse(self, 'with robots "auto"', "base", "lost")
         if self.share != "auto":
             require("share", self.share, "0 or more and less than 1", lambda x: 0 <= x < 1)
         require("starts", self.starts, "at least 1", lambda x: x >= 1)
@@ -90,22 +90,18 @@ class PatrolMap(CellStudy):
             for value in values:
                 require(name, value, "0 or more and less than 1", lambda x: 0 <= x < 1)
         if self.strategy == "capture":
-            if self.base is not None:
-                raise ValueError('base has no meaning for "capture", whose robots do not report')
-            if self.share != "auto":
-                raise ValueError('share has no meaning for "capture"')
-        elif self.randomness or self.frontier:
-            name = "randomness" if self.randomness else "frontier"
-            raise ValueError(f"{name} has no meaning for {self.strategy!r}")
+            refuse(self, 'for "capture", whose robots do not report', "base")
+            refuse(self, 'for "capture"', "share")
+        else:
+            refuse(self, f"for {self.strategy!r}", "randomness", "frontier", "starts")
         if not self.attack_times:
             raise ValueError("attack_times: expected at least one")
         for steps in self.attack_times:
             require("attack_times", steps, "at least 1 step", lambda x: x >= 1)
         limits = f"2 or more, up to {_MAX_RUNS:,}"
         require("runs", self.runs, limits, lambda x: 2 <= x <= _MAX_RUNS)
-        for name in ("base_range", "lost"):
-            if self.base is None and getattr(self, name) is not None:
-                raise ValueError(f"{name} has no meaning without a base")
+        if self.base is None:
+            refuse(self, "without a base", "base_range", "lost")
         if self.robots == "auto" or self.lost is None:
             return
         if not 0 <= self.lost < self.robots:

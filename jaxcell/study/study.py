@@ -127,6 +127,16 @@ def require(
         raise ValueError(f"{parameter}: expected {expected}, got {value:g}")
 
 
+def refuse(study: Study, where: str, *names: str) -> None:
+    """Refuse parameters where they have no effect: `refuse(self, "without a base", "lost")`.
+
+    **Raises:** `ValueError` that names the first that is given, and is not as by default.
+    """
+    for name in names:
+        if getattr(study, name) != getattr(type(study), name):
+            raise ValueError(f"{name} has no meaning {where}")
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(one) for one in value]

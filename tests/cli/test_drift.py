@@ -392,7 +392,7 @@ def test_as_many_strand_as_of_drifters_that_strand(capsys, stream, tmp_path, bac
     ("args", "message"),
     [
         (("--beaching", 0), "--beaching: expected more than 0 seconds, got 0"),
-        (("--resuspension", 60), "--resuspension: expected a time of beaching too, got none"),
+        (("--resuspension", 60), "--resuspension has no meaning without beaching"),
     ],
 )
 def test_beaching_out_of_range_is_refused(capsys, stream, args, message):
@@ -429,9 +429,16 @@ def test_writes_its_results(capsys, tmp_path):
         (("--rho", 1.5), "--rho: expected a probability from 0 to 1, got 1.5"),
         (("--duration", 0), "--duration: expected more than 0 seconds, got 0"),
         (("--discount", 1), "--discount: expected more than 0 and less than 1, got 1"),
+        (("--rho", 0.5), "--rho has no meaning for a spread that is sampled"),
+        (
+            ("--rho", 0.5, "--method", "source", "--spread", "sampled"),
+            "--rho has no meaning for a spread that is sampled",
+        ),
+        (("--after", 60), "--after has no meaning without regions or beaching"),
+        (("--discount", 0.5), "--discount has no meaning without a goal"),
         (("--range", -2), "--range: expected more than 0 m, got -2"),
         (("--range", 20), "--range: expected 707"),
-        (("--search", 5), "--search: expected a range too, got none"),
+        (("--search", 5), "--search has no meaning without a range"),
         (("--nearly-closed", 437), "--nearly-closed: expected at most 436, the cells of a layer"),
         (
             ("--duration", 1e-9),

@@ -213,6 +213,7 @@ def test_writes_its_results(capsys, tmp_path):
         (("--share", 1), "--share: expected 0 or more and less than 1, got 1"),
         (("--attack-times", 5, 0), "--attack-times: expected at least 1 step, got 0"),
         (("--randomness", 0.2), "--randomness has no meaning for 'commute'"),
+        (("--starts", 5), "--starts has no meaning for 'commute'"),
         (("--frontier", 0.2), "--frontier has no meaning for 'commute'"),
         (("--strategy", "capture", "--share", 0.5), '--share has no meaning for "capture"'),
         (("--strategy", "capture", "--base", "auto"), '--base has no meaning for "capture"'),
@@ -297,7 +298,10 @@ def test_more_robots_than_are_tried(capsys, monkeypatch):
         (("--robots", "auto"), '"auto" with a wanted capture, and only then'),
         (("--capture", 0.5), '"auto" with a wanted capture, and only then'),
         (("--robots", "auto", "--capture", 1.5), "expected more than 0 and less than 1"),
-        (("--robots", "auto", "--capture", 0.5, "--base", "auto"), "has no meaning with a base"),
+        (
+            ("--robots", "auto", "--capture", 0.5, "--base", "auto"),
+            '--base has no meaning with robots "auto"',
+        ),
     ],
 )
 def test_teams_of_unknown_size_are_refused_where_nothing_is_wanted(capsys, args, message):

@@ -107,7 +107,7 @@ def test_plans_of_a_robot_that_slips(capsys, room):
         (("--slip", "1.5"), "slip: expected a number from 0 to 1, got 1.5"),
         (("--slip", "-0.1"), "slip: expected a number from 0 to 1, got -0.1"),
         (("--slip", "nan"), "slip: expected a number from 0 to 1, got nan"),
-        (("--slip", "0.1", "--open-world"), "open_world: a belief has no trap"),
+        (("--slip", "0.1", "--open-world"), "open_world has no meaning for a robot that slips"),
         (("--slip", "0.1", "--collision", "endpoint"), "collision: expected 'swept'"),
         (("--slip", "0.1", "--bounce", "17"), "bounce: 17 deg is not a whole number"),
     ],
@@ -125,8 +125,8 @@ def test_bad_slips_are_refused(capsys, room, args, told):
     [
         (("90", "17"), "bounces: 17 deg is not a whole number of the 8 directions"),
         (("90", "450"), "bounces: 90 and 450 deg are the same turn"),
-        (("90", "--goal", "position"), "goal: it is for robots that do not slip"),
-        (("90", "--aim", "mean"), "aim: it is for robots that do not slip"),
+        (("90", "--goal", "position"), "goal has no meaning for a robot that slips"),
+        (("90", "--aim", "mean"), "aim has no meaning for a robot that slips"),
         (("90", "--bounce", "45"), "bounce: expected one angle, or several in bounces"),
     ],
 )

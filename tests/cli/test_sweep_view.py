@@ -147,7 +147,8 @@ def test_the_walk_of_a_member(ran):
 @pytest.mark.slow
 def test_the_drift_of_a_member(ran):
     folder = ran(
-        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepths = 0\n[grid]\nrho = [0.7, 0.9]\n'
+        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepths = 0\nspread = "all"\n'
+        "[grid]\nrho = [0.7, 0.9]\n"
     )
     found, member, _ = detail(folder, "rho=0.9")
     layer = found["layers"][0]

@@ -8,6 +8,9 @@ import rerun as rr
 
 import jaxcell.record.bounce.groups
 from jaxcell.record import save_recording
+from jaxcell.record.canvas.map import CellMap
+from jaxcell.record.canvas.palette import FREE, OBSTACLE
+from jaxcell.record.canvas.stream import new_stream
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +33,10 @@ def test_pictures_say_what_the_groups_are(lab, recorded):
         relation = "on" if host.step[z] == 0 else "leads to"
         assert names[groups[direction][row, column]] == f"{relation} the largest group"
         label = numbers[steps[direction][row, column]]
-        said = "on a group" if host.step[z] == 0 else f"{host.step[z]} mappings from its group"
-        assert label == said
+        if host.step[z] == 0:
+            assert label == "on a group"
+        else:
+            assert label.replace("mappings", "mapping") == f"{host.step[z]} mapping to a group"
     for picture in (*groups.values(), *steps.values()):
         np.testing.assert_array_equal(picture > 0, lab.cells.free)
 
@@ -63,6 +68,19 @@ def test_y_points_up(lab, recorded):
     centre_x, centre_y, _ = lab.cells.centre(np.arange(lab.cells.positions))
     np.testing.assert_allclose(x, centre_x)
     np.testing.assert_allclose(-y, centre_y)
+
+
+def test_a_label_knows_the_ground_below_its_mark(lab):
+    cells = lab.cells
+    map = CellMap(new_stream("test"), cells)
+    below = np.vstack([np.zeros_like(cells.free[:1]), cells.free[:-1]])
+    free = below.ravel()[cells.square]
+    for position, is_free in enumerate(free.tolist()):
+        place = map.xy(np.array(position))
+        at, ground = map.below(place, cells.cell / 2)
+        np.testing.assert_allclose(place - at, [0, cells.cell / 2])
+        assert ground == (FREE if is_free else OBSTACLE)
+    assert 0 < free.sum() < free.size
 
 
 def test_walls_are_the_edges_of_free_squares(lab, recorded):
@@ -114,7 +132,8 @@ def test_groups_past_the_seventh_are_pale_and_families_apart(hall, read, tmp_pat
             row, column = divmod(int(hall.cells.square[position]), hall.cells.free.shape[1])
             assert pictures[direction][row, column] == 1 + 2 * place + on
         legend = labels[direction]
-        assert len(rows[direction]) == len(legend)
+        drawn = np.unique(np.array(rows[direction])[:, 0, 1].round())
+        np.testing.assert_array_equal(drawn, np.arange(len(legend)))
         for place, group in enumerate(ranked[:7]):
             assert legend[place].startswith(
                 f"group {group}: period {host.period[host.group == group][0]},"

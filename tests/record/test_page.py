@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import rerun as rr
+from hypothesis import given, strategies as st
 from recordings import Recording
 
 from jaxcell.record.canvas.curves import curve_view
@@ -49,6 +50,22 @@ def test_levels_of_a_scale_make_one_bar_of_colors(logged):
     assert (bar[0] + bar[-1]) / 2 == 2
     colors = found.static("/legend/swatch", "LineStrips2D:colors")
     assert len(set(colors[:-1])) > 20
+
+
+@given(st.integers(0, 3), st.integers(0, 5000), st.sampled_from([8, 250]))
+def test_levels_of_whole_numbers_are_named_by_those_that_they_hold(least, most, levels):
+    scale = Scale.counting(least, most, levels=levels)
+    classes, special = scale.classes, 1
+    assert len(classes) <= special + levels
+    every = np.arange(least, max(least, most) + 1)
+    for number, level in zip(every.tolist(), scale.levels(every).tolist(), strict=True):
+        label = classes[level].label.replace(",", "")
+        first, _, last = label.partition(" to ")
+        assert int(first) <= number <= int(last or first)
+    if every.size <= levels:
+        assert [one.label.replace(",", "") for one in classes[special:]] == [*map(str, every)]
+    names = {one.label for one in classes}
+    assert {label for label, _ in scale.legend()} <= names
 
 
 def test_a_text_has_a_tab_for_each_section(logged):

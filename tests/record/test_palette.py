@@ -2,7 +2,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
 from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import (
@@ -11,7 +10,6 @@ from jaxcell.record.canvas.palette import (
     cycle_color,
     group_class,
     ramp,
-    step_classes,
 )
 
 
@@ -89,6 +87,36 @@ def test_the_ramp_gets_lighter(sight):
     assert (np.diff(lightness) > 0).all()
 
 
+def lightness(color):
+    return lab(color[:3], "normal")[0]
+
+
+GROUNDS = [
+    palette.BLACK,
+    palette.FREE,
+    palette.PLAIN,
+    palette.OBSTACLE,
+    *CATEGORIES.values(),
+    *(palette.tint(color, 0.6) for color in CATEGORIES.values()),
+    *(tuple(color) for color in ramp(np.linspace(0, 1, 9)).tolist()),
+]
+
+
+@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize("veil", [22, 112], ids=["dark", "light"])
+def test_labels_are_legible_in_both_themes(ground, veil):
+    """The viewer lays half of its own ground under a label; measured on its screenshots."""
+    behind = np.asarray(ground) / 2 + veil
+    label, other = palette.text_on(ground), {palette.INK, palette.TEXT} - {palette.text_on(ground)}
+    assert abs(lightness(label) - lightness(behind)) > 25
+    # The other one would be worse in one of the themes.
+    worst = [
+        min(abs(lightness(one) - lightness(np.asarray(ground) / 2 + each)) for each in (22, 112))
+        for one in (label, *other)
+    ]
+    assert worst[0] >= worst[1] - 10
+
+
 def test_classes_of_groups():
     ranks = np.arange(30)
     classes = group_class(ranks)
@@ -104,18 +132,6 @@ def test_classes_of_groups():
     colors = [GROUP_CLASSES[one].color for one in classes]
     assert all(one != other for one, other in itertools.pairwise(colors))
     assert len(set(colors[:7])) == 7
-
-
-@given(st.integers(0, 5000))
-def test_classes_of_steps(longest):
-    share, classes = step_classes(longest)
-    assert len(classes) <= 256
-    for step in range(1, longest + 1):
-        label = classes[2 + (step - 1) // share].label
-        numbers = [int(word) for word in label.split() if word.isdigit()]
-        assert min(numbers) <= step <= max(numbers)
-    if longest < 250:
-        assert share == 1
 
 
 def test_colors_of_cycles():

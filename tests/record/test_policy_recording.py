@@ -27,7 +27,7 @@ def test_shows_the_belief_and_the_turn_at_each_bump(found, recorded):
     turns = found.bounce_deg[found.turned_by[found.turned_by >= 0]]
     assert said == [f"bump {i}: turn by {turn:g}°" for i, turn in enumerate(turns, 1)]
     assert len(said) == found.run.bumps - 1
-    bumps = recorded.over("step", "/policy/bumps", "Scalars:scalars")
+    bumps = recorded.over("step", "/robot/bumps", "Scalars:scalars")
     assert bumps[max(bumps)] == [found.run.bumps]
 
 

@@ -2,11 +2,10 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING
 
 from ...base.documents import checked_number
+from ..options import Printing
 from ..terminal import note, say
 
 
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotCalibrate:
+class RobotCalibrate(Printing):
     """Drive a robot 1 m and turn it by 360 degrees, ask what it truly did, and keep that.
 
     Put it where it has 1.5 m ahead, and mark where its front is. `jaxcell robot run` uses what is
@@ -25,8 +24,6 @@ class RobotCalibrate:
     """Serial line of the robot, such as /dev/ttyUSB0 or socket://host:port."""
     calibration: Path | None = None
     """File to keep it in, by default calibration.json in ~/.config/jaxcell."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         from ...robot import Create, RobotStopped

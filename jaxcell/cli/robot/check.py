@@ -1,15 +1,14 @@
 import contextlib
 import dataclasses
 import json
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
-
+from ..options import Printing
 from ..terminal import say, status, table
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotCheck:
+class RobotCheck(Printing):
     """Ask a robot how it is."""
 
     port: str
@@ -18,8 +17,6 @@ class RobotCheck:
     """Also reboot it to read its firmware version, which takes ten seconds."""
     move: bool = False
     """Also drive 10 cm forward and back."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         from ...robot import Create, RobotStopped

@@ -1,11 +1,12 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
 from ...base.written import configuration
+from ..options import Printing
 from ..terminal import say, table
 from .recording import recording_of
 
@@ -20,7 +21,7 @@ _SIDES = ("East", "North", "West", "South")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotReplay:
+class RobotReplay(Printing):
     """Give what was run on a robot what the robot sensed then, and compare."""
 
     log: tyro.conf.Positional[Path]
@@ -29,8 +30,6 @@ class RobotReplay:
     """The filter or the patrol that was run, if it is no more where it was."""
     out: Path | None = None
     """Directory for a recording of the run, run.rrd, as of a robot that had no Rerun."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         from ...robot.run_log import read_log

@@ -6,13 +6,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import tyro
 
 from ...base.extras import has_module, missing_module
 from ...base.files import name_in_results
-from ..options import direction_at, write_text
+from ..options import Printing, direction_at, write_text
 from ..terminal import note, note_results, say, status
 from .emulation import emulate
 from .recording import cells_of, recording_of
@@ -37,7 +37,7 @@ _LOG, _RECORDING = "run.jsonl", "run.rrd"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RobotRun:
+class RobotRun(Printing):
     """Run a filter, a plan, or a robot of a team or a patrol, on a robot or an emulated one.
 
     The robot stops, and the run ends, at Ctrl-C."""
@@ -102,8 +102,6 @@ class RobotRun:
     live: str | None = None
     """Viewer that shows the recording as the run goes: "here", or the address of one, such as
     rerun+http://laptop:9876/proxy."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         import numpy as np

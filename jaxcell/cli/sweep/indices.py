@@ -2,10 +2,11 @@ import dataclasses
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import tyro
 
+from ..options import Printing
 from ..terminal import status, table
 
 
@@ -14,15 +15,13 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SweepIndices:
+class SweepIndices(Printing):
     """Estimate the Sobol indices of a sweep: which parameters the variance comes from.
 
     Exit status: 0 they are known, 2 bad input: another design, or members that are not done."""
 
     folder: tyro.conf.Positional[Path]
     """Folder of a sweep whose samples have the design saltelli."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         from ...sweep import sobol_indices

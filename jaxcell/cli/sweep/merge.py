@@ -1,17 +1,15 @@
 import dataclasses
-import os
-import sys
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
+from ..options import Printing, prepare_tasks
 from ..terminal import stdout_on_stderr
 from .run import show_status, shown
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SweepMerge:
+class SweepMerge(Printing):
     """Put the shards of a sweep together, once all of them are done.
 
     Exit status: 0 all done, 1 some members failed, 2 bad input: a shard that is missing, not done,
@@ -19,13 +17,9 @@ class SweepMerge:
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep: its shards are in shards/ there."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        # As in `sweep`.
-        os.environ.setdefault("JAX_ENABLE_X64", "1")
-        sys.path.append(os.getcwd())
+        prepare_tasks()
         from ...sweep import merge_sweep
 
         with stdout_on_stderr(), shown(f"merging the shards of {self.folder}") as show:

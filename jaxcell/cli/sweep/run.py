@@ -2,18 +2,17 @@ import contextlib
 import dataclasses
 import json
 import math
-import os
 import shlex
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
 from ...base.files import replacing
+from ..options import Printing, prepare_tasks
 from ..terminal import duration, note, own_command, progress, status, stdout_on_stderr, table
 
 
@@ -25,7 +24,7 @@ _MAX_FAILURES = 10
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Sweep:
+class Sweep(Printing):
     """Run a task for many parameters, in chunks that survive crashes; --resume goes on.
 
     Exit status: 0 all done, 1 some members failed, 2 bad input, or no room on the disk."""
@@ -58,14 +57,9 @@ class Sweep:
     """Folder for the result; by default runs/ and the name of the specification."""
     netcdf: bool = False
     """Write the result to sweep.nc too, once all is done."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        # As in all other commands; without importing JAX, which the task may not need.
-        os.environ.setdefault("JAX_ENABLE_X64", "1")
-        # A task may stand in a file beside the user.
-        sys.path.append(os.getcwd())
+        prepare_tasks()
         from ...sweep import Shard, Spec, run_sweep, scheduler_address
 
         if self.anyway and not self.resume:
@@ -131,15 +125,13 @@ class Sweep:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SweepState:
+class SweepState(Printing):
     """Show the progress of a sweep, also while it runs, and which members failed.
 
     Exit status: 0 all done, 1 not yet, or some members failed."""
 
     folder: tyro.conf.Positional[Path]
     """Folder of the sweep."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
         from ...sweep import sweep_status

@@ -1,12 +1,10 @@
 import dataclasses
 import json
-import os
-import sys
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
+from ..options import Printing, prepare_tasks
 from ..terminal import note, status, stdout_on_stderr, table
 
 
@@ -14,7 +12,7 @@ _MAX_LISTED = 10
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SweepVerify:
+class SweepVerify(Printing):
     """Read all that is in a sweep, and compute again what is damaged: flipped bits, files gone.
 
     Exit status: 0 nothing is damaged any more, 1 something could not be computed, 2 bad input."""
@@ -25,13 +23,9 @@ class SweepVerify:
     """Where chunks are computed: local, processes, dask, or dask://host:port; see sweep."""
     workers: int | None = None
     """Number of processes of the engines processes and dask; by default that of processors."""
-    json: Annotated[bool, tyro.conf.arg(name="json")] = False
-    """Print one JSON object and nothing else."""
 
     def run(self) -> int:
-        # As in `sweep`.
-        os.environ.setdefault("JAX_ENABLE_X64", "1")
-        sys.path.append(os.getcwd())
+        prepare_tasks()
         from ...sweep import verify_sweep
 
         with stdout_on_stderr(), status(f"reading {self.folder}"):

@@ -1,6 +1,5 @@
 import dataclasses
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +8,7 @@ import numpy as np
 import tyro
 
 from ...base.display import has_display
+from ..options import prepare_tasks
 from ..terminal import note, own_command, status, table
 from ..view import View
 from .indices import show_indices
@@ -72,8 +72,7 @@ class SweepView:
         from ...sweep.workers.work import with_files_found, with_task_found
         from .member import detailed_study, member_detail
 
-        # A task may stand in a file beside the user.
-        sys.path.append(str(Path.cwd()))
+        prepare_tasks()
         spec = with_task_found(spec)
         study = detailed_study(spec.task)
         places = selected(spec, self.select)

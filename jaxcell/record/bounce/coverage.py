@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int, UInt8
 
 from ...bounce import CoveragePolicy
-from ..canvas.map import CellMap
+from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab
 from ..canvas.palette import (
     BELIEF,
@@ -23,7 +23,7 @@ from ..canvas.palette import (
 )
 from ..canvas.prose import counted, described, made_with, numbers
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint
+from ..canvas.stream import pace, send_blueprint
 
 
 # So many angles have maps, those with the largest shares of time.
@@ -62,10 +62,10 @@ def log_coverage(
     maps = rrb.Grid(*views, grid_columns=math.ceil(len(views) / 2))
     text, legend = _text(policy, len(shown), spec), heat_legend(scale)
     tabs = [
-        log_tab(stream, "", "Coverage", maps, text, legend, timeline="direction"),
+        log_tab(stream, "", "Coverage", maps, text, legend),
         *(_log_angle(map, policy, i) for i in shown),
     ]
-    send_blueprint(stream, tabs, "direction", max(2.0, cells.directions / 30))
+    send_blueprint(stream, tabs, "direction", pace(cells.directions))
 
 
 def heat_scale(most: float) -> Scale:
@@ -113,16 +113,14 @@ def _log_shares(
 
 def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     """Log the persistent groups and the limiting distribution of one angle, by direction."""
-    name, every = f"angle_{i}", np.arange(policy.cells.directions)
+    name, shown = f"angle_{i}", directions_shown(policy.cells)
     groups = _group_classes(policy.groups[i].count)
     kind = _group_kinds(policy.group[i], np.asarray(policy.limiting[i].weights))
     heat = policy.share[i] * policy.cells.size
     scale = heat_scale(float(heat.max()))
     pictures = [
-        map.picture(f"{name}/groups", groups, kind, "direction", every),
-        map.picture(
-            f"{name}/limiting", scale.classes, heat_levels(scale, heat), "direction", every
-        ),
+        map.by_direction(f"{name}/groups", groups, kind, shown),
+        map.by_direction(f"{name}/limiting", scale.classes, heat_levels(scale, heat), shown),
     ]
     views = rrb.Vertical(
         map.view("Persistent groups, one direction", pictures[:1]),
@@ -130,17 +128,7 @@ def _log_angle(map: CellMap, policy: CoveragePolicy, i: int) -> rrb.Container:
     )
     title, legend = f"{policy.bounce_deg[i]:.6g}°", [*heat_legend(scale), *groups[1:]]
     text = _angle_text(policy, i)
-    return log_tab(
-        map.stream,
-        name,
-        title,
-        views,
-        text,
-        legend,
-        timeline="direction",
-        shares=(3, 2),
-        rows=(2, 3),
-    )
+    return log_tab(map.stream, name, title, views, text, legend, shares=(3, 2), rows=(2, 3))
 
 
 def _group_classes(count: int) -> list[PictureClass]:

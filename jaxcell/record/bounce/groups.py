@@ -11,17 +11,20 @@ from jaxtyping import Int, UInt8
 from ...bounce import BounceGroups
 from ...space import CellSpace
 from ..canvas import palette
-from ..canvas.map import CellMap, log_classes, on_squares, send_pictures
-from ..canvas.page import legend_view, log_legends, log_text
+from ..canvas.map import CellMap, Directions, directions_shown
+from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import bouncing, counted, made_with
-from ..canvas.stream import send_blueprint, send_changing
+from ..canvas.prose import bouncing, made_with
+from ..canvas.scale import Scale
+from ..canvas.stream import pace, send_blueprint, send_changing
 
 
 _NO_GROUP = len(palette.GROUP_CLASSES)
 _HEADING_ROW = len(palette.CATEGORIES) + 2
+# After the heading: a row for it, one empty, and those of the steps.
 _LEGEND_ROWS = _HEADING_ROW + 8
-_EMPTY = "", palette.OBSTACLE
+_ON_GROUP = "on a group"
+_EMPTY = "", palette.CLEAR
 
 
 def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[str, Any]) -> None:
@@ -30,14 +33,12 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[s
     For each bouncing angle, over the timeline `direction`: the group that every cell leads to, the
     mappings it takes, and where these groups run. Several angles have a tab each.
     """
-    directions = groups.cells.directions
-    shown = {"direction": (np.arange(directions), np.arange(directions))}
-    map = CellMap(stream, groups.cells)
+    map, shown = CellMap(stream, groups.cells), directions_shown(groups.cells)
     tabs = [
         log_group_tab(map, groups, i, f"bounce {angle:.6g}°", shown, spec)
         for i, angle in enumerate(groups.bounce_deg.tolist())
     ]
-    send_blueprint(stream, tabs, "direction", max(2.0, directions / 30))
+    send_blueprint(stream, tabs, "direction", pace(groups.cells.directions))
 
 
 def log_group_tab(
@@ -45,7 +46,7 @@ def log_group_tab(
     groups: BounceGroups,
     angle: int,
     title: str,
-    shown: Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]],
+    shown: Directions,
     spec: Mapping[str, Any],
 ) -> rrb.Container:
     """Log the pictures, the legend and the text of one bouncing angle, and lay them out.
@@ -54,19 +55,18 @@ def log_group_tab(
 
     - `angle`: its number.
     - `title`: what the tab is called.
-    - `shown`: for each timeline, times and the directions that are shown at these.
+    - `shown`: when which direction is shown.
     """
     stream, one = map.stream, _OfAngle(groups, angle)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
-    for kind, (classes, pictures) in one.pictures().items():
-        path = f"map/grid/{name}/{kind}"
-        log_classes(stream, path, classes)
-        for timeline, (times, headings) in shown.items():
-            send_pictures(stream, path, pictures[headings], timeline, times)
+    views = []
+    for about, kind, classes, cells in one.pictures():
+        picture = map.by_direction(f"{name}/{kind}", classes, cells, shown)
+        views.append(map.view(about, [picture]))
     legends = one.legends()
     style = {"colors": palette.TEXT, "radii": 0.09, "draw_order": 50}
     for timeline, (times, headings) in shown.items():
-        log_legends(stream, f"{name}/legend", timeline, times, [legends[k] for k in headings])
+        log_legends(stream, f"{name}/legend", [legends[k] for k in headings], timeline, times)
         theta = 2 * np.pi * headings / len(legends)
         # A legend has y down.
         vector = 0.45 * np.stack([np.cos(theta), -np.sin(theta)], axis=1)
@@ -74,20 +74,7 @@ def log_group_tab(
         arrows = {"origins": middle - vector, "vectors": 2 * vector}
         path = f"{name}/legend/heading"
         send_changing(stream, path, rr.Arrows2D, times, None, timeline, style=style, **arrows)
-    text = log_text(stream, f"{name}/text", _text(groups, angle, spec))
-    path = f"grid/{name}"
-    return rrb.Horizontal(
-        rrb.Grid(
-            map.view("The group that each cell leads to", [f"{path}/groups"]),
-            map.view("The mappings that it takes", [f"{path}/steps"]),
-            map.view("Where these groups run", [f"{path}/cycles"]),
-            legend_view(f"{name}/legend", _LEGEND_ROWS),
-            grid_columns=2,
-        ),
-        text,
-        column_shares=[7, 3],
-        name=title,
-    )
+    return log_tab(stream, name, title, views, _text(groups, angle, spec), _LEGEND_ROWS)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,6 +95,10 @@ class _OfAngle:
     @functools.cached_property
     def _count(self) -> int:
         return int(self._group.max()) + 1
+
+    @property
+    def _step(self) -> Int[np.ndarray, "directions positions"]:
+        return self.groups.step[self.angle]
 
     @property
     def _group(self) -> Int[np.ndarray, "directions positions"]:
@@ -138,38 +129,36 @@ class _OfAngle:
         rank[order] = np.arange(order.size) - np.searchsorted(direction, direction)
         return rank
 
-    def pictures(
-        self,
-    ) -> dict[str, tuple[list[PictureClass], UInt8[np.ndarray, "directions rows columns"]]]:
-        """The classes and the pictures of each kind, one for each direction."""
-        step = self.groups.step[self.angle]
-        kind = (palette.group_class(self._rank)[self._group] + (step == 0)).astype(np.uint8)
-        on_group = np.where(step == 0, kind, np.uint8(_NO_GROUP))
-        cycles = np.empty_like(on_group)
+    @functools.cached_property
+    def _steps(self) -> Scale:
+        longest, special = int(self._step.max()), {_ON_GROUP: palette.ON_GROUP}
+        return Scale.counting(1, longest, _mappings, special=special)
+
+    def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
+        """The title and the name of each kind of picture, its classes, and those of the cells."""
+        on_group = self._step == 0
+        kind = (palette.group_class(self._rank)[self._group] + on_group).astype(np.uint8)
+        passing = np.where(on_group, kind, np.uint8(_NO_GROUP))
+        cycles = np.empty_like(passing)
         for one in np.unique(self._family):
             # Larger basins have smaller classes: the largest group that passes a square shows.
-            cycles[self._family == one] = on_group[self._family == one].min(axis=0)
-        share, steps = palette.step_classes(int(step.max()))
-        away = np.where(step == 0, 1, 2 + (step - 1) // share)
-        none = PictureClass("on no such group", palette.FREE)
-        kinds = {
-            "groups": (palette.GROUP_CLASSES, kind),
-            "cycles": ([*palette.GROUP_CLASSES, none], cycles),
-            "steps": (steps, away),
-        }
-        return {
-            name: (classes, on_squares(self._cells, kind))
-            for name, (classes, kind) in kinds.items()
-        }
+            cycles[self._family == one] = passing[self._family == one].min(axis=0)
+        groups, none = palette.GROUP_CLASSES, PictureClass("on no such group", palette.FREE)
+        away = self._steps.levels(self._step, {_ON_GROUP: on_group})
+        return [
+            ("The group that each cell leads to", "groups", groups, kind),
+            ("The mappings that it takes", "steps", self._steps.classes, away),
+            ("Where these groups run", "cycles", [*groups, none], cycles),
+        ]
 
     def legends(self) -> list[list[tuple[str, Color]]]:
         """What the colours mean, for each direction."""
-        scale = _scale(int(self.groups.step[self.angle].max()))
+        scale = self._steps.legend()
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
         spacing = 360 / self._cells.directions
-        # An arrow is drawn in the place of this swatch, which has the colour of the ground.
+        # An arrow is drawn in the place of this swatch.
         return [
-            [*of_family[one], (f"heading {k * spacing:.6g}°", palette.OBSTACLE), _EMPTY, *scale]
+            [*of_family[one], (f"heading {k * spacing:.6g}°", palette.CLEAR), _EMPTY, *scale]
             for k, one in enumerate(self._family.tolist())
         ]
 
@@ -193,13 +182,8 @@ class _OfAngle:
         return entries + [_EMPTY] * (_HEADING_ROW - len(entries))
 
 
-def _scale(longest: int) -> list[tuple[str, Color]]:
-    away = np.unique(np.linspace(1, max(longest, 1), 5).round().astype(int))
-    colors = palette.ramp((away - 1) / max(longest - 1, 1)).tolist()
-    scale: list[tuple[str, Color]] = [("0 mappings: on a group", palette.ON_GROUP)]
-    for steps, (red, green, blue) in zip(away.tolist(), colors, strict=True):
-        scale.append((f"{counted(steps, 'mapping')} to a group", (red, green, blue)))
-    return scale
+def _mappings(count: str) -> str:
+    return f"{count} mapping{'s' * (count != '1')} to a group"
 
 
 def _text(groups: BounceGroups, i: int, spec: Mapping[str, Any]) -> str:

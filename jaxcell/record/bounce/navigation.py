@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from jaxtyping import Float
 
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
 from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
-from ..canvas.map import CellMap, log_pictures, on_squares
+from ..canvas.map import CellMap, directions_shown
 from ..canvas.marks import (
     log_arrows,
     log_dots,
@@ -19,13 +20,13 @@ from ..canvas.marks import (
     log_labels,
     log_robot,
     points,
-    send_labels,
 )
-from ..canvas.page import lay_out_tab, log_legends, log_tab, log_text
+from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import degrees, made_with, numbers, pose, times
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint
+from ..canvas.stream import pace, send_blueprint
+from .run import log_turns
 
 
 # In this order, so that few angles have none of the colours of the robot and its ends.
@@ -37,7 +38,6 @@ _MAX_SHADES = 8
 _NONE = "from no heading"
 _MAX_ACTIONS = 60
 _ENDS = ["start/**", "goal/**"]
-_TRAIL: dict[str, Any] = {"trail": "map/trail", "corners": 1, "width": 4.0}
 
 
 def log_navigation(
@@ -57,10 +57,10 @@ def log_navigation(
     if plan.found:
         reaching = _log_reaching(map, plan, "reaching", _reaching_text(plan))
         tabs = [_log_plan(map, plan, text), reaching]
-        send_blueprint(stream, tabs, "step", float(np.clip(plan.actions.size / 20, 2, 30)))
+        send_blueprint(stream, tabs, "step", pace(plan.actions.size))
     else:
         tab = _log_reaching(map, plan, "", text)
-        send_blueprint(stream, [tab], "direction", max(2.0, plan.cells.directions / 30))
+        send_blueprint(stream, [tab], "direction", pace(plan.cells.directions))
 
 
 def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
@@ -70,13 +70,14 @@ def _log_end(map: CellMap, name: str, cell: int, color: Color) -> None:
     heading = half * np.array([[math.cos(theta), math.sin(theta)]])
     log_frame(map.stream, f"map/{name}/frame", place, half, color, order=15.0)
     log_arrows(map.stream, f"map/{name}/heading", place, heading, color, half / 8, order=15.0)
-    ((x, y),) = place.tolist()
-    log_labels(map.stream, f"map/{name}/label", [(name, x, y - half)])
+    at, ground = map.below(place[0], half)
+    log_labels(map.stream, f"map/{name}/label", [(name, *at.tolist())], [ground])
 
 
 def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     """Log the plan, the robot that follows it, and how often it bumps."""
-    legend = _log_runs(map, plan)
+    place = map.xy(plan.visited)
+    legend = _log_runs(map, plan, place)
     poses = plan.robot_x, plan.robot_y, plan.robot_theta
     log_robot(
         map.stream,
@@ -84,12 +85,12 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
         poses,
         map.arrow,
         palette.ROBOT,
-        trail="map/trail",
+        "map/trail",
         corners=1,
         width=4.0,
         order=40.0,
     )
-    _log_turns(map, plan)
+    log_turns(map, place, np.append(plan.actions != 0, False), plan.turns.tolist())
     changed = np.append(False, np.diff(plan.turns) != 0)[: plan.bumps]
     views = []
     for name, title, turns, color in (
@@ -106,12 +107,13 @@ def _log_plan(map: CellMap, plan: Plan, text: str) -> rrb.Container:
     return log_tab(map.stream, "", "Plan", left, text, legend, shares=(3, 2), rows=(2, 1))
 
 
-def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
+def _log_runs(
+    map: CellMap, plan: Plan, place: Float[np.ndarray, "times 2"]
+) -> list[tuple[str, Color]]:
     """Log an arrow for each run and a dot for each bump, in the colours of their angles.
 
     **Returns:** what the colours mean.
     """
-    place = map.xy(plan.visited)
     bump = np.flatnonzero(plan.actions != 0)
     angle, number = np.unique(plan.turns, return_inverse=True)
     color_of = [_ANGLES[i % len(_ANGLES)] for i in range(angle.size)]
@@ -144,59 +146,36 @@ def _log_runs(map: CellMap, plan: Plan) -> list[tuple[str, Color]]:
     ]
 
 
-def _log_turns(map: CellMap, plan: Plan) -> None:
-    """Log what the robot does at a bump, when it is there."""
-    bumps = np.append(plan.actions != 0, False)
-    labels = [
-        f"bump {i} of {plan.bumps}: turn by {degrees(turn)}"
-        for i, turn in enumerate(plan.turns.tolist(), 1)
-    ]
-    at = map.xy(plan.visited[bumps])
-    send_labels(map.stream, "map/turn", labels, plan.time, bumps.astype(int), positions=at)
-
-
 def _log_reaching(map: CellMap, plan: Plan, path: str, text: str) -> rrb.Container:
     """Log from where the goal can be reached: in how many headings, and in one at a time."""
     cells, below = map.cells, f"{path}/" if path else ""
-    shades, headings = min(cells.directions, _MAX_SHADES), plan.reaches.sum(axis=0, dtype=float)
-    # Level `s` begins with so many headings, and no heading is no level.
-    bounds = 1.0 + np.arange(shades + 1) * cells.directions // shades
+    headings, special = plan.reaches.sum(axis=0), {_NONE: palette.PLAIN}
     label = f"from {{}} of {cells.directions} headings".format
-    scale = Scale(bounds, label, {_NONE: palette.PLAIN}, whole=True)
+    scale = Scale.counting(1, cells.directions, label, levels=_MAX_SHADES, special=special)
     classes = scale.classes
-    pictures = [map.picture("heat", classes, scale.levels(headings, {_NONE: headings == 0}))]
+    all_headings = map.picture("heat", classes, scale.levels(headings, {_NONE: headings == 0}))
     one = [classes[0], PictureClass("not from here", palette.PLAIN)]
     one.append(PictureClass("from here", classes[-1].color))
-    every, heading = np.arange(cells.directions), plan.visited // cells.positions
-    pictures.append(map.picture("heading", one, 1 + plan.reaches, "direction", every))
-    shown = {"direction": (every, every)}
-    if plan.found:
-        turns = np.flatnonzero(np.diff(heading, prepend=-1))
-        shown["step"] = turns, heading[turns]
-        on_the_way = on_squares(cells, 1 + plan.reaches[heading[turns]])
-        log_pictures(map.stream, "map/grid/heading", [], on_the_way, "step", turns)
-    for timeline, (when, headings) in shown.items():
-        legends = [_reaching_legend(cells, classes, k) for k in headings.tolist()]
-        log_legends(map.stream, f"{below}legend", timeline, when, legends)
-    about = log_text(map.stream, f"{below}text", text)
+    shown = directions_shown(cells, plan.visited if plan.found else None)
+    one_heading = map.by_direction("heading", one, 1 + plan.reaches, shown)
+    shades = scale.legend(_MAX_SHADES)
+    for timeline, (when, directions) in shown.items():
+        legends = [[*shades, *_heading_legend(cells, one, k)] for k in directions.tolist()]
+        log_legends(map.stream, f"{below}legend", legends, timeline, when)
     views = rrb.Vertical(
-        map.view("From where the goal can be reached", [pictures[0], *_ENDS]),
-        map.view("The same for one heading", [pictures[1], *_ENDS]),
+        map.view("From where the goal can be reached", [all_headings, *_ENDS]),
+        map.view("The same for one heading", [one_heading, *_ENDS]),
     )
-    rows = len(classes) + 2
-    return lay_out_tab(path, "Reaching the goal", views, rows, about, shares=(3, 2))
+    rows = len(shades) + 2
+    return log_tab(map.stream, path, "Reaching the goal", views, text, rows, shares=(3, 2))
 
 
-def _reaching_legend(
-    cells: CellSpace, classes: list[PictureClass], heading: int
-) -> list[tuple[str, Color]]:
-    """What the shades mean, and the colours for one heading."""
-    degrees = f"{360 * heading / cells.directions:.4g}°"
-    return [
-        *classes[:0:-1],
-        (f"from here, heading {degrees}", classes[-1].color),
-        (f"not from here, heading {degrees}", palette.PLAIN),
-    ]
+def _heading_legend(
+    cells: CellSpace, classes: list[PictureClass], direction: int
+) -> list[PictureClass]:
+    """What the colours for one heading mean."""
+    heading = f"heading {360 * direction / cells.directions:.4g}°"
+    return [PictureClass(f"{one.label}, {heading}", one.color) for one in classes[:0:-1]]
 
 
 _HOW_TO_LOOK = """## How to look
@@ -208,8 +187,8 @@ Press play, or drag `step` at the bottom.
 - **dots**: bumps, a second one inside the first.
 
 The tab **Reaching the goal** shows from where it can be reached."""
-_REACHING = """- **Above**: in how many headings the robot can set out from each square.
-- **Below**: whether it can in one, that of `direction` at the bottom, or of the robot at `step`."""
+_REACHING = """- **Above**: in how many headings it can set out from each square.
+- **Below**: whether it can in one, that of `direction`, or of the robot at `step`."""
 
 
 def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
@@ -219,7 +198,7 @@ def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
     return f"""# From start to goal by bumps
 
 A robot runs straight. Where it bumps it turns by one of its bouncing angles (counter-clockwise),
-as the plan says, and runs on. It senses its bumps and counts its steps.
+as the plan says.
 
 {_outcome(plan)}
 

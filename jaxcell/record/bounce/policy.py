@@ -1,6 +1,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -8,25 +9,14 @@ from jaxtyping import Float
 
 from ...automata import Policy
 from ...bounce import AdaptivelyLocalized
-from ..canvas.belief import MAX_ARROWS, log_beliefs
-from ..canvas.curves import curve_view, log_curve
-from ..canvas.map import CellMap, log_pictures, on_squares
-from ..canvas.marks import log_robot
-from ..canvas.page import lay_out_tab, log_legend, log_text
-from ..canvas.palette import (
-    CATEGORIES,
-    CURRENT,
-    KNOWN,
-    PLAIN,
-    ROBOT,
-    TRAIL,
-    Color,
-    Level,
-)
+from ..canvas.belief import log_beliefs
+from ..canvas.map import CellMap, directions_shown
+from ..canvas.page import log_tab, log_text
+from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
 from ..canvas.prose import counted, degrees, made_with, table, times
 from ..canvas.scale import Scale
-from ..canvas.stream import send_blueprint
-from .localization import log_end, log_turns
+from ..canvas.stream import pace, send_blueprint
+from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, log_turns
 
 
 # Without the colours of the robot, and of what is known in the end.
@@ -34,8 +24,6 @@ _ANGLES = [
     CATEGORIES[name] for name in ("orange", "sky blue", "pink", "yellow", "blue", "vermilion")
 ]
 _MAX_DRAWN = 300
-_MAX_CORNERS = 100
-_LEGEND_ROWS = 5
 _ACROSS, _DOWN = 26.0, 30.0
 
 
@@ -50,39 +38,24 @@ def log_localization_policy(
     """
     map = CellMap(stream, found.cells)
     tabs = [_log_run(map, found, spec), _log_needed(map, found)]
-    send_blueprint(stream, tabs, "step", float(np.clip(found.run.path.size / 20, 2, 30)))
+    send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
 
 def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) -> rrb.Container:
-    stream, cells = map.stream, found.cells
-    log_beliefs(stream, cells, found.beliefs)
-    log_robot(
-        stream,
-        "map/robot",
-        (found.robot_x, found.robot_y, found.robot_theta),
-        max(0.7 * cells.cell, 0.035 * map.extent),
-        ROBOT,
-        trail="map/trail",
-        trail_color=TRAIL,
-        corners=_MAX_CORNERS,
-        middle=0.0,
-        order=18.0,
-    )
+    stream, turns = map.stream, found.turned_by[found.turned_by >= 0]
+    log_beliefs(stream, found.cells, found.beliefs)
+    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
     log_end(map, found.run)
-    log_turns(map, map.xy(found.run.path), found.turned_by, found.bounces)
-    last = found.run.observations.size
-    log_curve(stream, "policy/uncertainty", found.belief_size)
-    log_curve(stream, "policy/bits", np.log2(found.belief_size))
-    bumps = np.append(0, np.cumsum(found.run.observations))
-    log_curve(stream, "policy/bumps", bumps, color=ROBOT)
+    log_turns(map, map.xy(found.run.path), found.turned_by >= 0, found.bounces[turns].tolist())
     marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", "turn"]
-    numbers = rrb.Horizontal(
-        curve_view("policy/uncertainty", "Cells left", last, int(found.belief_size.max())),
-        curve_view("policy/bits", "The same, log2", last),
-        curve_view("policy/bumps", "Bumps so far", last, int(bumps[-1])),
+    numbers = (
+        *log_sizes(stream, "policy", found.belief_size),
+        log_bumps(stream, found.run.observations),
     )
     left = rrb.Vertical(
-        map.view("Where the robot is, and where it may be", marks), numbers, row_shares=[7, 3]
+        map.view("Where the robot is, and where it may be", marks),
+        rrb.Horizontal(*numbers),
+        row_shares=[7, 3],
     )
     drawn = _drawn(found.policy, found.run.states.tolist())
     tree = _log_tree(stream, found, drawn)
@@ -91,9 +64,8 @@ def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) 
         ("localized", KNOWN),
         ("the state of the robot", CURRENT),
     ]
-    log_legend(stream, "tree/legend", legend)
     text = log_text(stream, "text", _text(found, drawn, spec))
-    side = lay_out_tab("tree", "Policy", [tree], len(legend), None, shares=(3, 1))
+    side = log_tab(stream, "tree", "Policy", tree, "", legend, shares=(5, 4))
     about = rrb.Vertical(text, side, row_shares=[1, 1])
     return rrb.Horizontal(left, about, column_shares=[1, 1], name="Localization")
 
@@ -111,76 +83,36 @@ def _drawn(policy: Policy, visited: Sequence[int]) -> list[int]:
 def _log_tree(stream: rr.RecordingStream, found: AdaptivelyLocalized, drawn: list[int]) -> rrb.View:
     """Log the policy as a graph, with the start at the top and a row for each bump."""
     policy = found.policy
-    place = _layout(policy, drawn)
     names = {state: _name(found, state) for state in drawn}
-    nodes = rr.GraphNodes.from_fields(
-        node_ids=list(names.values()), positions=place, show_labels=False
-    )
-    stream.log("tree/graph", nodes, static=True)
-    pairs = [
-        (names[state], names[target])
+    edges = [
+        (state, target)
         for state in drawn
         for target in dict.fromkeys(policy.after(state).values())
         if target in names
     ]
-    stream.log("tree/graph", rr.GraphEdges(pairs, graph_type="directed"), static=True)
-    plain = np.array([_state_color(policy, state) for state in drawn], np.uint8)
-    here = found.run.states[:, None] == np.array(drawn)
-    colors = np.where(here[..., None], np.array(CURRENT), plain).astype(np.uint8)
-    radii = 4 + 0.45 * np.log2(1 + policy.uncertainty[drawn]) + 5 * here
-    columns = rr.GraphNodes.columns(colors=colors.reshape(-1, 3), radii=radii.ravel())
-    index = [rr.TimeColumn("step", sequence=found.time)]
-    stream.send_columns("tree/graph", index, columns.partition([len(drawn)] * found.time.size))
-    (left, top), (right, bottom) = place.min(axis=0) - 40, place.max(axis=0) + 40
-    return rrb.GraphView(
-        origin="tree/graph",
-        name="The policy",
-        visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
-    )
+    colors = np.array([_state_color(policy, state) for state in drawn], np.uint8)
+    place, size = _layout(policy, drawn), policy.uncertainty[drawn]
+    path, title, visited = "tree/graph", "The policy", found.run.states
+    return log_states(stream, path, title, names, place, edges, size, colors, visited)
 
 
 def _layout(policy: Policy, drawn: list[int]) -> Float[np.ndarray, "drawn 2"]:
-    """A row for each bump, and each state over the middle of those that it alone leads to."""
-    known = set(drawn)
-    depth, order = dict.fromkeys(drawn, 0), []
-    # States after all that lead to them, which are those of an acyclic graph.
-    left = dict.fromkeys(drawn, 0)
-    after = {s: [t for t in policy.after(s).values() if t in known] for s in drawn}
-    for state in drawn:
-        for target in after[state]:
-            left[target] += 1
-    queue = [state for state in drawn if not left[state]]
-    for state in queue:
-        for target in after[state]:
-            depth[target] = max(depth[target], depth[state] + 1)
-            left[target] -= 1
-            if not left[target]:
-                queue.append(target)
-
-    # Leaves side by side, in the order of a walk through the tree.
-    across: dict[int, float] = {}
-    stack, column = [0], 0
-    owned: dict[int, list[int]] = {}
-    while stack:
-        state = stack.pop()
-        if state in owned:
-            continue
-        owned[state] = []
-        order.append(state)
-        stack += after[state][::-1]
-    seen: set[int] = set()
-    for state in order:
-        owned[state] = [t for t in dict.fromkeys(after[state]) if t not in seen]
-        seen.update(owned[state])
-        if not owned[state]:
-            across[state] = float(column)
-            column += 1
+    """A row for each bump, and each state over the middle of those that it is the way to."""
+    graph = nx.DiGraph()
+    graph.add_nodes_from(drawn)
+    edges = ((s, t) for s in drawn for t in policy.after(s).values())
+    graph.add_edges_from((s, t) for s, t in edges if t in graph)
+    generations = enumerate(nx.topological_generations(graph))
+    depth = {state: row for row, states in generations for state in states}
+    # Ends are side by side, in the order of a walk through the tree.
+    below, order = nx.dfs_successors(graph, 0), list(nx.dfs_preorder_nodes(graph, 0))
+    ends = [state for state in order if state not in below]
+    across = {state: float(column) for column, state in enumerate(ends)}
     for state in reversed(order):
-        if owned[state]:
-            at = [across[t] for t in owned[state] if t in across]
-            across[state] = sum(at) / len(at) if at else float(column)
+        if state in below:
+            across[state] = float(np.mean([across[target] for target in below[state]]))
     # As wide as the view is for its height.
-    down = max(_DOWN, 0.55 * _ACROSS * column / (1 + max(depth.values())))
+    down = max(_DOWN, 0.55 * _ACROSS * len(ends) / (1 + max(depth.values())))
     return np.array([[_ACROSS * across[s], down * depth[s]] for s in drawn])
 
 
@@ -207,32 +139,19 @@ def _angle_color(turn: int) -> Color:
 
 def _log_needed(map: CellMap, found: AdaptivelyLocalized) -> rrb.Container:
     """Log from where it takes how many bumps: at worst over the headings, and for each."""
-    needed = found.bumps_needed.astype(float)
-    least, most = int(needed.min()), int(needed.max())
-    # A level for each number of bumps, whose name is the number.
-    scale = Scale.over(
-        needed, "{} bumps".format, levels=most - least + 1, least=least - 0.5, most=most + 0.5
+    needed = found.bumps_needed
+    scale = Scale.counting(
+        int(needed.min()), int(needed.max()), lambda count: f"{count} bump{'s' * (count != '1')}"
     )
     worst = map.picture("bumps_worst", scale.classes, scale.levels(needed.max(axis=0)))
-    every, pictures = np.arange(found.cells.directions), scale.levels(needed)
-    one = map.picture("bumps_needed", scale.classes, pictures, "direction", every)
-    # Over the steps of the run, for the heading of the robot.
-    heading = found.run.path // found.cells.positions
-    turns = np.flatnonzero(np.diff(heading, prepend=-1))
-    shown = on_squares(found.cells, pictures[heading[turns]])
-    log_pictures(map.stream, "map/grid/bumps_needed", [], shown, "step", turns)
+    shown = directions_shown(found.cells, found.run.path)
+    one = map.by_direction("bumps_needed", scale.classes, scale.levels(needed), shown)
     views = rrb.Vertical(
         map.view("Bumps until it is localized, from the worst heading", [worst]),
         map.view("The same for one heading", [one]),
     )
-    shown = np.unique(np.linspace(most, least, min(most - least + 1, _LEGEND_ROWS)).round())
-    legend = [
-        Level(counted(bumps, "bump"), scale.colors[bumps - least])
-        for bumps in shown[::-1].astype(int).tolist()
-    ]
-    log_legend(map.stream, "needed/legend", legend)
-    text = log_text(map.stream, "needed/text", _needed_text(found))
-    return lay_out_tab("needed", "Bumps needed", views, len(legend), text, shares=(3, 2))
+    text, legend = _needed_text(found), scale.legend()
+    return log_tab(map.stream, "needed", "Bumps needed", views, text, legend, shares=(3, 2))
 
 
 def _needed_text(found: AdaptivelyLocalized) -> str:
@@ -276,12 +195,7 @@ From all cells it takes **{counted(found.worst_bumps, "bump")} at worst** and \
 
 ## How to look
 
-Press play, or drag `step` at the bottom.
-
-- **vermilion arrow**: the robot, and its trail.
-- **blue arrows**: the cells where it may be; blue squares, while these are more than
-  {MAX_ARROWS:,}.
-- **green squares**, at the end: the cells that are left.
+{SEEN}
 
 The tab **Bumps needed** shows how long it takes from everywhere.
 
@@ -290,7 +204,9 @@ The tab **Bumps needed** shows how long it takes from everywhere.
 The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
 the colour of the angle that it turns by.{part}
 
-One sequence for all starts takes {counted(found.fixed_bumps, "bump")}: {fixed or "no turn"}. These
-angles can tell {found.classes:,} classes of cells apart.
+These angles can tell {found.classes:,} classes of cells apart. One sequence of turns for all
+starts takes {counted(found.fixed_bumps, "bump")}:
+
+`{fixed or "none"}`
 
 {made_with(spec, found.cells)}"""

@@ -62,7 +62,7 @@ def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "time
         x, y, theta = (one[:, robot] for one in poses)
         color = mix(robot_color(robot)[1], (0, 0, 0), 0.15)
         path, trail = f"map/robot_{robot}", f"map/trail_{robot}"
-        log_robot(map.stream, path, (x, y, theta), map.arrow, color, times=times, trail=trail)
+        log_robot(map.stream, path, (x, y, theta), map.arrow, color, trail, times)
     return [f"{kind}_{robot}" for kind in ("trail", "robot") for robot in robots]
 
 

@@ -9,9 +9,10 @@ import rerun as rr
 from jaxtyping import Float, Integer, UInt8
 
 from ...space import CellSpace
-from .map import log_classes, on_squares, send_pictures
+from .map import CellMap, log_classes, on_squares, send_pictures
 from .palette import BELIEF, CLEAR, FREE, PictureClass, mix
 from .scale import Scale
+from .stream import send_changing
 
 
 MAX_ARROWS = 400
@@ -32,6 +33,11 @@ def arrows(
 def belief_length(cells: CellSpace) -> float:
     """The length of the arrows of a belief, in metres."""
     return max(0.42 * cells.cell, 0.02 * max(cells.free.shape) * cells.cell)
+
+
+def robot_length(map: CellMap) -> float:
+    """The length of the arrow of a robot that is sought, which begins at its centre, in metres."""
+    return max(0.7 * map.cells.cell, 0.035 * map.extent)
 
 
 def log_belief_style(stream: rr.RecordingStream, cells: CellSpace) -> None:
@@ -62,17 +68,15 @@ def log_beliefs(
     stream: rr.RecordingStream,
     cells: CellSpace,
     beliefs: Sequence[Integer[np.ndarray, "_"]],
-    timeline: str = "step",
 ) -> None:
-    """Log where a robot may be over time: arrows, or shaded squares while there are too many."""
+    """Log where a robot may be at each step: arrows, or shaded squares while there are too many."""
     size = np.array([where.size for where in beliefs])
     shown = np.where(size <= MAX_ARROWS, size, 0)
     few = [where for where in beliefs if where.size <= MAX_ARROWS]
     where = np.concatenate([*few, np.empty(0, np.int32)])
     origins, vectors = arrows(cells, where, belief_length(cells))
-    columns = rr.Arrows2D.columns(origins=origins, vectors=vectors)
-    index = [rr.TimeColumn(timeline, sequence=np.arange(size.size))]
-    stream.send_columns("map/belief", index, columns.partition(shown))
+    times = np.arange(size.size)
+    send_changing(stream, "map/belief", rr.Arrows2D, times, shown, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
 
     crowded = np.flatnonzero(size > MAX_ARROWS)
@@ -80,9 +84,8 @@ def log_beliefs(
         log_shades(stream)
         times = np.arange(min(crowded[-1] + 2, size.size))
         kinds = [shades(cells, beliefs[time]) for time in times.tolist()]
-        send_pictures(
-            stream, "map/grid/belief", on_squares(cells, np.stack(kinds)), timeline, times
-        )
+        pictures = on_squares(cells, np.stack(kinds))
+        send_pictures(stream, "map/grid/belief", pictures, "step", times)
 
 
 def heat_scale() -> Scale:

@@ -24,12 +24,13 @@ def log_curve(
     color: Color = BELIEF,
     name: str | None = None,
     shape: Shape = "StepAfter",
+    width: float = 2.0,
 ) -> None:
     """Log a number at each time as a curve, by default of steps that begin at their times."""
     times = np.arange(values.size) if times is None else times
     index = [rr.TimeColumn(timeline, sequence=times)]
     stream.send_columns(path, index, rr.Scalars.columns(scalars=values))
-    log_curve_style(stream, path, color, name, shape)
+    log_curve_style(stream, path, color, name, shape, width)
 
 
 def log_curve_style(
@@ -38,10 +39,11 @@ def log_curve_style(
     color: Color = BELIEF,
     name: str | None = None,
     shape: Shape = "StepAfter",
+    width: float = 2.0,
 ) -> None:
     """Log how a curve looks whose numbers are logged later."""
     names = None if name is None else [name]
-    line = rr.SeriesLines(colors=color, widths=2, interpolation_mode=shape, names=names)
+    line = rr.SeriesLines(colors=color, widths=width, interpolation_mode=shape, names=names)
     stream.log(path, line, static=True)
 
 

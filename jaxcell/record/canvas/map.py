@@ -7,7 +7,8 @@ first row is the lowest.
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -16,7 +17,8 @@ import shapely
 from jaxtyping import Float, Int, Integer, UInt8
 
 from ...space import CellSpace
-from .palette import FREE, MARGIN, OBSTACLE, WALL, PictureClass
+from .marks import log_lines
+from .palette import FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
 from .stream import plane
 
 
@@ -35,10 +37,7 @@ class CellMap:
         classes = ("obstacle", OBSTACLE), ("free", FREE), ("too near a wall", MARGIN)
         named = [PictureClass(*one) for one in classes]
         log_pictures(stream, "map/grid/free", named, _squares(self.cells), order=-20.0)
-        walls = rr.LineStrips2D(
-            _walls(self.cells), colors=WALL, radii=rr.Radius.ui_points(1.2), draw_order=10
-        )
-        stream.log("map/walls", walls, static=True)
+        log_lines(stream, "map/walls", _walls(self.cells), WALL, 1.2, 10.0)
 
     @functools.cached_property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -68,6 +67,18 @@ class CellMap:
         x, y, _ = self.cells.centre(cell)
         return np.stack([x, y], axis=-1)
 
+    def below(
+        self, place: Float[np.ndarray, "2"], gap: float
+    ) -> tuple[Float[np.ndarray, "2"], Color]:
+        """Where the label of a mark stands, so far below its middle, and the colour there."""
+        at = place - np.array([0, gap])
+        # A label hangs below its place.
+        under = at - np.array([0, 0.25 * self.cells.cell])
+        column, row = np.floor((under - self.cells.origin) / self.cells.cell).astype(int)
+        rows, columns = self.cells.free.shape
+        inside = 0 <= row < rows and 0 <= column < columns
+        return at, FREE if inside and self.cells.free[row, column] else OBSTACLE
+
     def picture(
         self,
         name: str,
@@ -86,6 +97,27 @@ class CellMap:
         log_pictures(self.stream, f"map/grid/{name}", classes, pictures, timeline, times)
         return f"grid/{name}"
 
+    def by_direction(
+        self,
+        name: str,
+        classes: Sequence[PictureClass],
+        kind: Integer[np.ndarray, "directions positions"],
+        shown: "Directions",
+    ) -> str:
+        """Log the class of each cell as a picture for each direction.
+
+        **Arguments:**
+
+        - `shown`: when which direction is shown.
+
+        **Returns:** the name of the entity, for [`CellMap.view`][].
+        """
+        pictures, path = on_squares(self.cells, kind), f"map/grid/{name}"
+        log_classes(self.stream, path, classes)
+        for timeline, (times, directions) in shown.items():
+            send_pictures(self.stream, path, pictures[directions], timeline, times)
+        return f"grid/{name}"
+
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
         """A view of entities on the map, with a margin around it."""
         left, bottom, right, top = self.bounds
@@ -93,6 +125,21 @@ class CellMap:
         box = left - margin, -top - margin, right + margin, margin - bottom
         shown = [f"/map/{one}" for one in ("walls", "grid/free", *contents)]
         return plane("/", title, box, shown, OBSTACLE)
+
+
+Directions: TypeAlias = Mapping[str, tuple[Int[np.ndarray, "times"], Int[np.ndarray, "times"]]]
+"""For each timeline, times and the directions that are shown at these."""
+
+
+def directions_shown(cells: CellSpace, path: Int[np.ndarray, "visits"] | None = None) -> Directions:
+    """Each direction over the timeline `direction`; over `step` that of a robot, by its cells."""
+    every = np.arange(cells.directions)
+    shown = {"direction": (every, every)}
+    if path is not None:
+        heading = path // cells.positions
+        turns = np.flatnonzero(np.diff(heading, prepend=-1))
+        shown["step"] = turns, heading[turns]
+    return shown
 
 
 def on_squares(
@@ -113,12 +160,8 @@ def log_pictures(
     times: Int[np.ndarray, "pictures"] | None = None,
     order: float = -10.0,
 ) -> None:
-    """Log a picture of classes, or one for each time; higher orders lie on top.
-
-    Without classes these are more pictures of the same, over another timeline.
-    """
-    if classes:
-        log_classes(stream, path, classes, order)
+    """Log a picture of classes, or one for each time; higher orders lie on top."""
+    log_classes(stream, path, classes, order)
     if timeline is None or times is None:
         stream.log(path, rr.SegmentationImage(pictures), static=True)
     else:

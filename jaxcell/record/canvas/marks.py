@@ -11,7 +11,7 @@ import numpy.typing as npt
 import rerun as rr
 from jaxtyping import Float, Int
 
-from .palette import TEXT, Color
+from .palette import BLACK, FREE, PLAIN, TEXT, Color, share_colors, text_on
 from .stream import send_changing
 
 
@@ -19,7 +19,7 @@ from .stream import send_changing
 _CORNERS = 6
 _LAST_STEPS = 4
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
-"""The style of points of which one sees their labels only."""
+"""The style of points of which one sees their labels only, which stand on black."""
 
 
 def points(width: float) -> float:
@@ -31,14 +31,19 @@ def log_labels(
     stream: rr.RecordingStream,
     path: str,
     labels: Sequence[tuple[str, float, float]],
-    color: Color = TEXT,
+    grounds: Sequence[Color] = (BLACK,),
     order: float = 60.0,
 ) -> None:
-    """Log texts at places; the viewer hangs each centred below its place."""
+    """Log texts at places; the viewer hangs each centred below its place.
+
+    **Arguments:**
+
+    - `grounds`: the colour on which each stands, or one on which all do.
+    """
     if labels:
-        style = {**LABEL, "colors": color, "draw_order": order}
-        at = [(x, y) for _, x, y in labels]
-        text = rr.Points2D(at, labels=[text for text, _, _ in labels], **style)
+        texts, x, y = zip(*labels, strict=True)
+        style = {**LABEL, "colors": [text_on(one) for one in grounds], "draw_order": order}
+        text = rr.Points2D(np.stack([x, y], axis=1), labels=texts, **style)
         stream.log(path, text, static=True)
 
 
@@ -49,11 +54,11 @@ def send_labels(
     times: Int[np.ndarray, "times"],
     lengths: npt.ArrayLike | None = None,
     *,
-    order: float = 60.0,
+    ground: Color = FREE,
     **columns: Any,
 ) -> None:
-    """Log texts that change over the timeline `step`, each with its place unless that is fixed."""
-    style = {**LABEL, "draw_order": order}
+    """Log texts over the timeline `step`, on a ground of one colour."""
+    style = {**LABEL, "colors": text_on(ground), "draw_order": 60.0}
     columns["labels"] = labels
     send_changing(stream, path, rr.Points2D, times, lengths, style=style, **columns)
 
@@ -104,6 +109,25 @@ def log_lines(
     stream.log(path, lines, static=True)
 
 
+def log_shares(
+    stream: rr.RecordingStream,
+    path: str,
+    ends: Float[np.ndarray, "lines 2 2"],
+    level: Float[np.ndarray, "lines"],
+    width: float,
+    order: float = 15.0,
+) -> None:
+    """Log lines that are wide and yellow where a number is near 1, and thin and grey where it is 0.
+
+    **Arguments:**
+
+    - `width`: half that of the widest, in units of the plane.
+    """
+    colors, radii = share_colors(level, PLAIN), width * (0.1 + 0.9 * level)
+    lines = rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=order)
+    stream.log(path, lines, static=True)
+
+
 def log_arrows(
     stream: rr.RecordingStream,
     path: str,
@@ -111,7 +135,7 @@ def log_arrows(
     vectors: npt.ArrayLike,
     color: Color | Sequence[Color],
     radius: float,
-    order: float = 30.0,
+    order: float,
 ) -> None:
     """Log arrows from places."""
     arrows = rr.Arrows2D(origins=xy, vectors=vectors, colors=color, radii=radius, draw_order=order)
@@ -126,29 +150,29 @@ def log_robot(
     ],
     length: float,
     color: Color,
-    timeline: str = "step",
+    trail: str,
     times: Int[np.ndarray, "times"] | None = None,
-    trail: str | None = None,
     trail_color: Color | None = None,
-    corners: int | None = _CORNERS,
+    corners: int = _CORNERS,
     width: float = 1.5,
     middle: float = 0.5,
     order: float = 30.0,
 ) -> None:
-    """Log a robot as an arrow over time, and the trail behind it.
+    """Log a robot as an arrow over the timeline `step`, and the trail behind it.
 
     **Arguments:**
 
     - `path`: the entity of the robot.
     - `poses`: x, y and heading of each state, in metres and radians.
     - `length`: of the arrow.
+    - `trail`: the entity of the trail.
     - `times`: the states that are shown; by default all.
-    - `trail`: the entity of the trail, if it is to have one.
-    - `corners`: how many corners of the trail are kept; `None` for all.
+    - `trail_color`: by default that of the robot.
+    - `corners`: how many corners of the trail are kept.
     - `width`: of the trail, in points on the screen.
-    - `order`: of the robot; the trail lies below it.
     - `middle`: the share of the arrow that is behind the centre of the robot; at the half it lies
         in its square in any heading.
+    - `order`: of the robot; the trail lies below it.
     """
     x, y, theta = poses
     times = np.arange(x.size) if times is None else times
@@ -156,19 +180,15 @@ def log_robot(
     heading = length * np.stack([np.cos(theta), np.sin(theta)], axis=1)
     style = {"colors": color, "radii": length / 8, "draw_order": order}
     arrows = {"origins": place[times] - middle * heading[times], "vectors": heading[times]}
-    send_changing(stream, path, rr.Arrows2D, times, None, timeline, style=style, **arrows)
-    if trail is None:
-        return
+    send_changing(stream, path, rr.Arrows2D, times, style=style, **arrows)
     corner = np.append(0, 1 + np.flatnonzero(np.diff(theta)))
-    kept = corner.size if corners is None else corners
     passed = np.searchsorted(corner, times, side="right").tolist()
     strips = [
-        place[np.append(corner[max(0, past - kept) : past], time)]
+        place[np.append(corner[max(0, past - corners) : past], time)]
         for time, past in zip(times.tolist(), passed, strict=True)
     ]
-    line = trail_color or color
-    style = {"colors": line, "radii": points(width), "draw_order": order - 10}
-    send_changing(stream, trail, rr.LineStrips2D, times, None, timeline, style=style, strips=strips)
+    style = {"colors": trail_color or color, "radii": points(width), "draw_order": order - 10}
+    send_changing(stream, trail, rr.LineStrips2D, times, style=style, strips=strips)
 
 
 def log_walker(

@@ -37,16 +37,22 @@ def log_matrix(
 
     - `values`: the numbers, not negative; squares that have none are NaN.
     - `rows`, `columns`: their names.
-    - `unit`: what the numbers count.
+    - `unit`: what the numbers count; empty for nothing.
     - `margin`: how much space the names of rows have, in squares.
 
     **Returns:** what the colours mean.
     """
-    scale = Scale.over(values, f"{{}} {unit}".format, special={"none": PLAIN})
+    scale = Scale.over(values, f"{{}} {unit}".rstrip().format, special={"none": PLAIN})
     known = ~np.isnan(values)
     levels = scale.levels(np.where(known, values, scale.bounds[0]), {"none": ~known})
-    log_pictures(stream, f"{path}/heat", scale.classes, levels)
-    _log_labels(stream, f"{path}/labels", values, rows, columns, margin)
+    classes = scale.classes
+    log_pictures(stream, f"{path}/heat", classes, levels)
+    _log_names(stream, f"{path}/labels", rows, columns, margin)
+    if known.sum() <= _MAX_NUMBERS:
+        at = np.argwhere(known).tolist()
+        numbers = [(f"{values[row, column]:.3g}", column + 0.5, row + _HANG) for row, column in at]
+        grounds = [classes[level].color for level in levels[known].tolist()]
+        log_labels(stream, f"{path}/numbers", numbers, grounds, order=10.0)
     return scale.legend(shown=[])
 
 
@@ -58,24 +64,17 @@ def matrix_view(
     return plane(path, name, (-margin, -1, columns + 0.3, rows + 0.3))
 
 
-def _log_labels(
+def _log_names(
     stream: rr.RecordingStream,
     path: str,
-    values: Float[np.ndarray, "rows columns"],
     rows: Sequence[str],
     columns: Sequence[str],
     margin: float,
 ) -> None:
-    """Log names and numbers, where there is space for them."""
-    known = ~np.isnan(values)
+    """Log names, where there is space for them."""
     labels: list[tuple[str, float, float]] = []
     if len(rows) <= _MAX_NAMES:
         labels += [(name, -margin / 2, row) for row, name in enumerate(rows)]
     if len(columns) <= _MAX_NAMES:
         labels += [(name, column + 0.5, -0.8) for column, name in enumerate(columns)]
-    if known.sum() <= _MAX_NUMBERS:
-        labels += [
-            (f"{values[row, column]:.3g}", column + 0.5, float(row))
-            for row, column in np.argwhere(known).tolist()
-        ]
     log_labels(stream, path, [(text, x, y + _HANG) for text, x, y in labels], order=10.0)

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import rerun as rr
@@ -11,11 +11,10 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int, UInt8
 
 from .marks import LABEL
-from .palette import Color, Level
+from .palette import CLEAR, OBSTACLE, Color, Level
 from .stream import plane
 
 
-_ONCE = np.zeros(1, np.int64)
 _SECTION = re.compile(r"\n+(?=## )")
 # Lines in a row of a colour bar.
 _STRIPES = 8
@@ -32,60 +31,41 @@ def log_tab(
     name: str,
     views: rrb.Container | rrb.View | Sequence[rrb.View],
     text: str,
-    legend: Legend,
-    *,
-    timeline: str = "step",
-    **layout: Any,
-) -> rrb.Container:
-    """Log the text and the legend of a tab, and lay it out.
-
-    **Arguments:** those of [`lay_out_tab`][], and
-
-    - `text`: what one sees, in Markdown; empty for no text, if there is a legend.
-    - `legend`: what the colours mean; none for no legend.
-    - `timeline`: one that the recording has.
-    """
-    below = f"{path}/" if path else ""
-    about = log_text(stream, f"{below}text", text) if text else None
-    if legend:
-        log_legend(stream, f"{below}legend", legend, timeline)
-    return lay_out_tab(path, name, views, len(legend), about, **layout)
-
-
-def lay_out_tab(
-    path: str,
-    name: str,
-    views: rrb.Container | rrb.View | Sequence[rrb.View],
-    legend: int,
-    text: rrb.View | rrb.Container | None,
+    legend: Legend | int,
     *,
     shares: tuple[int, int] = (7, 3),
     rows: tuple[int, int] = (3, 2),
 ) -> rrb.Container:
-    """Lay out a tab: views on the left, its text and its legend on the right.
+    """Log a tab: views on the left, its text and its legend on the right.
 
     **Arguments:**
 
-    - `path`: what the legend is under; empty for the recording as a whole.
+    - `path`: what its text and legend are under; empty for the recording as a whole.
     - `name`: what the tab is called.
     - `views`: what is on its left; several make a grid, and the legend fills a hole in it.
-    - `legend`: how many rows the legend has; 0 for no legend.
-    - `text`: the view of its text that [`log_text`][] gives; without one it has a legend.
+    - `text`: what one sees, in Markdown; empty for no text, if there is a legend.
+    - `legend`: what the colours mean, or how many rows a legend has that changes over time, which
+        [`log_legends`][] logs; none for no legend.
     - `shares`: how much of the width the views and the rest have.
     - `rows`: how much of the height the text and the legend have.
     """
     below = f"{path}/" if path else ""
-    about = [text] if text is not None else []
-    key = [legend_view(f"{below}legend", legend)] if legend else []
+    side: list[rrb.View | rrb.Container] = [log_text(stream, f"{below}text", text)] if text else []
+    where = f"{below}legend"
+    key: list[rrb.View]
+    if isinstance(legend, int):
+        key = [_legend_view(where, legend)]
+    else:
+        key = [log_legend(stream, where, legend)] if legend else []
     if isinstance(views, Sequence):
         columns = math.ceil(math.sqrt(len(views)))
-        if about and len(views) % columns:
+        if side and len(views) % columns:
             views, key = rrb.Grid(*views, *key, grid_columns=columns), []
         else:
             views = rrb.Grid(*views, grid_columns=columns)
-    about += key
-    side = rrb.Vertical(*about, row_shares=list(rows)) if len(about) > 1 else about[0]
-    return rrb.Horizontal(views, side, column_shares=list(shares), name=name)
+    side += key
+    beside = rrb.Vertical(*side, row_shares=list(rows)) if len(side) > 1 else side[0]
+    return rrb.Horizontal(views, beside, column_shares=list(shares), name=name)
 
 
 def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb.Container:
@@ -100,23 +80,24 @@ def log_text(stream: rr.RecordingStream, path: str, text: str) -> rrb.View | rrb
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
 
 
-def log_legend(
-    stream: rr.RecordingStream, path: str, legend: Legend, timeline: str | None = None
-) -> None:
-    """Log what colours mean, at all times of one timeline or of all."""
-    log_legends(stream, path, timeline, _ONCE, [legend])
+def log_legend(stream: rr.RecordingStream, path: str, legend: Legend) -> rrb.View:
+    """Log what colours mean at all times, and give a view of it."""
+    log_legends(stream, path, [legend])
+    return _legend_view(path, len(legend))
 
 
 def log_legends(
     stream: rr.RecordingStream,
     path: str,
-    timeline: str | None,
-    times: Int[np.ndarray, "legends"],
     legends: Sequence[Legend],
+    timeline: str | None = None,
+    times: Int[np.ndarray, "legends"] | None = None,
 ) -> None:
     """Log a column of swatches with their meanings for each time, or once without a timeline."""
     stream.log(f"{path}/text", rr.Points2D.from_fields(**LABEL), static=True)
-    index = [] if timeline is None else [rr.TimeColumn(timeline, sequence=times)]
+    index = []
+    if timeline is not None and times is not None:
+        index = [rr.TimeColumn(timeline, sequence=times)]
     lengths = [len(legend) for legend in legends]
     drawn = [_swatches(legend) for legend in legends]
     ends, colors, radii = (np.concatenate(one) for one in zip(*drawn, strict=True))
@@ -139,7 +120,9 @@ def _swatches(
     Float[np.ndarray, "lines 2 2"], UInt8[np.ndarray, "lines 4"], Float[np.ndarray, "lines"]
 ]:
     """The lines that are drawn for a legend: one for a meaning, many for a part of a colour bar."""
-    color = np.array([(*one, 255)[:4] for _, one in legend], float)
+    # What is clear is drawn black, so it has the colour of the ground.
+    shown = [OBSTACLE if one == CLEAR else one for _, one in legend]
+    color = np.array([(*one, 255)[:4] for one in shown], float)
     is_level = np.array([isinstance(one, Level) for one in legend])
     lines: list[tuple[float, np.ndarray, float]] = []
     for row in range(len(legend)):
@@ -156,6 +139,6 @@ def _swatches(
     return ends, shades.round().astype(np.uint8), radii
 
 
-def legend_view(path: str, rows: int) -> rrb.Spatial2DView:
+def _legend_view(path: str, rows: int) -> rrb.Spatial2DView:
     """A view of a legend of so many rows."""
-    return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2))
+    return plane(path, "Legend", (-0.7, -0.8, 10, rows - 0.2), ground=OBSTACLE)

@@ -20,6 +20,7 @@ FREE: Color = (236, 236, 232)
 MARGIN: Color = (96, 100, 106)
 WALL: Color = (205, 208, 212)
 TEXT: Color = (255, 255, 255)
+INK: Color = (0, 0, 0)
 ROBOT: Color = (213, 94, 0)
 TRAIL: Color = (90, 90, 90)
 BELIEF: Color = (0, 114, 178)
@@ -62,6 +63,12 @@ _RAMP = np.array(
 )
 
 
+# Grounds that are darker than this have white labels.
+_DARK = 104
+# What a solver leaves of a probability that is 0.
+_NOTHING = 1e-9
+
+
 def robot_color(robot: int) -> tuple[str, Color]:
     """What stands for one of several robots, which are counted from 0."""
     return ROBOTS[robot % len(ROBOTS)]
@@ -72,6 +79,20 @@ def ramp(value: Float[np.ndarray, "values"]) -> UInt8[np.ndarray, "values 3"]:
     at = np.clip(value, 0, 1) * (len(_RAMP) - 1)
     channels = [np.interp(at, np.arange(len(_RAMP)), channel) for channel in _RAMP.T]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
+
+
+def share_colors(share: Float[np.ndarray, "values"], none: Color) -> UInt8[np.ndarray, "values 3"]:
+    """The colours of [`ramp`][], and another for what is 0."""
+    return np.where(share[:, None] > _NOTHING, ramp(share), none[:3]).astype(np.uint8)
+
+
+def text_on(ground: Color) -> Color:
+    """The colour of a label on a ground, which is legible in both themes of the viewer.
+
+    Behind a label there is half a veil, dark in the dark theme and light in the light one.
+    """
+    red, green, blue = ground[:3]
+    return INK if 0.3 * red + 0.59 * green + 0.11 * blue > _DARK else TEXT
 
 
 def mix(color: Color, other: Color, share: float) -> Color:
@@ -139,25 +160,3 @@ def group_class(rank: Int[np.ndarray, "groups"]) -> UInt8[np.ndarray, "groups"]:
     count = len(CATEGORIES)
     place = np.where(rank < count, rank, count + rank % count)
     return (1 + 2 * place).astype(np.uint8)
-
-
-def step_classes(longest: int) -> tuple[int, list[PictureClass]]:
-    """The classes in pictures of the mappings that cells are away from their groups.
-
-    **Arguments:**
-
-    - `longest`: the largest number of mappings.
-
-    **Returns:** how many numbers share a class, and the classes: 0 for what is not free, 1 for
-    the cells on a group, and step `s > 0` has class `2 + (s - 1) // share`.
-    """
-    longest = max(longest, 1)
-    share = -(-longest // 250)
-    starts = np.arange(1, longest + 1, share)
-    colors = ramp((starts - 1) / max(longest - 1, 1)).tolist()
-    classes = [NOT_FREE, PictureClass("on a group", ON_GROUP)]
-    for start, (red, green, blue) in zip(starts.tolist(), colors, strict=True):
-        last = min(start + share - 1, longest)
-        steps = f"{start}" if start == last else f"{start} to {last}"
-        classes.append(PictureClass(f"{steps} mappings from its group", (red, green, blue)))
-    return share, classes

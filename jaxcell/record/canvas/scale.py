@@ -1,17 +1,18 @@
 """Numbers as colours: the classes of a picture, the class of each number, and the legend."""
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Num, UInt8
 
 from .palette import CLEAR, Color, Level, PictureClass, ramp
 
 
 LEVELS = 32
+# Of the 255 classes of a picture, so that there is space for others.
+_MOST_LEVELS = 250
 _LEGEND_ROWS = 5
 
 
@@ -66,6 +67,25 @@ class Scale:
         high = max(high, low + max(1e-6, 1e-9 * abs(low)))
         return cls(spaced(low, high, levels + 1), label, **about)
 
+    @classmethod
+    def counting(
+        cls,
+        least: int,
+        most: int,
+        label: Callable[[str], str] = "{}".format,
+        *,
+        levels: int = _MOST_LEVELS,
+        **about: Any,
+    ) -> "Scale":
+        """The scale of whole numbers between two of them, on at most so many levels.
+
+        The arguments are those of [`Scale.over`][].
+        """
+        most = max(least, most)
+        share = -(-(most - least + 1) // levels)
+        bounds = np.append(np.arange(least, most + 1, share), most + 1).astype(float)
+        return cls(bounds, label, whole=True, **about)
+
     @property
     def colors(self) -> list[Color]:
         """The colour of each level."""
@@ -75,19 +95,13 @@ class Scale:
     @property
     def classes(self) -> list[PictureClass]:
         """The classes of a picture."""
-        named = [PictureClass(self.ground, CLEAR)]
-        named += [PictureClass(*one) for one in self.special.items()]
-        ends = itertools.pairwise(self.bounds.tolist())
-        for (low, high), color in zip(ends, self.colors, strict=True):
-            named.append(PictureClass(self.label(self._range(low, high - self.whole)), color))
-        if self.open:
-            last = self._or_more(self.bounds[-2])
-            named[-1] = PictureClass(last, named[-1].color)
-        return named
+        ground = [(self.ground, CLEAR), *self.special.items()]
+        named = zip(map(self._range, range(len(self.colors))), self.colors, strict=True)
+        return [PictureClass(*one) for one in (*ground, *named)]
 
     def levels(
         self,
-        values: Float[np.ndarray, "*shape"],
+        values: Num[np.ndarray, "*shape"],
         special: Mapping[str, Bool[np.ndarray, "*shape"]] | None = None,
     ) -> UInt8[np.ndarray, "*shape"]:
         """The class of each number.
@@ -114,41 +128,30 @@ class Scale:
         - `rows`: how many levels.
         - `shown`: the special ones that are part of it; by default all.
         """
-        count = self.bounds.size - 1
-        at = np.unique(np.linspace(0, count, rows).round().astype(int))[::-1].tolist()
+        colors = self.colors
+        last = len(colors) - 1
+        name, ends = (self._range, last) if self.whole else (self._bound, last + 1)
+        at = np.unique(np.linspace(0, ends, rows).round().astype(int))[::-1].tolist()
         # Levels of a range of nothing are written alike.
-        entries = {
-            self._or_more(self.bounds[i])
-            if self.open and i == count
-            else self.label(self._written(float(self.bounds[i]))): self.colors[min(i, count - 1)]
-            for i in at
-        }
+        entries = {name(i): colors[min(i, last)] for i in at}
         names = self.special if shown is None else shown
         levels = [Level(*entry) for entry in entries.items()]
         return levels + [(name, self.special[name]) for name in names]
 
-    def _or_more(self, value: float) -> str:
-        return f"{self.label(self._written(float(value)))} or more"
+    def _bound(self, number: int) -> str:
+        """What a bound means."""
+        more = " or more" if self.open and number == self.bounds.size - 1 else ""
+        return self.label(self._written(self.bounds[number])) + more
 
-    def _range(self, low: float, high: float) -> str:
+    def _range(self, level: int) -> str:
+        """What a level means."""
+        low, high = self.bounds[level], self.bounds[level + 1] - self.whole
+        if self.open and level == self.bounds.size - 2:
+            return f"{self.label(self._written(low))} or more"
         if self.whole and low == high:
-            return self._written(low)
-        return f"{self._written(low)} to {self._written(high)}"
+            return self.label(self._written(low))
+        return self.label(f"{self._written(low)} to {self._written(high)}")
 
     def _written(self, value: float) -> str:
         large = 1000 <= abs(value) < 1e9
         return f"{value:,.0f}" if large else f"{value:.{self.digits}g}"
-
-
-def ramp_legend(label: str, most: float, rows: int) -> list[tuple[str, Color]]:
-    """What the colours of a ramp mean: so many numbers down from the largest to 0.
-
-    **Arguments:**
-
-    - `label`: how a number is written, as for `str.format`.
-    """
-    shares = np.linspace(1, 0, rows)
-    colors = zip(shares.tolist(), ramp(shares).tolist(), strict=True)
-    return [
-        Level(label.format(most * one), (red, green, blue)) for one, (red, green, blue) in colors
-    ]

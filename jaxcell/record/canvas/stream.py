@@ -64,6 +64,7 @@ def send_changing(
     times: Int[np.ndarray, "times"],
     lengths: npt.ArrayLike | None = None,
     timeline: str = "step",
+    /,
     *,
     style: Mapping[str, Any] | None = None,
     **columns: Any,
@@ -92,6 +93,11 @@ def send_blueprint(
     layout = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else tabs[0]
     play = rrb.TimePanel(timeline=timeline, fps=speed, play_state="playing", state="collapsed")
     stream.send_blueprint(fixed(layout, play))
+
+
+def pace(steps: int) -> float:
+    """Steps a second of what plays in some twenty seconds, if that can be followed."""
+    return float(np.clip(steps / 20, 2, 30))
 
 
 def plane(

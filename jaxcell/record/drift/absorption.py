@@ -14,7 +14,6 @@ from .map import SeaMap
 
 _PERSISTENT = "in a persistent group"
 _LATE = f"almost for ever: over {ALMOST_FOR_EVER:,} steps"
-_LEGEND_ROWS = 5
 
 
 def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
@@ -40,7 +39,7 @@ def log_absorption(maps: Sequence[SeaMap]) -> rrb.Container:
         picture = map.picture(f"absorption_{map.number}", scale.classes, kind)
         views.append(map.view(map.title, [picture]))
     special = [_PERSISTENT, _LATE] if any(one.any() for one in late) else [_PERSISTENT]
-    text, legend = _text(maps[0].drift.layers), scale.legend(_LEGEND_ROWS, special)
+    text, legend = _text(maps[0].drift.layers), scale.legend(shown=special)
     return maps[0].tab("absorption", "Absorption times", views, text, legend)
 
 

@@ -12,7 +12,6 @@ from .map import SeaMap
 
 
 _NO_BEACH = "no beach"
-_LEGEND_ROWS = 5
 
 
 def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
@@ -42,9 +41,9 @@ def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
         plot.view("How many are ashore"),
     ]
     legend = [
-        *at.legend(_LEGEND_ROWS),
+        *at.legend(),
         ("by where they were released", CLEAR),
-        *of.legend(_LEGEND_ROWS),
+        *of.legend(),
     ]
     return map.tab("beaching", "Beaches", views, _text(found), legend)
 

@@ -50,7 +50,8 @@ def _log_numbers(map: SeaMap, sets: ClosedSets, numbers: range) -> None:
         hours = sets.hours[number]
         written = f"{hours:{',.0f' if hours >= 100 else '.3g'}} h"
         labels.append((f"set {sets.rank[number]}: {written}", x, y))
-    log_labels(map.stream, f"map/nearly_closed_numbers_{map.number}", labels)
+    grounds = [home_color(int(sets.rank[number])) for number in numbers]
+    log_labels(map.stream, f"map/nearly_closed_numbers_{map.number}", labels, grounds)
 
 
 def _text(sets: ClosedSets) -> str:

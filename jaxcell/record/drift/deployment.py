@@ -80,15 +80,13 @@ def _log_curve(map: CurrentMap) -> rrb.View:
 def _text(drift: SeaDrift) -> str:
     found = drift.deployment
     persistent = int((found.group >= 0).sum())
-    views = curve = ""
+    views = ""
     no_fewer = ", and no fewer" if drift.phases is None else ""
     if drift.views is not None:
         views = (
             f"\n**To see the sea bed** {drift.reach:g} m far takes {drift.views.cover.size:,} "
             f"places, and **{drift.views.cells.size:,}** drifters, one in each group.\n"
         )
-    if drift.curve is not None:
-        curve = "\n**The curve**: cells that so many drifters may visit.\n"
     columns = [f"deployment_{name}" for name in ("cell", "lon", "lat", "gained")]
     rank = [*drift.group_ranks[0].tolist(), "transient"]
     numbered = {
@@ -98,8 +96,8 @@ def _text(drift: SeaDrift) -> str:
     return f"""# Where to drop drifters
 
 Dropped at the black circles, **{found.cells.size:,}** drifters may come to every cell, each within
-its own group; {persistent:,} are in persistent groups. If any drifter may visit a cell,
+its group; {persistent:,} are in persistent groups. If any drifter may visit a cell,
 **{drift.minimum.size:,}** will do{no_fewer}.
-{views}{curve}
+{views}
 {described(drift, *columns, first=numbered, most=_MAX_ROWS)}
 """

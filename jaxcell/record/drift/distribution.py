@@ -19,7 +19,6 @@ _LEAST, _MOST = 1 / 16, 16.0
 _HARDLY = "hardly any"
 # Over all times and layers, so that the file stays small.
 _MAX_SQUARES = 20_000_000
-_LEGEND_ROWS = 5
 
 
 def log_distribution(
@@ -42,8 +41,8 @@ def log_distribution(
         kept, times = _pushed(map, steps, every)
         picture = map.picture(f"distribution_{map.number}", scale.classes, kept, times=times)
         views.append(map.view(map.title, [picture]))
-    legend = scale.legend(_LEGEND_ROWS)
-    return maps[0].tab("distribution", "Distribution", [*views, *more], _text(about), legend)
+    text, legend = _text(about), scale.legend()
+    return maps[0].tab("distribution", "Distribution", [*views, *more], text, legend)
 
 
 @functools.cache

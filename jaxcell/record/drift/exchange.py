@@ -29,7 +29,7 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
     for name, here, hours in zip(names, exchange.inside, exchange.residence_hours, strict=True):
         x, y = map.middle(here)
         labels.append((f"{name}: {_hours(hours)}", x, y))
-    log_labels(map.stream, "map/region_names", labels)
+    log_labels(map.stream, "map/region_names", labels, [FREE])
     longest = max(len(name) for name in names)
     ends = 100 * np.column_stack([exchange.share, _elsewhere(exchange), exchange.left])
     columns, margin = [*names, "elsewhere", "off the map"], 0.4 + _LETTER * longest

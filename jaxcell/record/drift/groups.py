@@ -97,7 +97,8 @@ def _log_numbers(map: SeaMap, layer: LayerEnds, rank: Int[np.ndarray, "groups"])
     shown = np.argsort(rank)[: (rank < len(HOMES)).sum()]
     shown = shown[layer.groups_cells[shown] >= _MIN_LABELLED * layer.cells]
     labels = [(f"group {rank[k]}", *map.middle(layer.group == k)) for k in shown]
-    log_labels(map.stream, f"map/numbers_{map.number}", labels)
+    grounds = [home_color(int(rank[k])) for k in shown]
+    log_labels(map.stream, f"map/numbers_{map.number}", labels, grounds)
 
 
 def _legend(layers: Sequence[LayerEnds], most: int) -> list[tuple[str, Color]]:

@@ -14,6 +14,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer
+from scipy.ndimage import distance_transform_edt
 
 from ...drift import Flow, SeaDrift, Water
 from ...drift.sea_layers import SeaLayers
@@ -125,9 +126,15 @@ class SeaMap:
         return max(0.4 * float(self.side.min()), 0.004 * self.extent)
 
     def middle(self, cells: Bool[np.ndarray, "cells"]) -> tuple[float, float]:
-        """Where the label of some cells stands."""
-        x, y = np.median(self.xy(np.flatnonzero(cells)), axis=0)
-        return float(x), float(y)
+        """Where the label of some cells stands: as deep among them as the middle one that is."""
+        row, column = self.water.row[cells], self.water.column[cells]
+        among = np.zeros(np.add(self.water.number.shape, 2), bool)
+        among[row + 1, column + 1] = True
+        depth = distance_transform_edt(among)[row + 1, column + 1]
+        deepest = self.xy(np.flatnonzero(cells)[depth == depth.max()])
+        away = np.linalg.norm(deepest - np.median(deepest, axis=0), axis=1)
+        x, y = deepest[away.argmin()].tolist()
+        return x, y
 
     def on_grid(
         self, column: Float[np.ndarray, "*points"], row: Float[np.ndarray, "*points"]
@@ -187,7 +194,7 @@ class SeaMap:
     ) -> rrb.Container:
         """Log the text and the legend of a tab with maps side by side."""
         legend = [*legend, (self.dry, LAND)]
-        return log_tab(self.stream, path, name, views, text, legend, timeline=self.clock.unit)
+        return log_tab(self.stream, path, name, views, text, legend)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -236,10 +243,10 @@ def _log_frame(map: SeaMap) -> None:
     log_arrows(stream, "map/frame/north", [foot], [north], TEXT, 0.1 * margin, order=50.0)
     rows, columns = water.number.shape
     lon, lat = (float(one[rows // 2, columns // 2]) for one in (water.lon, water.lat))
-    top_x, top_y = (foot + 1.4 * north + [0, 0.4 * margin]).tolist()
+    beside_x, beside_y = (foot + north / 2 + [0.7 * margin, 0.3 * margin]).tolist()
     labels = [
         (f"{length:g} km", 0.5 * length, low),
-        ("N", top_x, top_y),
+        ("N", beside_x, beside_y),
         (f"centre {place_name(lon, lat)}", 0.8 * width, low + 0.4 * margin),
     ]
     log_labels(stream, "map/frame/labels", labels)

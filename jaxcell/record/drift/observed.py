@@ -23,7 +23,6 @@ from .groups import GROUPS_SEEN, log_groups
 from .map import DRIFTER, SeaMap, log_maps
 
 
-_LEGEND_ROWS = 5
 # So that the file stays small, and cells can be seen.
 _MAX_TRACKS, _MAX_PLACES = 40, 100_000
 
@@ -134,7 +133,7 @@ def _log_observations(map: ObservedMap) -> rrb.Container:
 takes {found.step / 86400:.3g} days, and ends where the same drifter was then. Where few begin,
 answers are not sure.
 """
-    legend = [*scale.legend(_LEGEND_ROWS), ("the way of a drifter", DRIFTER)]
+    legend = [*scale.legend(), ("the way of a drifter", DRIFTER)]
     return map.tab("observations", "Observations", views, text, legend)
 
 

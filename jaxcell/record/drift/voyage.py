@@ -23,7 +23,6 @@ from .map import DRIFTER, LAND, CurrentMap, place_name
 _MAX_SQUARES, _MAX_ARROWS = 20_000, 1500
 _DRIFTERS = 60
 _MAX_STEPS = 240
-_SHADES = 5
 _UP, _DOWN = CATEGORIES["sky blue"], CATEGORIES["blue"]
 # How high the eye is above the plane, in degrees.
 _ABOVE = 28
@@ -88,7 +87,7 @@ def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
     stream.log("space/goal", goal, static=True)
     steps = _log_tracks(space, policy, seed)
     legend = [
-        *scale.legend(_SHADES),
+        *scale.legend(),
         ("go down", _DOWN),
         ("go up", _UP),
         ("drift, this way", ROBOT),
@@ -101,8 +100,8 @@ def log_voyage(surface: CurrentMap, seed: int) -> rrb.Container:
         space.view("What each cell is worth", [*common, "value/**"]),
         space.view("What to do there", [*common, "water/**", "policy/**", "drifters"]),
     )
-    text, unit = _text(drift, drift.voyage, steps), surface.clock.unit
-    return log_tab(stream, "voyage", "Voyage", views, text, legend, timeline=unit, rows=(5, 4))
+    text = _text(drift, drift.voyage, steps)
+    return log_tab(stream, "voyage", "Voyage", views, text, legend, shares=(5, 3), rows=(5, 4))
 
 
 def _log_land(space: _Space) -> None:
@@ -241,8 +240,7 @@ A drifter goes up, down, or drifts, in steps of {voyage.hours:.3g} hours, to the
 {place_name(lon, lat)}, {depth:g} m deep.
 
 - **Left**: the *value* of each cell, yellow if near in time, and sure.
-- **Right**: what to do: go down (dark blue), go up (light blue), drift (vermilion); grey never
-  arrives.
+- **Right**: what to do; grey never arrives.
 - **Black dots** follow this policy for {steps:,} steps, released {released}.
 
 {described([*policies.values()], *columns, first={"policy": [*policies]})}

@@ -8,7 +8,7 @@ from jaxtyping import Int, UInt8
 
 from ...dynamics import Basins, Continuation
 from ..canvas.curves import curve_view, log_curve
-from ..canvas.map import log_classes, send_pictures
+from ..canvas.map import log_pictures
 from ..canvas.marks import log_labels
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES, MARGIN, OBSTACLE, PLAIN, Color, PictureClass, mix, tint
@@ -35,12 +35,11 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any
     names = np.arange(found.attractors)
     count = found.box.cells[2] if found.box.dimensions > 2 else 1
     times = np.arange(count)
-    log_classes(stream, "box/basins", _classes(found.attractors))
-    send_pictures(stream, "box/basins", _pictures(found, names, times), "slice", times)
-    scale = Scale.over(found.step.astype(float), "{} mappings".format, ground="out of the box")
-    log_classes(stream, "box/steps", scale.classes)
+    basins = _pictures(found, names, times)
+    log_pictures(stream, "box/basins", _classes(found.attractors), basins, "slice", times)
+    scale = Scale.counting(0, int(found.step.max()), "{} mappings".format, ground="out of the box")
     steps = np.stack([_steps(found, scale, k) for k in range(count)])
-    send_pictures(stream, "box/steps", steps, "slice", times)
+    log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
     _log_ends(stream, found)
     views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
     if _deep(found):
@@ -51,7 +50,7 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any
     seen = _SEEN + _cut(found, "slice")
     text = "\n\n".join([f"# {found.title}", seen, table, numbers(found), made_with(spec)])
     legend = [*_legend(found.attractors), *scale.legend(4)]
-    tab = log_tab(stream, "", found.title, views, text, legend, timeline="slice")
+    tab = log_tab(stream, "", found.title, views, text, legend)
     send_blueprint(stream, [tab], "slice", speed=10.0)
 
 
@@ -60,11 +59,10 @@ def log_continuation(
 ) -> None:
     """Log attractors and basins along parameters, over the timeline `member`."""
     times = np.arange(len(found.members))
-    log_classes(stream, "box/basins", _classes(found.attractors))
     each = zip(found.members, found.label, strict=True)
     middle = np.array(found.members[0].box.cells[2:3] or (0,)) // 2
     pictures = np.concatenate([_pictures(one, name, middle) for one, name in each])
-    send_pictures(stream, "box/basins", pictures, "member", times)
+    log_pictures(stream, "box/basins", _classes(found.attractors), pictures, "member", times)
     for name, share in enumerate(found.fraction.T):
         curve = f"fractions/attractor_{name}"
         log_curve(stream, curve, share, "member", times, _color(name), shape="Linear")
@@ -75,7 +73,7 @@ def log_continuation(
     curves = curve_view("fractions", "Share of the box", len(times) - 1, 1.0)
     views = [_view("Basins", "basins"), curves]
     legend = _legend(found.attractors)
-    tab = log_tab(stream, "", found.title, views, text, legend, timeline="member")
+    tab = log_tab(stream, "", found.title, views, text, legend)
     send_blueprint(stream, [tab], "member", speed=4.0)
 
 
@@ -144,7 +142,7 @@ def _pictures(
 
 def _steps(found: Basins, scale: Scale, third: int) -> UInt8[np.ndarray, "rows columns"]:
     inside = _slice(found, found.basin, third) >= 0
-    levels = scale.levels(_slice(found, found.step, third).astype(float))
+    levels = scale.levels(_slice(found, found.step, third))
     return np.where(inside, levels, 0).astype(np.uint8)
 
 

@@ -71,8 +71,9 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     style = {"positions": [target], "radii": 0.3 * side, "draw_order": 50}
     send_changing(stream, "map/attack", rr.Points2D, times, style=style, colors=colors)
     log_frame(stream, "map/target", target, 0.5 * side, palette.TARGET, 2.0, 49.0)
-    above = target + np.array([0, 1.5 * side])
-    send_labels(stream, "map/attack_label", shown, times, positions=np.tile(above, (len(shown), 1)))
+    at, ground = map.below(target, 0.6 * side)
+    places = np.tile(at, (len(shown), 1))
+    send_labels(stream, "map/attack_label", shown, times, ground=ground, positions=places)
 
 
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
@@ -113,13 +114,13 @@ def _text(patrol: PatrolledMap, attacks: Attacks, spec: Mapping[str, Any]) -> st
     who = "A robot patrols" if patrol.robots == 1 else f"{patrol.robots} robots patrol"
     divided = ""
     if patrol.regions is not None:
-        divided = " Each has a region of its own, and reports to a base station."
+        divided = " Each has its own region, and reports to a base station."
     return f"""# Patrolling with limited visibility
 
 {who} a map at random and see {patrol.reach:g} m far, not through walls.{divided}
 
 An adversary attacks the cell at {place(patrol, attack.target)} when nobody looks, for
-{attack.attack_times[0]:,} steps. It is caught, if a robot sees that cell by then, with probability
+{attack.attack_times[0]:,} steps. A robot sees it by then, and it is caught, with probability
 **{attack.exact[0]:.3f}**; in this run {caught} times in {done}.
 
 ## How to look

@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 
 from ...patrol import PatrolledMap
 from ..canvas.map import CellMap
-from ..canvas.page import log_legend, log_tab
+from ..canvas.page import log_tab
 from ..canvas.palette import FREE, NOT_FREE, PLAIN, Color, PictureClass, robot_color, tint
 from ..canvas.stream import send_changing
 from .regions import base_legend, log_contacts
@@ -44,7 +44,6 @@ def log_covers(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     legend: list[tuple[str, Color]] = [*_classes(0)[1 : 4 + (patrol.regions is not None)]]
     legend.append(("a cell of the cover, and all that is seen from the last", robot_color(0)[1]))
     legend += base_legend(patrol)
-    log_legend(map.stream, "cover/legend", legend, "cover")
     return log_tab(map.stream, "cover", "Cover", views, _text(patrol), legend, rows=(5, 4))
 
 

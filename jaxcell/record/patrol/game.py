@@ -5,7 +5,7 @@ import rerun.blueprint as rrb
 from ...patrol import StrategyGame
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import Color
+from ..canvas.palette import CLEAR, Color
 from ..canvas.prose import numbers, table
 
 
@@ -20,9 +20,11 @@ def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
     legend: list[tuple[str, Color]] = []
     payoffs = {"patroller": game.patroller_payoff, "adversary": game.adversary_payoff}
     for who, payoff in payoffs.items():
-        path, names, unit = f"game/{who}", game.names, f"for the {who}"
-        legend += log_matrix(stream, path, payoff, game.strategy, names, unit, _STRATEGY_MARGIN)
-        views.append(matrix_view(path, f"What the {who} is paid", payoff.shape, _STRATEGY_MARGIN))
+        path, title, names = f"game/{who}", f"What the {who} is paid", game.names
+        colors = log_matrix(stream, path, payoff, game.strategy, names, "", _STRATEGY_MARGIN)
+        views.append(matrix_view(path, title, payoff.shape, _STRATEGY_MARGIN))
+        # A row between them, so that two colour bars are not one.
+        legend += [(title, CLEAR), *colors]
     beside = rrb.Horizontal(*views)
     return log_tab(stream, "game", "The game", beside, _text(game), legend, rows=(1, 1))
 

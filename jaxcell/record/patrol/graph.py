@@ -12,13 +12,24 @@ from ...mapping import Chain
 from ...markov import sample_walks
 from ...patrol import GraphPatrol, steps_between_visits
 from ..canvas.curves import curve_view, log_curve
-from ..canvas.marks import LABEL, log_walker, points
+from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
 from ..canvas.matrix import log_matrix, matrix_view
 from ..canvas.page import log_tab
-from ..canvas.palette import BELIEF, FREE, PLAIN, ROBOT, ROBOTS, Level, ramp, robot_color
+from ..canvas.palette import (
+    BELIEF,
+    FREE,
+    PLAIN,
+    ROBOT,
+    ROBOTS,
+    Color,
+    Level,
+    ramp,
+    robot_color,
+    share_colors,
+)
 from ..canvas.plot import Plot, ticks
 from ..canvas.prose import counted, described, made_with, numbers
-from ..canvas.scale import ramp_legend
+from ..canvas.scale import Scale
 from ..canvas.stream import plane, send_blueprint, send_changing
 from .game import log_game
 
@@ -26,11 +37,8 @@ from .game import log_game
 _STEPS = 1000
 # So many colours of vertices, over all steps, are a few MB.
 _MAX_COLORS = 1_000_000
-_SHADES = 6
 _MAX_NAMES = 80
 _MAX_CHANCES = 60
-# What a solver leaves of a probability that is 0.
-_NOTHING = 1e-9
 
 
 def log_patrol_graph(
@@ -75,8 +83,7 @@ class _Drawing:
         "The radius of a large vertex."
         stream.log("graph", rr.Transform3D(scale=[1, -1, 1]), static=True)
         self.labels("names", xy - [0, self.mark], patrol.names, len(xy) <= _MAX_NAMES)
-        line = rr.LineStrips2D(self.ends, colors=PLAIN, radii=points(1.0), draw_order=1)
-        stream.log("graph/edges", line, static=True)
+        log_lines(stream, "graph/edges", list(self.ends), PLAIN, 1.0, 1.0)
 
     def view(self, title: str, *contents: str) -> rrb.Spatial2DView:
         """A view of entities of the graph, with a margin around it."""
@@ -105,13 +112,7 @@ class _Drawing:
         self, name: str, ends: Float[np.ndarray, "lines 2 2"], level: Float[np.ndarray, "lines"]
     ) -> None:
         """Log lines that are wide and yellow where a number is near 1."""
-        lines = rr.LineStrips2D(
-            ends,
-            colors=np.where(level[:, None] > _NOTHING, ramp(level), PLAIN).astype(np.uint8),
-            radii=self.mark * (0.04 + 0.41 * level),
-            draw_order=10,
-        )
-        self.stream.log(f"graph/{name}", lines, static=True)
+        log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
 def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
@@ -129,7 +130,7 @@ def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
         # A light rim, for an edge may have the colour of the patroller.
         log_walker(stream, path, place, color, 0.9 * drawing.mark, width=2.0, rim=3.5)
     longest = _log_idle(drawing, walks)
-    legend = ramp_legend("{:.3f} of the steps", most, _SHADES)
+    legend = _scale(most, "of the steps").legend()
     legend.append(("a vertex, larger with more time there", FREE))
     if robots == 1:
         legend.append(("the patroller", ROBOT))
@@ -213,13 +214,13 @@ def _log_waits(drawing: _Drawing) -> rrb.Container:
         plot.axes(middles, ticks(high), "steps between charges", "share of them")
         plot.bars("interval", charged.interval, every, BELIEF)
         charts.append(plot.view("Steps between charges"))
-    texts, shades = zip(*ramp_legend(f"{{:.3g}} {units}", most, _SHADES), strict=True)
-    legend = [
-        *map(Level, texts, shades[::-1]),
-        *([] if finite.all() else [("never", PLAIN)]),
-    ]
+    shades = _scale(most, units).legend()
+    # Yellow is for what waits least.
+    turned = zip(shades, shades[::-1], strict=True)
+    legend: list[tuple[str, Color]] = [Level(one[0], other[1]) for one, other in turned]
+    legend += [] if finite.all() else [("never", PLAIN)]
     rows: list[Any] = [rrb.Horizontal(*views), *([rrb.Horizontal(*charts)] if charts else [])]
-    return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(5, 1))
+    return log_tab(stream, "waits", "Waiting", rrb.Vertical(*rows), "", legend, shares=(7, 2))
 
 
 def _log_next(drawing: _Drawing) -> rrb.Container:
@@ -232,11 +233,14 @@ def _log_next(drawing: _Drawing) -> rrb.Container:
     chance, stay = patrol.probabilities.T.ravel(), patrol.stay
     drawing.lines("next", halves, chance / most)
     labels = [f"{one:.3f}" for one in chance.tolist()]
-    drawing.labels("chances", halves.mean(axis=1), labels, chance.size <= _MAX_CHANCES)
-    colors = np.where(stay[:, None] > _NOTHING, ramp(stay / most), FREE[:3]).astype(np.uint8)
+    # Beside the line, on the right of who leaves by it.
+    along = (there - here) / np.linalg.norm(there - here, axis=1, keepdims=True).clip(1e-9)
+    beside = halves.mean(axis=1) + drawing.mark * (along[:, ::-1] * [1, -1] + [0, 0.35])
+    drawing.labels("chances", beside, labels, chance.size <= _MAX_CHANCES)
+    colors = share_colors(stay / most, FREE)
     waits = [f"stays with probability {one:.3g}" for one in stay.tolist()]
     drawing.discs("stay", 0.6 * drawing.mark, colors, waits)
-    legend = ramp_legend("{:.3f} chance to leave by it, or to wait", most, _SHADES)
+    legend = _scale(most, "chance to leave by it, or to wait").legend()
     legend.append(("a vertex where it never waits", FREE))
     view = drawing.view("Where a patroller goes next", "next", "chances", "stay", "names")
     return log_tab(drawing.stream, "next", "Where to next", view, "", legend, shares=(3, 1))
@@ -251,6 +255,11 @@ def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container
     legend = log_matrix(stream, "times/matrix", matrix, rows, patrol.names, "steps")
     view = matrix_view("times/matrix", "Expected steps from a row to a column", matrix.shape)
     return log_tab(stream, "times", "Hitting times", view, "", legend, shares=(3, 1))
+
+
+def _scale(most: float, unit: str) -> Scale:
+    """The scale of lines and discs, from 0."""
+    return Scale.over(np.array([0.0, most]), f"{{}} {unit}".format)
 
 
 def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
@@ -271,7 +280,7 @@ Press play, or drag `step` at the bottom.
 
 - **The walk**: wide yellow edges are walked often.
 - **Time since a visit**: a vertex is yellow when a patroller is there, and turns blue.
-- The tab **Waiting**: how long each vertex waits in the long run{_asked(patrol)}.
+- The tab **Waiting**: how long vertices and news wait in the long run.
 - The tab **Where to next**: wide yellow halves of edges are likely ways out.
 
 ## Numbers
@@ -284,14 +293,6 @@ A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} eq
 {_constraints(patrol)}
 {_team(patrol)}
 {made_with(spec)}"""
-
-
-def _asked(patrol: GraphPatrol) -> str:
-    """What else the tab on waiting has."""
-    found = [] if patrol.news is None else ["how old news of it are at the base"]
-    if patrol.charged is not None:
-        found.append("what becomes of that for a robot that is at the charger in time")
-    return "".join(f", {one}" for one in found)
 
 
 def _constraints(patrol: GraphPatrol) -> str:

@@ -1,20 +1,17 @@
 """How often each robot takes each edge."""
 
-import rerun as rr
+import numpy as np
 import rerun.blueprint as rrb
 
 from ...patrol import CaptureSearch, PatrolledMap
 from ..canvas.map import CellMap
-from ..canvas.marks import log_dots
+from ..canvas.marks import log_dots, log_shares
 from ..canvas.page import log_tab
-from ..canvas.palette import ramp, robot_color
+from ..canvas.palette import robot_color
 from ..canvas.prose import described
-from ..canvas.scale import ramp_legend
+from ..canvas.scale import Scale
 from .regions import base_legend, log_contacts
 from .sight import MAX_MAPS, only_some, robot_table
-
-
-_SHADES = 5
 
 
 def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
@@ -25,22 +22,15 @@ def log_policies(map: CellMap, patrol: PatrolledMap) -> rrb.Container:
     views = []
     for robot, policy in enumerate(shown):
         used = policy.weights > 0
-        level = policy.weights[used] / most
-        edges = rr.LineStrips2D(
-            map.xy(patrol.graph.edges[used]),
-            colors=ramp(level),
-            radii=side * (0.015 + 0.13 * level),
-            # What is wide lies on top.
-            draw_order=15,
-        )
+        level, ends = policy.weights[used] / most, map.xy(patrol.graph.edges[used])
         path = f"map/policy_{robot}"
-        map.stream.log(f"{path}/edges", edges, static=True)
+        log_shares(map.stream, f"{path}/edges", ends, level, 0.145 * side)
         color = robot_color(robot)[1]
         log_dots(map.stream, f"{path}/cover", map.xy(policy.cover), 0.25 * side, color, 30.0)
         log_contacts(map, f"{path}/contact", [policy])
         views.append(map.view(f"Robot {robot}", [f"policy_{robot}/**", "base/**"]))
-    legend = ramp_legend("{:.2g} of the steps", most, _SHADES)
-    legend += [("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
+    scale = Scale.over(np.array([0.0, most]), "{} of the steps".format)
+    legend = [*scale.legend(), ("a cell of the cover", robot_color(0)[1]), *base_legend(patrol)]
     return log_tab(map.stream, "policies", "Policies", views, _text(patrol), legend, rows=(5, 4))
 
 

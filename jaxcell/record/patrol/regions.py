@@ -23,8 +23,8 @@ def log_base(map: CellMap, regions: Regions) -> None:
     """Log the base station."""
     side, base = map.cells.cell, map.xy(np.array(regions.base))
     log_frame(map.stream, "map/base/station", base, 0.4 * side, _BASE, order=45.0)
-    x, y = base.tolist()
-    log_labels(map.stream, "map/base/label", [("base", x, y - 0.7 * side)])
+    at, ground = map.below(base, 0.7 * side)
+    log_labels(map.stream, "map/base/label", [("base", *at.tolist())], [ground])
 
 
 def log_contacts(map: CellMap, path: str, policies: Sequence[Policy]) -> None:

@@ -19,6 +19,7 @@ from ..canvas.belief import (
     belief_length,
     log_belief_style,
     log_shades,
+    robot_length,
     shades,
 )
 from ..canvas.curves import curve_view, log_curve_style
@@ -184,7 +185,7 @@ class RobotRecording:
             self._log_line(robot, ": ".join([name, *values]), level)
             if fields.get("result") == "localized" and self._map is not None and self._has_belief:
                 xy = self._map.xy(robot.cells[:MAX_ARROWS])
-                half = np.full(xy.shape, max(0.5 * self._map.cells.cell, 0.014 * self._map.extent))
+                half = np.full(xy.shape, self._map.frame)
                 self._stream.log("map/candidates", rr.Boxes2D(centers=xy, half_sizes=half))
 
     def _watch(self) -> None:
@@ -308,8 +309,7 @@ class RobotRecording:
     @property
     def _length(self) -> float:
         """Length of the arrow of a robot, in metres."""
-        map = self._map
-        return 0.3 if map is None else max(0.7 * map.cells.cell, 0.035 * map.extent)
+        return 0.3 if self._map is None else robot_length(self._map)
 
     def _frame(self, robot: Track) -> str:
         """The frame of its odometry."""

@@ -9,12 +9,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 import xarray as xr
 
-from ..canvas.page import legend_view, log_legend, log_tab
+from ..canvas.curves import log_curve
+from ..canvas.marks import points
+from ..canvas.page import log_legend, log_tab
 from ..canvas.palette import BELIEF, PLAIN, TEXT, Color, mix
 from ..canvas.plot import Plot
 from ..canvas.prose import made_with, table
 from ..canvas.scale import Scale
-from ..canvas.stream import recording, send_blueprint
+from ..canvas.stream import recording, send_blueprint, send_changing
 from .axes import QUANTILES, Axis, axes, means, pairs, statistics
 
 
@@ -115,14 +117,11 @@ def _log_variable(
     place = {str(dimension): i for i, dimension in enumerate(variable.dims)}
     for axis in found:
         steps, rows, alone = statistics(values, known, place[axis.dimension], axis)
-        index = [rr.TimeColumn(axis.timeline, sequence=axis.times[steps])]
         labels = ["value"] if alone else QUANTILES
         for label, row in zip(labels, rows, strict=False):
             path = f"series/{name}/{label.replace(' ', '_')}"
-            width = 2.5 if label in ("median", "value") else 1.2
-            style = rr.SeriesLines(colors=_COLORS[label], widths=width, names=label)
-            stream.log(path, style, static=True)
-            stream.send_columns(path, index, rr.Scalars.columns(scalars=row))
+            at, width = axis.times[steps], 2.5 if label in ("median", "value") else 1.2
+            log_curve(stream, path, row, axis.timeline, at, _COLORS[label], label, "Linear", width)
     legend = rrb.PlotLegend(visible=True, corner=rrb.Corner2D.RightTop)
     title = _meaning(variable) or name
     series = rrb.TimeSeriesView(origin=f"series/{name}", name=title, plot_legend=legend)
@@ -139,11 +138,9 @@ def _log_variable(
         levels = scale.levels(np.nan_to_num(heat), {_UNKNOWN: np.isnan(heat)})
         plot.picture("picture", scale.classes, levels, plot.most_x, order=5.0)
         views.append(plot.view(f"mean by {across.name} and {up.name}", [f"/pairs/{i}/**"]))
-    entries = scale.legend()
-    log_legend(stream, f"heat/{name}/legend", entries)
     maps = rrb.Horizontal(*views) if len(views) <= _MAX_BESIDE else rrb.Tabs(*views)
-    key = legend_view(f"heat/{name}/legend", len(entries))
-    below = rrb.Horizontal(maps, key, column_shares=[4, 1])
+    key = log_legend(stream, f"heat/{name}/legend", scale.legend())
+    below = rrb.Horizontal(maps, key, column_shares=[2, 1])
     return rrb.Vertical(series, below, row_shares=[4, 5], name=name)
 
 
@@ -166,13 +163,11 @@ def _log_pair(stream: rr.RecordingStream, path: str, across: Axis, up: Axis) -> 
     x, y = np.arange(across.steps) + 0.5, np.arange(up.steps) + 0.5
     upright = np.stack([plot.at(x, 0.0), plot.at(x, plot.most_y)], axis=1)
     level = np.stack([plot.at(0.0, y), plot.at(plot.most_x, y)], axis=1)
-    style = rr.LineStrips2D.from_fields(colors=TEXT, radii=rr.Radius.ui_points(0.8), draw_order=20)
+    style = {"colors": TEXT, "radii": points(0.8), "draw_order": 20}
     for axis, strips in (across, upright), (up, level):
         slider = f"{path}/slider_{axis.name}"
-        stream.log(slider, style, static=True)
-        index = [rr.TimeColumn(axis.timeline, sequence=axis.times)]
-        columns = rr.LineStrips2D.columns(strips=list(strips)).partition([1] * axis.steps)
-        stream.send_columns(slider, index, columns)
+        kind, at, line, columns = rr.LineStrips2D, axis.times, axis.timeline, list(strips)
+        send_changing(stream, slider, kind, at, None, line, style=style, strips=columns)
 
 
 def _ticks(steps: int, most: int) -> range:

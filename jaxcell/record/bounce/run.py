@@ -1,0 +1,156 @@
+"""What recordings of a robot that is localized have in common."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Bool, Float, Int, Integer, UInt8
+
+from ...bounce import Localization
+from ..canvas.belief import MAX_ARROWS, robot_length
+from ..canvas.curves import curve_view, log_curve
+from ..canvas.map import CellMap
+from ..canvas.marks import log_robot, points, send_labels
+from ..canvas.palette import CURRENT, KNOWN, ROBOT, TRAIL
+from ..canvas.prose import degrees
+from ..canvas.stream import send_changing
+
+
+# A trail has so many corners at most; a run of n steps would else take n^2 points.
+_MAX_CORNERS = 100
+# Around a graph, of which neighbours are some 30 apart.
+_MARGIN = 40
+_MAX_OBSERVATIONS = 240
+SEEN = f"""Press play, or drag `step` at the bottom.
+
+- **vermilion arrow**: the true robot, and its trail.
+- **blue arrows**: the cells where it may be; blue squares, while these are more than
+  {MAX_ARROWS:,}.
+- **green squares**, at the end: the cells that are left."""
+
+
+def observed(word: str) -> str:
+    """The first observations of a run, for its text."""
+    return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
+
+
+def log_run(
+    map: CellMap,
+    poses: tuple[
+        Float[np.ndarray, "times"], Float[np.ndarray, "times"], Float[np.ndarray, "times"]
+    ],
+    order: float = 18.0,
+) -> None:
+    """Log the true robot, by default below the arrows of the belief, of which one lies on it."""
+    log_robot(
+        map.stream,
+        "map/robot",
+        poses,
+        robot_length(map),
+        ROBOT,
+        "map/trail",
+        trail_color=TRAIL,
+        corners=_MAX_CORNERS,
+        middle=0.0,
+        order=order,
+    )
+
+
+def log_candidates(map: CellMap, cells: Int[np.ndarray, "candidates"], time: int) -> None:
+    """Log frames around the cells that are left in the end, if they are few."""
+    squares = map.xy(cells[:MAX_ARROWS])
+    send_changing(
+        map.stream,
+        "map/candidates",
+        rr.Boxes2D,
+        np.array([time]),
+        [len(squares)],
+        style={"colors": KNOWN, "radii": points(2.5), "draw_order": 30},
+        centers=squares,
+        half_sizes=np.full(squares.shape, map.frame),
+    )
+
+
+def log_end(map: CellMap, run: Localization) -> None:
+    """Mark, at the last step, the cells that are left, and the truth."""
+    last = run.observations.size
+    log_candidates(map, run.candidates, last)
+    at, ground = map.below(map.xy(run.path[-1:])[0], map.frame)
+    end, labels = np.array([last]), ["the truth"]
+    send_labels(map.stream, "map/truth", labels, end, ground=ground, positions=at[None])
+
+
+def log_turns(
+    map: CellMap,
+    xy: Float[np.ndarray, "times 2"],
+    turns: Bool[np.ndarray, "times"],
+    angles: Sequence[float],
+) -> None:
+    """Log by which angle the robot turns at a bump, when it is there."""
+    bumps = np.flatnonzero(turns)
+    labels = [f"bump {i}: turn by {degrees(angle)}" for i, angle in enumerate(angles, 1)]
+    times, shown = np.arange(turns.size), turns.astype(int)
+    send_labels(map.stream, "map/turn", labels, times, shown, positions=xy[bumps])
+
+
+def log_sizes(
+    stream: rr.RecordingStream, path: str, size: Int[np.ndarray, "times"]
+) -> list[rrb.View]:
+    """Log how many cells are left."""
+    log_curve(stream, f"{path}/uncertainty", size, shape="Linear")
+    log_curve(stream, f"{path}/bits", np.log2(np.maximum(size, 1)), shape="Linear")
+    last = size.size - 1
+    return [
+        curve_view(f"{path}/uncertainty", "Cells left", last, int(size.max())),
+        curve_view(f"{path}/bits", "The same, log2", last),
+    ]
+
+
+def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]) -> rrb.View:
+    """Log how often the robot has bumped."""
+    # A step ends with its observation, so what follows from it is drawn from the step before.
+    bumps = np.append(0, np.cumsum(observations))
+    log_curve(stream, "robot/bumps", bumps, color=ROBOT, shape="StepBefore")
+    return curve_view("robot/bumps", "Bumps so far", observations.size, int(bumps[-1]))
+
+
+def log_states(
+    stream: rr.RecordingStream,
+    path: str,
+    title: str,
+    names: dict[int, str],
+    place: Float[np.ndarray, "states 2"],
+    edges: Iterable[tuple[int, int]],
+    size: Integer[np.ndarray, "states"],
+    colors: UInt8[np.ndarray, "*#times states 3"],
+    visited: Int[np.ndarray, "times"],
+) -> rrb.View:
+    """Log states as a graph, in which that of the robot lights up.
+
+    **Arguments:**
+
+    - `path`: the entity.
+    - `names`: the states that are drawn; their names are what hovering shows.
+    - `place`: where they are, with y down.
+    - `edges`: pairs of them.
+    - `size`: how many cells each stands for.
+    - `colors`: of those that the robot is not in.
+    - `visited`: the state at each step.
+    """
+    drawn = np.array([*names])
+    nodes = rr.GraphNodes.from_fields(
+        node_ids=[*names.values()], positions=place, show_labels=False
+    )
+    stream.log(path, nodes, static=True)
+    pairs = [(names[one], names[other]) for one, other in edges]
+    stream.log(path, rr.GraphEdges(pairs, graph_type="directed"), static=True)
+    here = visited[:, None] == drawn
+    colors = np.where(here[..., None], np.array(CURRENT, np.uint8), colors)
+    radii = 4 + 0.45 * np.log2(1 + size) + 5 * here
+    times, lengths = np.arange(visited.size), [drawn.size] * visited.size
+    columns = {"colors": colors.reshape(-1, 3), "radii": radii.ravel()}
+    send_changing(stream, path, rr.GraphNodes, times, lengths, **columns)
+    (left, top), (right, bottom) = place.min(axis=0) - _MARGIN, place.max(axis=0) + _MARGIN
+    bounds = rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom])
+    return rrb.GraphView(origin=path, name=title, visual_bounds=bounds)
