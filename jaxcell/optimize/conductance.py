@@ -1,4 +1,3 @@
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -14,12 +13,10 @@ from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
 from .multiplicative import least_resistance
-from .resistance import Blocks, Bounded, Found, block_gap, interior_point
+from .resistance import Emphasis, Found, HostLaplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
-# A share that any weights have, to rounding.
-_NOTHING = 1e-12
 # With more vertices, a method of first order closes the gap this far, in so many inversions.
 _COARSE, _INVERSIONS = 1e-2, 300
 
@@ -59,9 +56,8 @@ def minimum_commute(
     An interior-point method finds them, with one Cholesky factorisation of the edges by edges
     Hessian a step. That is dense linear algebra on arrays of hundreds, which LAPACK does on the
     host, with nothing to compile before; neither JAX nor its 64-bit numbers are needed. Compiled
-    programs, [`jaxcell.optimize.minimum_commute_sweep`][], take the same steps, but seconds before
-    the first one on each graph, and do not close the gap for a share of almost 1; the rows `walk
-    with the least commute time` of the benchmarks are of this function.
+    programs, [`jaxcell.optimize.minimum_commute_sweep`][], take the same steps for many problems at
+    once, but seconds before the first one on each graph.
 
     On more than 2,000 vertices that Hessian is too large, and steps of first order are taken, with
     one inverse of the vertices by vertices Laplacian each.
@@ -138,29 +134,41 @@ def minimum_commute(
             )
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
     times = _durations(graph, durations)[allowed]
+    bound = 0.0 if on_tour.all() else float(share)
+    problem = Emphasis(on_tour, bound, np.ones_like(on_tour))
     if graph.vertices > MAX_VERTICES:
-        tolerance, bound = max(tolerance, _COARSE), 0.0 if on_tour.all() else share
-        large = least_resistance(
-            graph.vertices, edges, times, on_tour, bound, tolerance, _INVERSIONS
-        )
+        tolerance = max(tolerance, _COARSE)
+        large = least_resistance(graph.vertices, edges, times, problem, tolerance, _INVERSIONS)
         numbers, resistance, gap, steps = large
     else:
-        problem = Blocks(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)], times)
-        if on_tour.all() or share <= _NOTHING:
-            best = interior_point(problem, tolerance)
-        else:
-            best = _with_bound(problem, on_tour, share, tolerance)
-        numbers, resistance, gap, steps = (
-            best.numbers,
-            best.design.resistance,
-            best.gap,
-            best.steps,
-        )
+        laplacian = HostLaplacian(graph.vertices, edges, times)
+        try:
+            best, steps = interior_point(laplacian, problem, tolerance)
+            if bound:
+                best = _on_the_bound(laplacian, problem, best)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                f"share is {share!r}: what it leaves to other edges is lost in rounding; expected "
+                "less"
+            ) from None
+        numbers, resistance, gap = best.numbers[: len(edges)], best.resistance, best.gap
     weights = np.zeros(len(graph.edges))
     weights[allowed] = numbers / times / (numbers / times).sum()
-    certificate = Certificate(steps, gap, tolerance)
+    certificate = Certificate(int(steps), float(gap), tolerance)
     certificate.check("minimum_commute", throw)
-    return MinimumCommute(weights, 4 * resistance / (graph.vertices - 1), tour, certificate)
+    return MinimumCommute(weights, 4 * float(resistance) / (graph.vertices - 1), tour, certificate)
+
+
+def _on_the_bound(laplacian: HostLaplacian, problem: Emphasis, found: Found) -> Found:
+    """With no more on the tour than its share, where that is dear; steps end just within."""
+    on_tour, weights, spare = problem.on_tour, found.numbers[:-1], found.numbers[-1]
+    if spare > (found.prices[1] - found.prices[0]) / found.resistance:
+        return found
+    exact = problem.share / weights[on_tour].sum(), (1 - problem.share) / weights[~on_tour].sum()
+    weights = weights * np.where(on_tour, *exact)
+    design = laplacian.design(weights)
+    gap = max(0.0, 1 - design.resistance / problem.most(design.gain))
+    return Found(weights, found.prices, design.resistance, gap) if gap < found.gap else found
 
 
 def _durations(graph: Graph, given: Any) -> Float[np.ndarray, "edges"]:
@@ -199,39 +207,16 @@ def _constrained(
             f"constraints: they leave no weight to edges between vertex {apart[1]} and vertex "
             f"{apart[0][0]}"
         )
-    found = interior_point(Bounded(graph.vertices, graph.edges[left.used], left), tolerance)
+    laplacian = HostLaplacian(graph.vertices, graph.edges[left.used], np.ones(left.edges))
+    found, steps = interior_point(laplacian, left, tolerance)
     weights = np.zeros(len(graph.edges))
     weights[left.used] = found.numbers[: left.edges]
     paid = np.abs(found.prices / left.units)[left.owner >= 0]
     prices = np.bincount(left.owner[left.owner >= 0], paid, len(constraints) + len(emphasis))
     return MinimumCommute(
         weights,
-        found.commute_time(graph),
+        4 / (graph.vertices - 1) * float(found.resistance),
         tour,
-        Certificate(found.steps, found.gap, tolerance),
+        Certificate(int(steps), float(found.gap), tolerance),
         4 / (graph.vertices - 1) * prices[: len(constraints)],
     )
-
-
-def _with_bound(
-    free: Blocks, on_tour: Bool[np.ndarray, "edges"], share: float, tolerance: float
-) -> Found:
-    """Where the bound on the share matters it is tight, because the problem is convex."""
-    everything = np.ones_like(on_tour)
-    tight = dataclasses.replace(free, blocks=[(on_tour, share), (~on_tour, 1 - share)])
-    found: Found | None = None
-    with contextlib.suppress(np.linalg.LinAlgError):
-        bound = interior_point(tight, tolerance)
-        gap = block_gap(bound.design, [(on_tour, share), (everything, 1 - share)])
-        found = dataclasses.replace(bound, gap=gap)
-        if gap <= tolerance:
-            return found
-    unbound = interior_point(free, tolerance)
-    steps = unbound.steps + (found.steps if found else 0)
-    if unbound.numbers[on_tour].sum() >= share:
-        found = unbound
-    if found is None:
-        raise ValueError(
-            f"share is {share!r}: what it leaves to other edges is lost in rounding; expected less"
-        )
-    return dataclasses.replace(found, steps=steps)
