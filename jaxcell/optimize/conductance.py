@@ -9,6 +9,7 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
 from . import conic
+from .checked import one_each
 from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
@@ -133,7 +134,10 @@ def minimum_commute(
                 "ever visit; expected less than 1"
             )
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
-    times = _durations(graph, durations)[allowed]
+    times = np.ones(len(graph.edges))
+    if durations is not None:
+        times = one_each("durations", durations, len(graph.edges), "an edge")
+    times = times[allowed]
     bound = 0.0 if on_tour.all() else float(share)
     problem = Emphasis(on_tour, bound, np.ones_like(on_tour))
     if graph.vertices > MAX_VERTICES:
@@ -169,20 +173,6 @@ def _on_the_bound(laplacian: HostLaplacian, problem: Emphasis, found: Found) -> 
     design = laplacian.design(weights)
     gap = max(0.0, 1 - design.resistance / problem.most(design.gain))
     return Found(weights, found.prices, design.resistance, gap) if gap < found.gap else found
-
-
-def _durations(graph: Graph, given: Any) -> Float[np.ndarray, "edges"]:
-    times = np.ones(len(graph.edges)) if given is None else np.array(given, np.float64)
-    if times.shape != (len(graph.edges),):
-        raise ValueError(
-            f"durations: expected {len(graph.edges)} numbers, one an edge, got {list(times.shape)}"
-        )
-    wrong = np.flatnonzero(~((times > 0) & np.isfinite(times)))
-    if wrong.size:
-        raise ValueError(
-            f"durations[{wrong[0]}] is {times[wrong[0]]}; expected a positive finite number"
-        )
-    return times
 
 
 def _constrained(
