@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 from typing import Any
 
 import jax
@@ -16,9 +15,9 @@ from ...optimize import Graph
 from .arrival import captured_by_any, first_passage, on_device, whole_numbers
 from .ascent import Ascent, late_gain
 from .descent import descend
-from .linearized import DenseCapture, LinearizedCapture
+from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
-from .sequential_lp import Linearized, maximize_least_capture
+from .sequential_lp import maximize_least_capture
 from .steps import Steps
 
 
@@ -154,12 +153,8 @@ def maximin_capture(
         best = int(np.nanargmin(values))
         moves = every[best]
 
-    def law(moves: Float[np.ndarray, "robots moves"]) -> Linearized:
-        if plain:
-            return LinearizedCapture(among, moves, int(attack[0]))
-        where = jnp.asarray(among.tails), jnp.asarray(among.heads)
-        probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
-        return DenseCapture(np.asarray(probability), np.asarray(slope))
+    def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
+        return LinearizedCapture(among, moves, attack, delays)
 
     if graph.vertices > _EXACT:
         tolerance = max(tolerance, _LITTLE)
@@ -217,27 +212,6 @@ def _missed(
         misses = jnp.sum(jnp.log1p(-jnp.exp(worst)), axis=0)
         worst = jnp.log(-jnp.expm1(misses))[None]
     return jax.nn.logsumexp(-_HARDNESS * worst) / _HARDNESS
-
-
-@functools.partial(jax.jit)
-def _with_slope(
-    moves: Float[Array, "robots moves"],
-    tails: Int[Array, "moves"],
-    heads: Int[Array, "moves"],
-    delays: Int[Array, "vertices vertices"],
-    attack: Int[Array, "vertices"],
-    longest: Float[Array, "delays"],
-    horizon: Float[Array, "times"],
-) -> tuple[
-    Float[Array, "robots vertices vertices"], Float[Array, "robots vertices vertices moves"]
-]:
-    """The probabilities of each robot, and their derivatives by its moves."""
-
-    def captured(robot):  # type: ignore[no-untyped-def]
-        P = jnp.zeros(delays.shape, robot.dtype).at[tails, heads].set(robot)
-        return first_passage(P, delays, attack, longest, horizon)
-
-    return jax.vmap(captured)(moves), jax.vmap(jax.jacfwd(captured))(moves)
 
 
 def _value(
