@@ -14,7 +14,7 @@ from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
 from .multiplicative import least_resistance
-from .resistance import Emphasis, Found, HostLaplacian, interior_point
+from .resistance import Emphasis, HostLaplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
@@ -148,8 +148,6 @@ def minimum_commute(
         laplacian = HostLaplacian(graph.vertices, edges, times)
         try:
             best, steps = interior_point(laplacian, problem, tolerance)
-            if bound:
-                best = _on_the_bound(laplacian, problem, best)
         except np.linalg.LinAlgError:
             raise ValueError(
                 f"share is {share!r}: what it leaves to other edges is lost in rounding; expected "
@@ -161,18 +159,6 @@ def minimum_commute(
     certificate = Certificate(int(steps), float(gap), tolerance)
     certificate.check("minimum_commute", throw)
     return MinimumCommute(weights, 4 * float(resistance) / (graph.vertices - 1), tour, certificate)
-
-
-def _on_the_bound(laplacian: HostLaplacian, problem: Emphasis, found: Found) -> Found:
-    """With no more on the tour than its share, where that is dear; steps end just within."""
-    on_tour, weights, spare = problem.on_tour, found.numbers[:-1], found.numbers[-1]
-    if spare > (found.prices[1] - found.prices[0]) / found.resistance:
-        return found
-    exact = problem.share / weights[on_tour].sum(), (1 - problem.share) / weights[~on_tour].sum()
-    weights = weights * np.where(on_tour, *exact)
-    design = laplacian.design(weights)
-    gap = max(0.0, 1 - design.resistance / problem.most(design.gain))
-    return Found(weights, found.prices, design.resistance, gap) if gap < found.gap else found
 
 
 def _constrained(

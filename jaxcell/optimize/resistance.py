@@ -53,8 +53,8 @@ class Emphasis(NamedTuple):
     """Weights with at least a share on the edges of a tour.
 
     What the tour has beyond its share is one more number, so that steps find whether the bound is
-    tight. The two sums are those on the tour and elsewhere: with that of all weights in place of
-    the second, what a share of almost 1 leaves would be lost in rounding.
+    tight. The two sums are that of all weights, and that of what is elsewhere and what is beyond:
+    with the sum on the tour, what a share of almost 1 leaves would be lost in rounding.
     """
 
     on_tour: Any
@@ -66,13 +66,13 @@ class Emphasis(NamedTuple):
     @property
     def sums(self) -> Any:
         xp = self.on_tour.__array_namespace__()
-        there = xp.where(self.on_tour, 1.0, 0.0)
-        elsewhere = xp.where(self.allowed, 1 - there, 0.0)
-        return xp.stack([xp.append(there, -1.0), xp.append(elsewhere, 1.0)], axis=1)
+        every = xp.where(self.allowed, 1.0, 0.0)
+        elsewhere = xp.where(self.on_tour, 0.0, every)
+        return xp.stack([xp.append(every, 0.0), xp.append(elsewhere, 1.0)], axis=1)
 
     @property
     def totals(self) -> Any:
-        return self.on_tour.__array_namespace__().stack([self.share, 1 - self.share])
+        return self.on_tour.__array_namespace__().stack([1.0, 1 - self.share])
 
     @property
     def live(self) -> Any:
@@ -81,7 +81,8 @@ class Emphasis(NamedTuple):
     def first_prices(self, gain: Any, numbers: Any) -> Any:
         """Prices that leave a pressure on each number that keeps it positive."""
         xp = gain.__array_namespace__()
-        return xp.stack([1.2 * xp.max(xp.where(self.on_tour, gain, 0.0)), 1.4 * xp.max(gain)])
+        on_tour = 1.2 * xp.max(xp.where(self.on_tour, gain, 0.0))
+        return xp.stack([on_tour, 1.4 * xp.max(gain) - on_tour])
 
     def most(self, gain: Any, prices: Any = None) -> Any:
         """The largest `gain @ weights`, on the edges that gain most; prices do not matter."""
@@ -323,7 +324,22 @@ def interior_point(
     """
     large = len(laplacian.edges) > _LARGE
     with contextlib.nullcontext() if large else one_blas_thread():
-        return follow(problem, laplacian.design, laplacian.divide, tolerance, _loop)
+        found, steps = follow(problem, laplacian.design, laplacian.divide, tolerance, _loop)
+        if isinstance(problem, Emphasis) and problem.share:
+            found = _on_the_bound(laplacian, problem, found)
+    return found, steps
+
+
+def _on_the_bound(laplacian: HostLaplacian, problem: Emphasis, found: Found) -> Found:
+    """With no more on the tour than its share, where that is dear; steps end just within."""
+    on_tour, weights, beyond = problem.on_tour, found.numbers[:-1], found.numbers[-1]
+    if beyond > found.prices[1] / found.resistance:
+        return found
+    exact = problem.share / weights[on_tour].sum(), (1 - problem.share) / weights[~on_tour].sum()
+    numbers = np.append(weights * np.where(on_tour, *exact), 0.0)
+    design = laplacian.design(numbers)
+    gap = max(0.0, 1 - design.resistance / problem.most(design.gain))
+    return Found(numbers, found.prices, design.resistance, gap) if gap < found.gap else found
 
 
 def _loop(goes_on: Callable[[State], Any], step: Callable[[State], State], state: State) -> State:
