@@ -176,24 +176,18 @@ def _ascend(
     **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
     share of the value that the last quarter of them added.
     """
-    steps, here = Steps.of(graph), np.arange(graph.vertices)
-    image = np.asarray(steps.image)
+    steps = Steps.of(graph)
     away = 1 - np.eye(graph.vertices, dtype=np.float32)
     ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _ANNEALED)
     count = _STEPS // (1 + (graph.vertices > _LARGE))
     progress = np.arange(count) / count
-    found = [
-        ascent.climb(np.log(np.maximum(start[:, here, image], 1e-3)), progress) for start in starts
-    ]
+    found = [ascent.climb(steps.logits(start), progress) for start in starts]
     values = np.array([value for _, value, _, _ in found])
     # Values that differ by rounding count as equal, and the first of them is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
     best, _, _, course = found[first]
     drawn = np.asarray(steps.chances(jnp.asarray(best, jnp.float64), _FLOOR))
-    matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
-    for matrix, chance in zip(matrices, drawn, strict=True):
-        np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)
-    return matrices, first, count * len(starts), late_gain(course)
+    return steps.matrices(drawn), first, count * len(starts), late_gain(course)
 
 
 def _missed(
