@@ -121,9 +121,9 @@ def minimum_commute(
             raise ValueError(
                 f"constraints: expected at most {MAX_VERTICES:,} vertices, got {graph.vertices:,}"
             )
-        found = _constrained(graph, tour, emphasised, share, constraints, tolerance)
-        found.certificate.check("minimum_commute", throw)
-        return found
+        met = _constrained(graph, tour, emphasised, share, constraints, tolerance)
+        met.certificate.check("minimum_commute", throw)
+        return met
     # An edge that may have no weight is left out, and so is a bound that nothing can break.
     allowed = emphasised if share == 1 else np.ones_like(emphasised)
     if share == 1 and tour is not None:
@@ -140,25 +140,27 @@ def minimum_commute(
     times = times[allowed]
     bound = 0.0 if on_tour.all() else float(share)
     problem = Emphasis(on_tour, bound, np.ones_like(on_tour))
+    laplacian = HostLaplacian(graph.vertices, edges, times)
     if graph.vertices > MAX_VERTICES:
         tolerance = max(tolerance, _COARSE)
-        large = least_resistance(graph.vertices, edges, times, problem, tolerance, _INVERSIONS)
-        numbers, resistance, gap, steps = large
+        found, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
     else:
-        laplacian = HostLaplacian(graph.vertices, edges, times)
         try:
-            best, steps = interior_point(laplacian, problem, tolerance)
+            found, steps = interior_point(laplacian, problem, tolerance)
         except np.linalg.LinAlgError:
+            if not bound:
+                raise
             raise ValueError(
                 f"share is {share!r}: what it leaves to other edges is lost in rounding; expected "
                 "less"
             ) from None
-        numbers, resistance, gap = best.numbers[: len(edges)], best.resistance, best.gap
+    numbers = found.numbers[: len(edges)] / times
     weights = np.zeros(len(graph.edges))
-    weights[allowed] = numbers / times / (numbers / times).sum()
-    certificate = Certificate(int(steps), float(gap), tolerance)
+    weights[allowed] = numbers / numbers.sum()
+    certificate = Certificate(int(steps), float(found.gap), tolerance)
     certificate.check("minimum_commute", throw)
-    return MinimumCommute(weights, 4 * float(resistance) / (graph.vertices - 1), tour, certificate)
+    time = 4 * float(found.resistance) / (graph.vertices - 1)
+    return MinimumCommute(weights, time, tour, certificate)
 
 
 def _constrained(

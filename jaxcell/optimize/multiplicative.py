@@ -1,37 +1,21 @@
 """The walk with the least commute time on graphs too large for a Hessian of edges by edges."""
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..base.threads import one_blas_thread
 from .laplacian import resistance_gains
-from .resistance import Emphasis
+from .resistance import Emphasis, Found, HostLaplacian
 
 
 # Of a weight, so that it has a logarithm.
 _LEAST = 1e-100
 
 
-class Found(NamedTuple):
-    """Weights, what they achieve, and how far from the least that can be."""
-
-    weights: Float[np.ndarray, "edges"]
-    resistance: float
-    gap: float
-    evaluations: int
-
-
 @one_blas_thread()
 def least_resistance(
-    vertices: int,
-    edges: Int[np.ndarray, "edges 2"],
-    durations: Float[np.ndarray, "edges"],
-    problem: Emphasis,
-    tolerance: float,
-    evaluations: int,
-) -> Found:
+    laplacian: HostLaplacian, problem: Emphasis, tolerance: float, evaluations: int
+) -> tuple[Found, int]:
     """Weights of the edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
     With `g_e = |X b_e|^2 / t_e`, by how much each weight lowers the sum, `sum_e g_e w_e^2 / u_e`
@@ -42,15 +26,15 @@ def least_resistance(
 
     **Arguments:**
 
-    - `vertices`, `edges`: a connected graph.
-    - `durations`: `t_e`, with which the Laplacian is `sum_e (w_e / t_e) b_e b_e'`.
+    - `laplacian`: of a connected graph, `sum_e (w_e / t_e) b_e b_e'`.
     - `problem`: the edges on which there is at least a share of the weight.
     - `tolerance`: of the relative gap.
     - `evaluations`: how often the Laplacian is inverted, at most.
 
-    **Returns:** [`Found`][], the weights with the smallest gap.
+    **Returns:** the weights with the smallest gap, and how often it was inverted.
     """
-    best, count = Found(np.empty(0), np.inf, np.inf, 0), 0
+    durations = laplacian.durations
+    best, count = Found(np.empty(0), None, np.inf, np.inf), 0
 
     def shared(weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "edges"]:
         return problem.scaled(np.maximum(weights / weights.sum(), _LEAST))
@@ -58,14 +42,16 @@ def least_resistance(
     def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
         nonlocal best, count
         count += 1
-        resistance, gain = resistance_gains(vertices, edges, weights / durations)
+        resistance, gain = resistance_gains(
+            laplacian.vertices, laplacian.edges, weights / durations
+        )
         gain /= durations
         gap = max(0.0, 1 - resistance / float(problem.most(gain)))
         if gap < best.gap:
-            best = Found(weights, resistance, gap, count)
+            best = Found(weights, None, resistance, gap)
         return shared(weights * np.sqrt(gain)), resistance
 
-    weights = shared(np.ones(len(edges)))
+    weights = shared(np.ones(durations.size))
     following, _ = step(weights)
     while best.gap > tolerance and count < evaluations:
         second, now = step(following)
@@ -82,4 +68,4 @@ def least_resistance(
             tried = second
             after, _ = step(tried)
         weights, following = tried, after
-    return best._replace(evaluations=count)
+    return best, count

@@ -125,6 +125,7 @@ class Found(NamedTuple):
 
     numbers: Any
     prices: Any
+    "Of the sums; none where a method finds none."
     resistance: Any
     gap: Any
     "By how much of itself the sum of resistances can be above the least."
