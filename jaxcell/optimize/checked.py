@@ -1,5 +1,6 @@
-"""Arrays of numbers as users give them, refused with the one that is wrong."""
+"""Numbers as users give them, refused with the one that is wrong."""
 
+import numbers
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,12 @@ from jaxtyping import Float
 
 # A distribution whose sum differs from 1 by no more has sum 1.
 _ROUNDING = 1e-9
+
+
+def check_count(name: str, value: int) -> None:
+    """**Raises:** `ValueError` for what is no whole number of at least 1."""
+    if not isinstance(value, numbers.Integral) or value < 1:
+        raise ValueError(f"{name}: expected a whole number of at least 1, got {value!r}")
 
 
 def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
