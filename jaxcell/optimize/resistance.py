@@ -101,7 +101,10 @@ class Emphasis(NamedTuple):
         return weights * xp.where(self.on_tour, more, less)
 
     def start(self, design: Callable[[Any], "Design"]) -> Any:
-        """Even weights, then moved in proportion to the root of the gain; in trees, that is all."""
+        """Even weights, then moved in proportion to the root of the gain.
+
+        In trees without an emphasis, that is all.
+        """
         xp = self.on_tour.__array_namespace__()
         weights = self.scaled(xp.where(self.allowed, 1.0, 0.0), _SPARE)
         for _ in range(2):
