@@ -26,7 +26,7 @@ from .steps import Steps
 _HARDNESS = 50.0
 # On few vertices so many times as many starts are tried as are asked for.
 _MORE, _QUICK = 4, 3600
-# Vertices for as many linear programs as it takes, and for any; else gradients are all there is.
+# Vertices for as many linear programs as it takes, and for any; gradients are then all there is.
 _EXACT, _POLISHED = 30, 100
 # Of the value: what counts as little to gain on larger graphs.
 _LITTLE = 0.02
@@ -78,11 +78,9 @@ def maximin_capture(
     F_r[i, j]))`.
 
     The problem is not convex: the answer is a local optimum, the best that several starts lead to.
-    Linear programs of the attacks that are nearly the best find it. On up to 30 vertices they begin
-    at all starts. On more, where they are slow, they begin where a gradient leads from the best of
-    these, and so they do on any graph where all edges and attacks take as long, by Adam on logits.
-    It is that of a soft minimum of logarithms, because a probability that is a product of many
-    would leave a gradient of almost 0.
+    Gradients of a soft minimum of logarithms lead near it, Adam's on logits where all edges and
+    attacks take as long; on logarithms, because a probability that is a product of many would leave
+    a gradient of almost 0. Linear programs of the attacks that are nearly the best then finish it.
 
     **Arguments:**
 
@@ -137,41 +135,36 @@ def maximin_capture(
         begin = among.starts(max(count, min(starts, 2)), robots, seed)
         skipped = len(begin) - count
         begin = begin[skipped:]
-        climbed, best, steps, late = _ascend(
+        found, best, steps, late = _ascend(
             graph,
             int(attack[0]),
             np.array([[among.matrix(robot) for robot in start] for start in begin]),
         )
-        first = skipped + best
+        best += skipped
+        moves = found[:, among.tails, among.heads]
         if graph.vertices > _POLISHED:
-            matrices, value = _without_rare_moves(climbed, arguments)
+            found, value = _without_rare_moves(found, arguments)
             certificate = Certificate(steps, late, _LITTLE)
             certificate.check("maximin_capture", throw)
-            return MaximinCapture(matrices, value, first, certificate)
-        begin = climbed[None][..., among.tails, among.heads]
+            return MaximinCapture(found, value, best, certificate)
     else:
-        begin, first, steps = among.starts(starts, robots, seed), 0, 0
-        # Where programs are quick, gradients before them find nothing more.
-        if graph.vertices > _EXACT:
-            begin, values, steps = descend(_missed, among, begin, arguments)
-            first = int(np.nanargmin(values))
-            begin = begin[[first]]
+        begin = among.starts(starts, robots, seed)
+        every, values, steps = descend(_missed, among, begin, arguments)
+        best = int(np.nanargmin(values))
+        moves = every[best]
 
     def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
         return LinearizedCapture(among, moves, attack, delays)
 
     if graph.vertices > _EXACT:
         tolerance = max(tolerance, _LITTLE)
-    found = [maximize_least_capture(law, among, moves, tolerance) for moves in begin]
-    best = int(np.argmax([value for _, value, _, _ in found]))
-    moves, value, residual, _ = found[best]
-    steps += sum(programs for *_, programs in found)
-    certificate = Certificate(steps, residual, tolerance)
+    moves, value, residual, programs = maximize_least_capture(law, among, moves, tolerance)
+    certificate = Certificate(steps + programs, residual, tolerance)
     certificate.check("maximin_capture", throw)
     matrices = np.stack([among.matrix(robot) for robot in moves])
     if stationary is None:
         matrices, value = _without_rare_moves(matrices, arguments)
-    return MaximinCapture(matrices, value, first + best, certificate)
+    return MaximinCapture(matrices, value, best, certificate)
 
 
 @one_blas_thread()
