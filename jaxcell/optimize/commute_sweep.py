@@ -1,6 +1,6 @@
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -13,13 +13,8 @@ from ..base.certificate import Certificate
 from ..base.connected import vertices_apart
 from ..base.precision import require_x64
 from .graph import Graph
-from .interior_point import predictor_corrector
+from .resistance import Design, Emphasis, follow
 from .tour import on_walk, shortest_tour
-
-
-_STEPS = 60
-# Below this, the distance from the central path is rounding.
-_ROUNDING = 1e-16
 
 
 @jax.tree_util.register_dataclass
@@ -141,9 +136,8 @@ def commute_weights(
 ) -> CommuteSweep:
     """One problem of [`minimum_commute_sweep`][] on arrays only, under `jit` and `vmap`.
 
-    The method is that of [`minimum_commute`][jaxcell.optimize.minimum_commute], in dense linear
-    algebra of fixed shapes. What the tour has beyond its share is one more weight that is not
-    negative, so that the same steps find whether the bound is tight.
+    The steps are those of [`minimum_commute`][jaxcell.optimize.minimum_commute], in dense linear
+    algebra of fixed shapes.
 
     **Arguments:**
 
@@ -174,51 +168,18 @@ def commute_weights(
     differences = differences.at[number, edges[:, 0]].set(1.0).at[number, edges[:, 1]].set(-1.0)
     differences = jnp.where(allowed[:, None], differences, 0.0)
     connected = _connected(differences)
-    on_tour = on_tour & allowed
-    # The last weight is what the tour has beyond its share.
-    live = jnp.append(allowed, True)
-    ones, tour = live.astype(float).at[-1].set(0.0), jnp.append(on_tour.astype(float), -1.0)
-    sums, totals = jnp.stack([ones, tour], axis=1), jnp.stack([jnp.ones(()), share])
-
-    def gap_of(design):  # type: ignore[no-untyped-def]
-        resistance, gain, _ = design
-        most = share * jnp.max(jnp.where(on_tour, gain, 0.0)) + (1 - share) * jnp.max(gain)
-        return jnp.maximum(0.0, 1 - resistance / most)
-
-    # Even weights, but for the share.
-    even = allowed.astype(float) / jnp.sum(allowed, dtype=float)
-    on_tour_even = jnp.sum(jnp.where(on_tour, even, 0.0))
-    of_tour = share + (1 - share) * on_tour_even
-    weights = (1 - share) * even + jnp.where(on_tour, share * even / on_tour_even, 0.0)
-    design = _design(differences, weights)
-    unit = design[0]
-    highest = jnp.max(design[1]) / unit
-    prices = jnp.stack([1.4 * highest, -0.2 * highest])
-    x = jnp.append(weights, of_tour - share)
-    pressure = jnp.where(live, sums @ prices - jnp.append(design[1], 0.0) / unit, 0.0)
-
-    def go_on(state):  # type: ignore[no-untyped-def]
-        (x, pressure, _), _, gap, steps, fine = state
-        far = (gap > tolerance / 2) & (x @ pressure > _ROUNDING)
-        return connected & fine & far & (steps < _STEPS)
-
-    def go(state):  # type: ignore[no-untyped-def]
-        point, best, gap, steps, _ = state
-        point = _step(differences, sums, totals, live, unit, point)
-        found = gap_of(_design(differences, point[0][:-1]))
-        best = jnp.where(found < gap, point[0], best)
-        fine = jnp.isfinite(found)
-        return point, best, jnp.where(fine, jnp.minimum(found, gap), gap), steps + 1, fine
-
-    start = (x, pressure, prices), x, gap_of(design), jnp.zeros((), jnp.int32), jnp.array(True)
-    _, best, gap, steps, _ = jax.lax.while_loop(go_on, go, start)
-    weights = best[:-1]
-    resistance, _, _ = _design(differences, weights)
-    time = 4 * resistance / (vertices - 1)
+    # Without an answer nothing is a number, and no steps are taken.
+    differences = jnp.where(connected, differences, jnp.nan)
+    problem = Emphasis(on_tour & allowed, share, allowed)
+    design, divide = (
+        functools.partial(_design, differences),
+        functools.partial(_divide, differences),
+    )
+    found, steps = follow(problem, design, divide, tolerance, jax.lax.while_loop)
     return CommuteSweep(
-        weights=jnp.where(connected, weights, jnp.nan),
-        commute_time=jnp.where(connected, time, jnp.inf),
-        gap=jnp.where(connected, gap, 0.0),
+        weights=jnp.where(connected, found.numbers[:-1], jnp.nan),
+        commute_time=jnp.where(connected, 4 * found.resistance / (vertices - 1), jnp.inf),
+        gap=jnp.where(connected, found.gap, 0.0),
         iterations=steps,
     )
 
@@ -233,42 +194,30 @@ def _connected(differences: Float[Array, "edges vertices"]) -> Bool[Array, ""]:
 
 
 def _design(
-    differences: Float[Array, "edges vertices"], weights: Float[Array, "edges"]
-) -> tuple[Float[Array, ""], Float[Array, "edges"], Float[Array, "edges vertices"]]:
-    """The sum of the reciprocal eigenvalues of the Laplacian, and what its derivatives are made of.
-
-    **Returns:** the sum, by how much each weight lowers it, and the columns `X b_e` of the
-    pseudo-inverse for the differences `b_e` of the ends of edges.
-    """
-    vertices = differences.shape[1]
-    laplacian = differences.T @ (weights[:, None] * differences)
+    differences: Float[Array, "edges vertices"], numbers: Float[Array, "numbers"]
+) -> Design:
+    edges, vertices = differences.shape
+    laplacian = differences.T @ (numbers[:edges, None] * differences)
     # A constant turns the eigenvalue 0 into one within the range of the others.
     shift = jnp.trace(laplacian) / vertices
     factor = jnp.linalg.cholesky(laplacian + shift / vertices)
     inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(vertices))
     columns = differences @ inverse
-    return jnp.trace(inverse) - 1 / shift, jnp.sum(columns**2, axis=1), columns
+    return Design(jnp.trace(inverse) - 1 / shift, jnp.sum(columns**2, axis=1), columns)
 
 
-def _step(
+def _divide(
     differences: Float[Array, "edges vertices"],
-    sums: Float[Array, "weights 2"],
-    totals: Float[Array, "2"],
-    live: Bool[Array, "weights"],
+    design: Design,
     unit: Float[Array, ""],
-    point: tuple[Float[Array, "weights"], Float[Array, "weights"], Float[Array, "2"]],
-) -> tuple[Float[Array, "weights"], Float[Array, "weights"], Float[Array, "2"]]:
-    """One step, with the Hessian in 64 bits."""
-    x, pressure, _ = point
-    _, gain, columns = _design(differences, x[:-1])
-    stiffness = jnp.where(live, pressure / jnp.where(live, x, 1.0), 1.0)
+    diagonal: Float[Array, "numbers"],
+) -> Callable[[Float[Array, "numbers *sides"]], Float[Array, "numbers *sides"]]:
+    """Divide by the Hessian and a diagonal."""
+    columns = design.columns
     hessian = 2 / unit * (columns @ columns.T) * (columns @ differences.T)
-    factor = jnp.linalg.cholesky(jnp.diag(stiffness) + jnp.pad(hessian, (0, 1)))
-
-    def inverse(sides):  # type: ignore[no-untyped-def]
-        return jax.scipy.linalg.cho_solve((factor, True), sides)
-
-    return predictor_corrector(inverse, jnp.append(gain, 0.0) / unit, sums, totals, live, point)
+    beside = diagonal.size - columns.shape[0]
+    factor = jnp.linalg.cholesky(jnp.diag(diagonal) + jnp.pad(hessian, (0, beside)))
+    return lambda sides: jax.scipy.linalg.cho_solve((factor, True), sides)
 
 
 _solve_all = jax.jit(

@@ -1,4 +1,3 @@
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -10,16 +9,15 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected, vertices_apart
 from ..base.limits import MAX_VERTICES
 from . import conic
+from .checked import one_each
 from .conic import Rules
 from .constraints import Linear, room
 from .graph import Graph
 from .multiplicative import least_resistance
-from .resistance import Blocks, Bounded, Found, block_gap, interior_point
+from .resistance import Emphasis, HostLaplacian, interior_point
 from .tour import on_walk, shortest_tour
 
 
-# A share that any weights have, to rounding.
-_NOTHING = 1e-12
 # With more vertices, a method of first order closes the gap this far, in so many inversions.
 _COARSE, _INVERSIONS = 1e-2, 300
 
@@ -59,9 +57,8 @@ def minimum_commute(
     An interior-point method finds them, with one Cholesky factorisation of the edges by edges
     Hessian a step. That is dense linear algebra on arrays of hundreds, which LAPACK does on the
     host, with nothing to compile before; neither JAX nor its 64-bit numbers are needed. Compiled
-    programs, [`jaxcell.optimize.minimum_commute_sweep`][], take the same steps, but seconds before
-    the first one on each graph, and do not close the gap for a share of almost 1; the rows `walk
-    with the least commute time` of the benchmarks are of this function.
+    programs, [`jaxcell.optimize.minimum_commute_sweep`][], take the same steps for many problems at
+    once, but seconds before the first one on each graph.
 
     On more than 2,000 vertices that Hessian is too large, and steps of first order are taken, with
     one inverse of the vertices by vertices Laplacian each.
@@ -124,9 +121,9 @@ def minimum_commute(
             raise ValueError(
                 f"constraints: expected at most {MAX_VERTICES:,} vertices, got {graph.vertices:,}"
             )
-        found = _constrained(graph, tour, emphasised, share, constraints, tolerance)
-        found.certificate.check("minimum_commute", throw)
-        return found
+        met = _constrained(graph, tour, emphasised, share, constraints, tolerance)
+        met.certificate.check("minimum_commute", throw)
+        return met
     # An edge that may have no weight is left out, and so is a bound that nothing can break.
     allowed = emphasised if share == 1 else np.ones_like(emphasised)
     if share == 1 and tour is not None:
@@ -137,44 +134,33 @@ def minimum_commute(
                 "ever visit; expected less than 1"
             )
     edges, on_tour = graph.edges[allowed], emphasised[allowed]
-    times = _durations(graph, durations)[allowed]
+    times = np.ones(len(graph.edges))
+    if durations is not None:
+        times = one_each("durations", durations, len(graph.edges), "an edge")
+    times = times[allowed]
+    bound = 0.0 if on_tour.all() else float(share)
+    problem = Emphasis(on_tour, bound, np.ones_like(on_tour))
+    laplacian = HostLaplacian(graph.vertices, edges, times)
     if graph.vertices > MAX_VERTICES:
-        tolerance, bound = max(tolerance, _COARSE), 0.0 if on_tour.all() else share
-        large = least_resistance(
-            graph.vertices, edges, times, on_tour, bound, tolerance, _INVERSIONS
-        )
-        numbers, resistance, gap, steps = large
+        tolerance = max(tolerance, _COARSE)
+        found, steps = least_resistance(laplacian, problem, tolerance, _INVERSIONS)
     else:
-        problem = Blocks(graph.vertices, edges, [(np.ones_like(on_tour), 1.0)], times)
-        if on_tour.all() or share <= _NOTHING:
-            best = interior_point(problem, tolerance)
-        else:
-            best = _with_bound(problem, on_tour, share, tolerance)
-        numbers, resistance, gap, steps = (
-            best.numbers,
-            best.design.resistance,
-            best.gap,
-            best.steps,
-        )
+        try:
+            found, steps = interior_point(laplacian, problem, tolerance)
+        except np.linalg.LinAlgError:
+            if not bound:
+                raise
+            raise ValueError(
+                f"share is {share!r}: what it leaves to other edges is lost in rounding; expected "
+                "less"
+            ) from None
+    numbers = found.numbers[: len(edges)] / times
     weights = np.zeros(len(graph.edges))
-    weights[allowed] = numbers / times / (numbers / times).sum()
-    certificate = Certificate(steps, gap, tolerance)
+    weights[allowed] = numbers / numbers.sum()
+    certificate = Certificate(int(steps), float(found.gap), tolerance)
     certificate.check("minimum_commute", throw)
-    return MinimumCommute(weights, 4 * resistance / (graph.vertices - 1), tour, certificate)
-
-
-def _durations(graph: Graph, given: Any) -> Float[np.ndarray, "edges"]:
-    times = np.ones(len(graph.edges)) if given is None else np.array(given, np.float64)
-    if times.shape != (len(graph.edges),):
-        raise ValueError(
-            f"durations: expected {len(graph.edges)} numbers, one an edge, got {list(times.shape)}"
-        )
-    wrong = np.flatnonzero(~((times > 0) & np.isfinite(times)))
-    if wrong.size:
-        raise ValueError(
-            f"durations[{wrong[0]}] is {times[wrong[0]]}; expected a positive finite number"
-        )
-    return times
+    time = 4 * float(found.resistance) / (graph.vertices - 1)
+    return MinimumCommute(weights, time, tour, certificate)
 
 
 def _constrained(
@@ -199,39 +185,16 @@ def _constrained(
             f"constraints: they leave no weight to edges between vertex {apart[1]} and vertex "
             f"{apart[0][0]}"
         )
-    found = interior_point(Bounded(graph.vertices, graph.edges[left.used], left), tolerance)
+    laplacian = HostLaplacian(graph.vertices, graph.edges[left.used], np.ones(left.edges))
+    found, steps = interior_point(laplacian, left, tolerance)
     weights = np.zeros(len(graph.edges))
     weights[left.used] = found.numbers[: left.edges]
     paid = np.abs(found.prices / left.units)[left.owner >= 0]
     prices = np.bincount(left.owner[left.owner >= 0], paid, len(constraints) + len(emphasis))
     return MinimumCommute(
         weights,
-        found.commute_time(graph),
+        4 / (graph.vertices - 1) * float(found.resistance),
         tour,
-        Certificate(found.steps, found.gap, tolerance),
+        Certificate(int(steps), float(found.gap), tolerance),
         4 / (graph.vertices - 1) * prices[: len(constraints)],
     )
-
-
-def _with_bound(
-    free: Blocks, on_tour: Bool[np.ndarray, "edges"], share: float, tolerance: float
-) -> Found:
-    """Where the bound on the share matters it is tight, because the problem is convex."""
-    everything = np.ones_like(on_tour)
-    tight = dataclasses.replace(free, blocks=[(on_tour, share), (~on_tour, 1 - share)])
-    found: Found | None = None
-    with contextlib.suppress(np.linalg.LinAlgError):
-        bound = interior_point(tight, tolerance)
-        gap = block_gap(bound.design, [(on_tour, share), (everything, 1 - share)])
-        found = dataclasses.replace(bound, gap=gap)
-        if gap <= tolerance:
-            return found
-    unbound = interior_point(free, tolerance)
-    steps = unbound.steps + (found.steps if found else 0)
-    if unbound.numbers[on_tour].sum() >= share:
-        found = unbound
-    if found is None:
-        raise ValueError(
-            f"share is {share!r}: what it leaves to other edges is lost in rounding; expected less"
-        )
-    return dataclasses.replace(found, steps=steps)

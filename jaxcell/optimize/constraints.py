@@ -113,6 +113,24 @@ class Room:
         """How many weights there are."""
         return int(self.used.sum())
 
+    @property
+    def live(self) -> Bool[np.ndarray, "numbers"]:
+        """All numbers may be positive."""
+        return np.ones(len(self.sums), bool)
+
+    def start(self, design: Any) -> Float[np.ndarray, "numbers"]:
+        """Numbers far from all bounds."""
+        return self.inside
+
+    def first_prices(
+        self, gain: Float[np.ndarray, "used"], numbers: Float[np.ndarray, "numbers"]
+    ) -> Float[np.ndarray, "prices"]:
+        """Prices that leave a pressure on each number that keeps it positive."""
+        prices, spare = np.zeros(self.totals.size), self.signs != 0
+        prices[spare] = -self.signs[spare] / (self.edges * numbers[self.edges :])
+        prices[0] = 1.2 * np.abs(gain - self.sums[: self.edges] @ prices).max()
+        return prices
+
     def most(self, gain: Float[np.ndarray, "used"], prices: Float[np.ndarray, "prices"]) -> float:
         """A bound on `gain @ weights` for all weights that the constraints leave.
 

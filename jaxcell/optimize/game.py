@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.certificate import Certificate, Outcome
 from ..base.precision import require_x64
 from ..base.quiet import no_output
+from .checked import finite
 
 
 # Of the range of payoffs. HiGHS keeps the constraints of a mixed-integer program to 1e-6.
@@ -277,7 +278,7 @@ def _unit(payoffs: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 
 def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targets"]:
-    array = _numbers(name, values)
+    array = finite(name, values)
     if array.ndim not in (2, 3) or array.size == 0:
         raise ValueError(
             f"{name}: expected [strategies, targets] or [types, strategies, targets], got the "
@@ -289,7 +290,7 @@ def _payoffs(name: str, values: Any) -> Float[np.ndarray, "types strategies targ
 def _distribution(prior: Any, types: int) -> Float[np.ndarray, "types"]:
     if prior is None:
         return np.full(types, 1 / types)
-    array = _numbers("prior", prior)
+    array = finite("prior", prior)
     if array.shape != (types,):
         raise ValueError(f"prior: expected {types} numbers, one a type, got {list(array.shape)}")
     if (array < 0).any() or abs(array.sum() - 1) > 1e-9:
@@ -297,17 +298,3 @@ def _distribution(prior: Any, types: int) -> Float[np.ndarray, "types"]:
             f"prior: expected numbers that are not negative and sum to 1, got {array.tolist()}"
         )
     return array / array.sum()
-
-
-def _numbers(name: str, values: Any) -> Float[np.ndarray, "..."]:
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise ValueError(f"{name}: expected an array of numbers, got {values!r}") from error
-    if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
-        raise ValueError(f"{name}: expected an array of numbers, got {array.dtype}")
-    array = array.astype(np.float64)
-    if not np.isfinite(array).all():
-        wrong = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise ValueError(f"{name}{wrong} is {array[tuple(wrong)]}; expected a finite number")
-    return array

@@ -6,6 +6,8 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Float, Int
 
+from .checked import one_each
+
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Graph:
@@ -61,15 +63,7 @@ class Graph:
             if not np.isfinite(places).all():
                 v, axis = np.argwhere(~np.isfinite(places))[0]
                 raise ValueError(f"xy[{v}, {axis}] is {places[v, axis]}; expected a finite number")
-        lengths = None if ways is None else np.array(ways, np.float64)
-        if lengths is not None:
-            if lengths.shape != (len(ends),):
-                raise ValueError(f"ways: expected {len(ends)} lengths, got {list(lengths.shape)}")
-            wrong = np.flatnonzero(~((lengths > 0) & np.isfinite(lengths)))
-            if wrong.size:
-                raise ValueError(
-                    f"ways[{wrong[0]}] is {lengths[wrong[0]]}; expected a positive finite number"
-                )
+        lengths = None if ways is None else one_each("ways", ways, len(ends), "an edge")
         object.__setattr__(self, "ways", lengths)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "edges", ends.astype(np.int32))

@@ -20,7 +20,7 @@ def pseudo_inverse(
     laplacian = np.zeros((vertices, vertices))
     laplacian[tail, head] = laplacian[head, tail] = -weights
     degree = -laplacian.sum(axis=0)
-    laplacian[np.diag_indices(vertices)] = degree
+    laplacian.flat[:: vertices + 1] = degree
     # A constant turns the eigenvalue 0 into one within the range of the others.
     shift = degree.mean()
     laplacian += shift / vertices
@@ -30,7 +30,11 @@ def pseudo_inverse(
         factor, info = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
     if info:
         raise np.linalg.LinAlgError("the Laplacian is singular to rounding")
-    return np.tril(factor) + np.tril(factor, -1).T - 1 / (shift * vertices)
+    # LAPACK leaves the zeros above the diagonal.
+    inverse = factor + factor.T
+    inverse.flat[:: vertices + 1] /= 2
+    inverse -= 1 / (shift * vertices)
+    return inverse
 
 
 def resistance_gains(

@@ -9,12 +9,9 @@ from ..base.certificate import Certificate
 from ..base.connected import check_connected
 from ..base.threads import one_blas_thread
 from ..mapping import Chain
+from .checked import shares_of_time
 from .graph import Graph
 from .spectral import SpectralProblem, least_norm
-
-
-# A distribution whose sum differs from 1 by no more has sum 1.
-_ROUNDING = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,7 +84,7 @@ def fastest_mixing(
     stationary = (
         np.full(graph.vertices, 1 / graph.vertices)
         if stationary is None
-        else _checked(stationary, graph.vertices)
+        else shares_of_time(stationary, graph.vertices)
     )
     # Weights are not negative, and those at a vertex leave something for staying.
     edges = len(graph.edges)
@@ -162,19 +159,3 @@ def _fastest(
         weights, rate, bound, steps = least_norm(problem, start, tolerance)
     gap = max(0.0, (rate - bound) / (1 - rate))
     return weights, rate, Certificate(steps, gap, tolerance)
-
-
-def _checked(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
-    given = np.array(stationary, np.float64)
-    if given.shape != (vertices,):
-        raise ValueError(
-            f"stationary: expected {vertices} numbers, one a vertex, got {list(given.shape)}"
-        )
-    wrong = np.flatnonzero(~((given > 0) & np.isfinite(given)))
-    if wrong.size:
-        raise ValueError(
-            f"stationary[{wrong[0]}] is {given[wrong[0]]}; expected a finite positive number"
-        )
-    if abs(given.sum() - 1) > _ROUNDING:
-        raise ValueError(f"stationary: expected numbers with sum 1, got {given.sum()}")
-    return given / given.sum()

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from ..base.certificate import Certificate
 from ..base.precision import require_x64
+from .checked import finite
 
 
 # Of the largest squared distance of a column from the target.
@@ -76,10 +77,7 @@ def _checked(name: str, values: Any, dimensions: int) -> Float[np.ndarray, "..."
         raise ValueError(f"{name}: expected an array of {dimensions} dimensions, got {array.shape}")
     if array.dtype != np.float64:
         raise ValueError(f"{name}: expected float64, got {array.dtype}")
-    if not np.isfinite(array).all():
-        wrong = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise ValueError(f"{name}{wrong} is {array[tuple(wrong)]}; expected a finite number")
-    return array
+    return finite(name, array)
 
 
 def _nearest_to_origin(

@@ -1,37 +1,21 @@
 """The walk with the least commute time on graphs too large for a Hessian of edges by edges."""
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from ..base.threads import one_blas_thread
 from .laplacian import resistance_gains
+from .resistance import Emphasis, Found, HostLaplacian
 
 
 # Of a weight, so that it has a logarithm.
 _LEAST = 1e-100
 
 
-class Found(NamedTuple):
-    """Weights, what they achieve, and how far from the least that can be."""
-
-    weights: Float[np.ndarray, "edges"]
-    resistance: float
-    gap: float
-    evaluations: int
-
-
 @one_blas_thread()
 def least_resistance(
-    vertices: int,
-    edges: Int[np.ndarray, "edges 2"],
-    durations: Float[np.ndarray, "edges"],
-    on_tour: Bool[np.ndarray, "edges"],
-    share: float,
-    tolerance: float,
-    evaluations: int,
-) -> Found:
+    laplacian: HostLaplacian, problem: Emphasis, tolerance: float, evaluations: int
+) -> tuple[Found, int]:
     """Weights of the edges with the least sum of reciprocal eigenvalues of the Laplacian.
 
     With `g_e = |X b_e|^2 / t_e`, by how much each weight lowers the sum, `sum_e g_e w_e^2 / u_e`
@@ -42,28 +26,32 @@ def least_resistance(
 
     **Arguments:**
 
-    - `vertices`, `edges`: a connected graph.
-    - `durations`: `t_e`, with which the Laplacian is `sum_e (w_e / t_e) b_e b_e'`.
-    - `on_tour`, `share`: edges on which there is at least this share of the weight.
+    - `laplacian`: of a connected graph, `sum_e (w_e / t_e) b_e b_e'`.
+    - `problem`: the edges on which there is at least a share of the weight.
     - `tolerance`: of the relative gap.
     - `evaluations`: how often the Laplacian is inverted, at most.
 
-    **Returns:** [`Found`][], the weights with the smallest gap.
+    **Returns:** the weights with the smallest gap, and how often it was inverted.
     """
-    best, count = Found(np.empty(0), np.inf, np.inf, 0), 0
+    durations = laplacian.durations
+    best, count = Found(np.empty(0), None, np.inf, np.inf), 0
+
+    def shared(weights: Float[np.ndarray, "edges"]) -> Float[np.ndarray, "edges"]:
+        return problem.scaled(np.maximum(weights / weights.sum(), _LEAST))
 
     def step(weights: Float[np.ndarray, "edges"]) -> tuple[Float[np.ndarray, "edges"], float]:
         nonlocal best, count
         count += 1
-        resistance, gain = resistance_gains(vertices, edges, weights / durations)
+        resistance, gain = resistance_gains(
+            laplacian.vertices, laplacian.edges, weights / durations
+        )
         gain /= durations
-        most = (1 - share) * gain.max() + share * gain[on_tour].max(initial=0.0)
-        gap = max(0.0, 1 - resistance / float(most))
+        gap = max(0.0, 1 - resistance / float(problem.most(gain)))
         if gap < best.gap:
-            best = Found(weights, resistance, gap, count)
-        return _shared(weights * np.sqrt(gain), on_tour, share), resistance
+            best = Found(weights, None, resistance, gap)
+        return shared(weights * np.sqrt(gain)), resistance
 
-    weights = _shared(np.ones(len(edges)), on_tour, share)
+    weights = shared(np.ones(durations.size))
     following, _ = step(weights)
     while best.gap > tolerance and count < evaluations:
         second, now = step(following)
@@ -71,8 +59,7 @@ def least_resistance(
         ahead, bend = logs[1] - logs[0], logs[2] - 2 * logs[1] + logs[0]
         length = np.sqrt(following @ ahead**2 / max(following @ bend**2, _LEAST))
         while length > 1:
-            tried = np.exp(logs[0] + 2 * length * ahead + length**2 * bend)
-            tried = _shared(tried, on_tour, share)
+            tried = shared(np.exp(logs[0] + 2 * length * ahead + length**2 * bend))
             after, resistance = step(tried)
             if resistance <= now or count >= evaluations:
                 break
@@ -81,15 +68,4 @@ def least_resistance(
             tried = second
             after, _ = step(tried)
         weights, following = tried, after
-    return best._replace(evaluations=count)
-
-
-def _shared(
-    weights: Float[np.ndarray, "edges"], on_tour: Bool[np.ndarray, "edges"], share: float
-) -> Float[np.ndarray, "edges"]:
-    """The weights with the sum 1, of which at least a share is on the tour; none is 0."""
-    weights = np.maximum(weights / weights.sum(), _LEAST)
-    there = float(weights[on_tour].sum())
-    if there >= share:
-        return weights
-    return np.where(on_tour, share / there, (1 - share) / (1 - there)) * weights
+    return best, count

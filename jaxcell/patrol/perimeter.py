@@ -2,7 +2,6 @@ import dataclasses
 import enum
 import functools
 import heapq
-import numbers
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ from ..base.certificate import Certificate
 from ..base.precision import require_x64
 from ..mapping import Chain
 from ..markov import hitting_times
+from ..optimize.checked import check_count
 
 
 # Of a probability of detection.
@@ -65,7 +65,7 @@ class Perimeter:
     def __post_init__(self) -> None:
         """**Raises:** `ValueError` for numbers that do not make a perimeter."""
         for name in ("segments", "robots", "turn"):
-            _check_count(name, getattr(self, name))
+            check_count(name, getattr(self, name))
         if self.segments % self.robots:
             raise ValueError(
                 f"robots: expected a divisor of the {self.segments} segments, got {self.robots}"
@@ -148,7 +148,7 @@ def detection_polynomials(
         >>> patrol.detection_polynomials(perimeter, 3)[[1, 3]].round(3).tolist()
         [[1.0, 0.333, 1.0, 1.0], [1.0, 1.0, 0.333, 1.0]]
     """
-    _check_count("time", time)
+    check_count("time", time)
     heads, tails = perimeter.images
     there = np.arange(heads.size) % perimeter.distance == 0
     detected = there[:, None].astype(np.float64)
@@ -244,7 +244,7 @@ def hitting_law(perimeter: Perimeter, p: float, steps: int) -> Float[Array, "seg
     """
     require_x64("hitting_law")
     _check_probability(p)
-    _check_count("steps", steps)
+    check_count("steps", steps)
     return _law(perimeter, float(p), steps)
 
 
@@ -322,7 +322,7 @@ def simulate(
         [1.0, 2.0, 3.0]
     """
     _check_probability(p)
-    _check_count("steps", steps)
+    check_count("steps", steps)
     wrong = segment[(segment < 0) | (segment >= perimeter.distance)]
     if wrong.size:
         raise ValueError(f"segment: expected 0 to {perimeter.distance - 1}, got {wrong[0]}")
@@ -366,11 +366,6 @@ def _halves(
         left[:, k], right[:, -1 - k] = whole[:, 0], whole[:, -1]
         whole = (whole[:, :-1] + whole[:, 1:]) / 2
     return left, right
-
-
-def _check_count(name: str, value: int) -> None:
-    if not isinstance(value, numbers.Integral) or value < 1:
-        raise ValueError(f"{name}: expected a whole number of at least 1, got {value!r}")
 
 
 def _check_probability(p: float) -> None:

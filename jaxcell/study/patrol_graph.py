@@ -146,8 +146,7 @@ class PatrolGraph(GraphStudy):
 
     def _check(self, graph: "Graph", names: Sequence[str]) -> None:
         """Refuse a graph that is too large or not connected, and an attack that is too short."""
-        import numpy as np
-        from scipy.sparse.csgraph import shortest_path
+        from ..base.connected import vertices_apart
 
         if self.speed is not None and graph.xy is None and graph.ways is None:
             raise ValueError(
@@ -158,11 +157,11 @@ class PatrolGraph(GraphStudy):
                 f"{self.file}: it has {graph.vertices:,} vertices; the times between all pairs are "
                 f"computed for at most {MAX_VERTICES:,}"
             )
-        apart = np.flatnonzero(np.isinf(shortest_path(graph.matrix(graph.lengths + 1.0))[0]))
-        if apart.size:
+        apart = vertices_apart(graph.vertices, graph.edges)
+        if apart is not None:
             raise ValueError(
-                f"{self.file}: no walk leads from vertex {names[0]!r} to {names[apart[0]]!r}; "
-                "expected a connected graph"
+                f"{self.file}: no walk leads from vertex {names[apart[1]]!r} to "
+                f"{names[apart[0][0]]!r}; expected a connected graph"
             )
         if self.division != "partition":
             self._check_reach(graph, names)

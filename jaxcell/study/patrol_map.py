@@ -356,13 +356,15 @@ class PatrolMap(CellStudy):
         regions: "Regions | None",
     ) -> int:
         """The cell that is attacked: one where luck decides, by default the weakest."""
+        from ..patrol.map.attack import weakest
+
         if asked is None:
             if contested.size == 0:
                 raise ValueError(
                     f"range: with {self.range:g} m no robot ever sees the whole of a cell that is "
                     "not watched anyway; expected more"
                 )
-            return int(contested[caught[contested].argmin()])
+            return int(weakest(caught[None], contested)[0])
         if asked in contested:
             return asked
         if regions is not None and regions.view[asked]:

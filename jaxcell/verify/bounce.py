@@ -10,20 +10,13 @@ from .. import bounce as bouncing
 from ..bounce import BounceGroups, LocalizationFilter
 from ..mapping import SimpleMap
 from ..space import CellSpace
-from .comparison import Comparison
+from .comparison import Comparison, sample
 
 
 _IMAGES = 200
 _STATES = 1000
 # In cells. A step that comes no nearer to a wall than this, or crosses it by more, is a clear case.
 _NEAR = 1e-7
-
-
-def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
-    """Some of the numbers from 0 to `size - 1`: all, or as many as asked for, always the same."""
-    if size <= count:
-        return np.arange(size)
-    return np.sort(np.random.default_rng(seed).choice(size, count, replace=False))
 
 
 def compare_images(

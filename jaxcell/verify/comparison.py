@@ -83,6 +83,13 @@ class Comparison:
         return cls(what, 0, 0.0, 0.0, why)
 
 
+def sample(size: int, count: int, seed: int = 0) -> Int[np.ndarray, "sample"]:
+    """Some of the numbers from 0 to `size - 1`: all, or as many as asked for, always the same."""
+    if size <= count:
+        return np.arange(size)
+    return np.sort(np.random.default_rng(seed).choice(size, count, replace=False))
+
+
 def solve_transient(
     P: scipy.sparse.csr_array, transient: Int[np.ndarray, "transient"], gained: np.ndarray
 ) -> Float[np.ndarray, "transient"]:

@@ -3,8 +3,7 @@ import numpy as np
 import shapely
 
 from ..patrol import PatrolledMap, Policy
-from .bounce import sample
-from .comparison import Comparison
+from .comparison import Comparison, sample
 
 
 _TARGETS = 6

@@ -1,8 +1,8 @@
 import numpy as np
 
 from ..bounce import LocalizationPolicy, bounce_map
-from .bounce import compare_images, sample
-from .comparison import Comparison
+from .bounce import compare_images
+from .comparison import Comparison, sample
 
 
 _STARTS = 50

@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int
 from ..bounce import TeamTrajectory
 from ..bounce.joint import squares_of
 from ..mapping import SimpleMap
-from .bounce import compare_straight, sample
-from .comparison import Comparison
+from .bounce import compare_straight
+from .comparison import Comparison, sample
 
 
 _STEPS = 300

@@ -9,8 +9,7 @@ import scipy.special
 from ..optimize import Linear, conic, shortest_tour
 from ..optimize.tour import on_walk
 from ..patrol import GraphPatrol, StrategyGame
-from .bounce import sample
-from .comparison import Comparison, solve_transient
+from .comparison import Comparison, sample, solve_transient
 
 
 _TARGETS = 6

@@ -32,7 +32,7 @@ def random_graph(vertices, edges, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 0.99])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.8, 0.99, 1 - 1e-6])
 def test_emphases_equal_one_by_one(share):
     found = minimum_commute_sweep(SMALL, emphasis=SOME, share=share)
     assert found.weights.shape == (len(SOME), 13)

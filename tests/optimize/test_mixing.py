@@ -186,9 +186,9 @@ def test_a_tolerance_below_rounding_is_not_met():
     ("arguments", "message"),
     [
         ({"stationary": [0.5, 0.5]}, r"stationary: expected 3 numbers, one a vertex, got \[2\]"),
-        ({"stationary": [0.5, 0.5, 0.0]}, r"stationary\[2\] is 0.0; expected a finite positive"),
+        ({"stationary": [0.5, 0.5, 0.0]}, r"stationary\[2\] is 0.0; expected a positive finite"),
         ({"stationary": [0.5, np.nan, 0.5]}, r"stationary\[1\] is nan"),
-        ({"stationary": [0.5, 0.5, 0.5]}, "stationary: expected numbers with sum 1, got 1.5"),
+        ({"stationary": [0.5, 0.5, 0.5]}, "stationary: expected numbers that sum to 1, got 1.5"),
         ({"tolerance": 0.0}, "tolerance: expected a positive number, got 0.0"),
     ],
 )

@@ -165,12 +165,7 @@ def _parse_graphml(text: str) -> tuple[list[Vertex], list[Edge]]:
         ParseError,
     ) as error:
         raise ValueError(f"not GraphML that networkx reads: {str(error)[:300]}") from None
-    if graph.is_directed():
-        raise ValueError(f"edgedefault: {_DIRECTED}")
-    return (
-        [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
-        _networkx_edges(graph),
-    )
+    return _of_networkx(graph, "edgedefault")
 
 
 def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
@@ -182,19 +177,19 @@ def _parse_networkx(text: str, suffix: str) -> tuple[list[Vertex], list[Edge]]:
         graph = nx.parse_gml(lines) if suffix == ".gml" else nx.parse_adjlist(lines)
     except (nx.NetworkXError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"not {suffix} that networkx reads: {str(error)[:300]}") from None
+    return _of_networkx(graph, "directed")
+
+
+def _of_networkx(graph: Any, directed: str) -> tuple[list[Vertex], list[Edge]]:
     if graph.is_directed():
-        raise ValueError(f"directed: {_DIRECTED}")
+        raise ValueError(f"{directed}: {_DIRECTED}")
     return (
         [Vertex(f"node {name!r}", name, members) for name, members in graph.nodes(data=True)],
-        _networkx_edges(graph),
+        [
+            Edge(f"edge {tail!r} to {head!r}", tail, head, length)
+            for tail, head, length in graph.edges(data="length")
+        ],
     )
-
-
-def _networkx_edges(graph: Any) -> list[Edge]:
-    return [
-        Edge(f"edge {tail!r} to {head!r}", tail, head, length)
-        for tail, head, length in graph.edges(data="length")
-    ]
 
 
 def _parse_simulator(text: str) -> tuple[list[Vertex], list[Edge]]:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
 from ...base.quantities import Result, derived, quantity
+from ...optimize.checked import finite
 from .distribution import Gld, standard_quantile
 
 
@@ -384,8 +385,4 @@ def _checked(samples: Any) -> Float[np.ndarray, "samples"]:
         raise ValueError(
             f"samples: expected a list of numbers, got {given.dtype} of shape {given.shape}"
         )
-    given = given.astype(np.float64)
-    wrong = np.flatnonzero(~np.isfinite(given))
-    if wrong.size:
-        raise ValueError(f"samples[{wrong[0]}] is {given[wrong[0]]}; expected a finite number")
-    return given
+    return finite("samples", given)

@@ -16,6 +16,8 @@ from .regions import Regions, check_visible
 
 # Where a robot may be as an attack begins.
 _STARTS = ("uniform", "stationary", "worst")
+# Of a probability: cells that differ by less are alike.
+_ALIKE = 1e-9
 # Targets that are gone through at once: their arrays, one number a cell and target, stay small.
 _TARGETS = 512
 
@@ -167,6 +169,21 @@ def capture_probabilities(
             survive *= np.asarray(alone)[times]
         caught[:, some] = np.maximum(0.0, 1 - survive)
     return caught
+
+
+def weakest(
+    caught: Float[np.ndarray, "times cells"], among: Int[np.ndarray, "some"]
+) -> Int[np.ndarray, "times"]:
+    """The cell of some where capture is least; of those that are alike but for rounding, the first.
+
+    **Arguments:**
+
+    - `caught`: the probability of capture at each cell.
+    - `among`: the cells.
+    """
+    some = caught[:, among]
+    alike = some <= some.min(axis=1, keepdims=True) + _ALIKE
+    return among[alike.argmax(axis=1)]
 
 
 def shares(

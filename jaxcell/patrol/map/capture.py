@@ -249,7 +249,7 @@ class _Problem:
         if self.graph.vertices <= _COMMUTE:
             weights = minimum_commute(self.graph).weights
         matrix = random_walk(self.graph, np.maximum(weights, 1e-9)).to_scipy().toarray()
-        walk = np.log(np.maximum(matrix[np.arange(self.graph.vertices), self.steps.image], 1e-3))
+        walk = self.steps.logits(matrix)
         random = np.random.default_rng(seed)
         shape = (self.robots, *walk.shape)
         spreads = [_SPREAD[0], *[_SPREAD[1]] * (count - 1)]

@@ -9,7 +9,7 @@ from ...base.certificate import Outcome
 from ...base.quantities import PROBABILITY, Checks, Result, derived, quantity
 from ...optimize import Graph
 from ...space import CellSpace
-from .attack import capture_probabilities, contested
+from .attack import capture_probabilities, contested, weakest
 from .capture import CaptureSearch, Frontier, entropy_rate
 from .policies import Policy
 from .reassignment import Reassignment
@@ -273,10 +273,7 @@ class PatrolledMap(Result):
 
     @derived("attack_time", "weakest cell", kind="place")
     def weakest(self) -> Int[np.ndarray, "times"]:
-        # Of cells that are alike but for rounding, the first.
-        caught = self.capture[:, self.contested]
-        least = caught.min(axis=1, keepdims=True)
-        return self.contested[(caught <= least + 1e-9).argmax(axis=1)]
+        return weakest(self.capture, self.contested)
 
     @derived("attack_time", "probability of capture there", "1", kind="share")
     def weakest_capture(self) -> Float[np.ndarray, "times"]:

@@ -15,6 +15,7 @@ from ...optimize import (
     minimum_cover,
     shortest_tour,
 )
+from ..team.division import part_of_graph
 from ..walks.walk import random_walk
 from .regions import Regions, check_visible
 
@@ -166,11 +167,8 @@ def _policy(
     walk: MinimumCommute | None = None,
 ) -> Policy:
     """The policy on some cells, with a contact cell if there is a view to report in."""
-    number = np.full(graph.vertices, -1, np.int32)
-    number[cells] = np.arange(cells.size, dtype=np.int32)
-    ends = number[graph.edges]
-    inside = (ends >= 0).all(axis=1)
-    part = Graph(ends[inside], cells.size, None if graph.xy is None else graph.xy[cells])
+    inside = np.isin(graph.edges, cells).all(axis=1)
+    part = part_of_graph(graph, cells)
     cover = greedy_cover(visible[np.ix_(cells, cells)], choice)
     stops, contact = cover.chosen, None
     if view is not None:

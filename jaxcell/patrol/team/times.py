@@ -1,4 +1,4 @@
-"""How long moves on a graph take."""
+"""How long moves on a graph take, and a walk until it comes to a vertex."""
 
 from typing import Any
 
@@ -6,6 +6,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...optimize import Graph
+
+
+# Of a time, relative to the longest.
+_TIME = 1e-6
 
 
 def move_times(
@@ -42,3 +46,18 @@ def whole_times(graph: Graph, speed: float, unit: float) -> Int[np.ndarray, "edg
         [2, 5]
     """
     return np.maximum(1, np.rint(graph.lengths / (speed * unit))).astype(np.int64)
+
+
+def hitting_check(
+    matrix: Float[np.ndarray, "vertices vertices"],
+    step: Float[np.ndarray, "vertices"],
+    times: Float[np.ndarray, "vertices vertices"],
+) -> tuple[float, float]:
+    """By how much hitting times miss `h = s + P h`, relative to the longest; and how much may be.
+
+    Times to vertices that are not visited in the long run are infinite, and do not count.
+    """
+    there = np.flatnonzero(np.isfinite(times).all(axis=0))
+    gap = step[:, None] + matrix @ times[:, there] - times[:, there]
+    gap[there, np.arange(there.size)] = 0
+    return float(np.abs(gap).max(initial=0) / max(1.0, times[:, there].max(initial=0))), _TIME

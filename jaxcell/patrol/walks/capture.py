@@ -1,5 +1,4 @@
 import dataclasses
-import functools
 from typing import Any
 
 import jax
@@ -16,9 +15,9 @@ from ...optimize import Graph
 from .arrival import captured_by_any, first_passage, on_device, whole_numbers
 from .ascent import Ascent, late_gain
 from .descent import descend
-from .linearized import DenseCapture, LinearizedCapture
+from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
-from .sequential_lp import Linearized, maximize_least_capture
+from .sequential_lp import maximize_least_capture
 from .steps import Steps
 
 
@@ -154,12 +153,8 @@ def maximin_capture(
         best = int(np.nanargmin(values))
         moves = every[best]
 
-    def law(moves: Float[np.ndarray, "robots moves"]) -> Linearized:
-        if plain:
-            return LinearizedCapture(among, moves, int(attack[0]))
-        where = jnp.asarray(among.tails), jnp.asarray(among.heads)
-        probability, slope = _with_slope(jnp.asarray(moves), *where, *arguments)
-        return DenseCapture(np.asarray(probability), np.asarray(slope))
+    def law(moves: Float[np.ndarray, "robots moves"]) -> LinearizedCapture:
+        return LinearizedCapture(among, moves, attack, delays)
 
     if graph.vertices > _EXACT:
         tolerance = max(tolerance, _LITTLE)
@@ -181,24 +176,18 @@ def _ascend(
     **Returns:** the matrices of the robots, the start that led there, the number of steps, and the
     share of the value that the last quarter of them added.
     """
-    steps, here = Steps.of(graph), np.arange(graph.vertices)
-    image = np.asarray(steps.image)
+    steps = Steps.of(graph)
     away = 1 - np.eye(graph.vertices, dtype=np.float32)
     ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", _FLOOR, _ANNEALED)
     count = _STEPS // (1 + (graph.vertices > _LARGE))
     progress = np.arange(count) / count
-    found = [
-        ascent.climb(np.log(np.maximum(start[:, here, image], 1e-3)), progress) for start in starts
-    ]
+    found = [ascent.climb(steps.logits(start), progress) for start in starts]
     values = np.array([value for _, value, _, _ in found])
     # Values that differ by rounding count as equal, and the first of them is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
     best, _, _, course = found[first]
     drawn = np.asarray(steps.chances(jnp.asarray(best, jnp.float64), _FLOOR))
-    matrices = np.zeros((len(drawn), graph.vertices, graph.vertices))
-    for matrix, chance in zip(matrices, drawn, strict=True):
-        np.add.at(matrix, (np.broadcast_to(here, chance.shape), image), chance)
-    return matrices, first, count * len(starts), late_gain(course)
+    return steps.matrices(drawn), first, count * len(starts), late_gain(course)
 
 
 def _missed(
@@ -217,27 +206,6 @@ def _missed(
         misses = jnp.sum(jnp.log1p(-jnp.exp(worst)), axis=0)
         worst = jnp.log(-jnp.expm1(misses))[None]
     return jax.nn.logsumexp(-_HARDNESS * worst) / _HARDNESS
-
-
-@functools.partial(jax.jit)
-def _with_slope(
-    moves: Float[Array, "robots moves"],
-    tails: Int[Array, "moves"],
-    heads: Int[Array, "moves"],
-    delays: Int[Array, "vertices vertices"],
-    attack: Int[Array, "vertices"],
-    longest: Float[Array, "delays"],
-    horizon: Float[Array, "times"],
-) -> tuple[
-    Float[Array, "robots vertices vertices"], Float[Array, "robots vertices vertices moves"]
-]:
-    """The probabilities of each robot, and their derivatives by its moves."""
-
-    def captured(robot):  # type: ignore[no-untyped-def]
-        P = jnp.zeros(delays.shape, robot.dtype).at[tails, heads].set(robot)
-        return first_passage(P, delays, attack, longest, horizon)
-
-    return jax.vmap(captured)(moves), jax.vmap(jax.jacfwd(captured))(moves)
 
 
 def _value(

@@ -82,7 +82,7 @@ def charged_capture(
         )
     given: Any = {"attack_time": attack_time, "name": name}
     led = charged(graph, matrices, charger, every, **given)
-    near, here = Steps.of(graph), np.arange(graph.vertices)
+    near = Steps.of(graph)
     image = np.asarray(near.image)
     allowed = in_time_for_charge(graph, charger, every)[:, image] & (np.asarray(near.even) > 0)
     shape = (robots, image.shape[0], every * graph.vertices)
@@ -93,7 +93,7 @@ def charged_capture(
     def logits(
         chance: Float[np.ndarray, "robots ages vertices vertices"],
     ) -> Float[np.ndarray, "robots branches cells"]:
-        return np.log(np.maximum(chance[:, :, here, image], 1e-3)).swapaxes(1, 2).reshape(shape)
+        return near.logits(chance).swapaxes(1, 2).reshape(shape)
 
     random = np.random.default_rng(seed)
     even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
@@ -114,9 +114,7 @@ def charged_capture(
     for rare in _RARE:
         made = steps._replace(rare=jnp.asarray(rare)).chances(jnp.asarray(best, jnp.float64), 0.0)
         drawn = np.asarray(made).reshape(robots, -1, every, graph.vertices).swapaxes(1, 2)
-        chance = np.zeros((robots, every, graph.vertices, graph.vertices))
-        np.add.at(chance, (*np.ogrid[:robots, :every, :1, :1][:2], here, image), drawn)
-        found.append(Charged.of(chance, charger, **given))
+        found.append(Charged.of(near.matrices(drawn), charger, **given))
     walk = max(found, key=lambda one: one.least_capture or 0.0)
     return dataclasses.replace(walk, led_back=led.least_capture, late_gain=late_gain(course))
 

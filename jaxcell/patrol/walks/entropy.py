@@ -1,5 +1,4 @@
 import math
-import numbers
 from typing import Any
 
 import jax
@@ -11,6 +10,7 @@ from jaxtyping import Array, Float
 from ...base.certificate import Certificate
 from ...markov import dense
 from ...optimize import Graph
+from ...optimize.checked import check_count
 from .descent import OptimizedWalk, minimize
 from .polytope import ChainPolytope
 from .sinkhorn import scale_to_stationary
@@ -128,7 +128,7 @@ def maximum_return_time_entropy(
     if horizon is None:
         least = 1 / graph.vertices if among.stationary is None else float(among.stationary.min())
         horizon = math.ceil(1 / (_TAIL * least)) - 1
-    _check_horizon(horizon)
+    check_count("horizon", horizon)
     found = minimize(
         "maximum_return_time_entropy",
         _predictable,
@@ -163,7 +163,7 @@ def return_time_law(
         >>> patrol.return_time_law(jnp.array([[0.5, 0.5], [0.5, 0.5]]), 3).tolist()
         [[0.5, 0.5], [0.25, 0.25], [0.125, 0.125]]
     """
-    _check_horizon(horizon)
+    check_count("horizon", horizon)
 
     def step(first, _):  # type: ignore[no-untyped-def]
         back = jnp.diagonal(first)
@@ -205,8 +205,3 @@ def _predictable(
 ) -> Float[Array, ""]:
     """The horizon is the length of an array, because the shapes are what is compiled for."""
     return -return_time_entropy(matrices[0], steps.size)
-
-
-def _check_horizon(horizon: int) -> None:
-    if not isinstance(horizon, numbers.Integral) or horizon < 1:
-        raise ValueError(f"horizon: expected a whole number of at least 1, got {horizon!r}")

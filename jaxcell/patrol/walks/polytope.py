@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...base.connected import check_connected
 from ...optimize import Graph, shortest_tour
+from ...optimize.checked import shares_of_time
 from .sinkhorn import scale_to_stationary
 
 
@@ -62,7 +63,7 @@ class ChainPolytope:
             moves = np.concatenate([moves, loops])
         check_connected(graph.vertices, moves)
         if stationary is not None:
-            stationary = _checked(stationary, graph.vertices)
+            stationary = shares_of_time(stationary, graph.vertices)
             moves = moves[_possible(moves, stationary, stay)]
             # A move that some chain makes is on a cycle: where it leads to, it can be reached from.
             check_connected(
@@ -151,23 +152,6 @@ class ChainPolytope:
         best = np.full(self.vertices, -np.inf)
         np.maximum.at(best, self.tails, gains)
         return float((best[self.tails] - gains) @ moves)
-
-
-def _checked(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
-    share = np.array(stationary, np.float64)
-    if share.shape != (vertices,):
-        raise ValueError(
-            f"stationary: expected {vertices} numbers, one a vertex, got {list(share.shape)}"
-        )
-    wrong = np.flatnonzero(~((share > 0) & np.isfinite(share)))
-    if wrong.size:
-        raise ValueError(
-            f"stationary[{wrong[0]}] is {share[wrong[0]]}; expected a positive number, because the "
-            "patroller comes to every vertex"
-        )
-    if abs(share.sum() - 1) > _NOTHING:
-        raise ValueError(f"stationary: expected numbers that sum to 1, got {float(share.sum())!r}")
-    return share / share.sum()
 
 
 def _possible(

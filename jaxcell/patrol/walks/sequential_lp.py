@@ -1,12 +1,12 @@
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import scipy.optimize
 import scipy.sparse
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from .arrival import captured_by_any
+from .linearized import LinearizedCapture
 from .polytope import ChainPolytope
 
 
@@ -27,27 +27,7 @@ _CUTS = 8
 _BROKEN = 1e-7
 
 
-@runtime_checkable
-class Linearized(Protocol):
-    """The probabilities of capture near some chains."""
-
-    @property
-    def probability(self) -> Float[np.ndarray, "robots starts targets"]: ...
-
-    def slopes(
-        self, robot: int, starts: Int[np.ndarray, "attacks"], targets: Int[np.ndarray, "attacks"]
-    ) -> Float[np.ndarray, "attacks moves"]:
-        """The derivatives of the probabilities of some attacks by the moves of a robot."""
-        ...
-
-    def along(
-        self, robot: int, change: Float[np.ndarray, "moves"]
-    ) -> Float[np.ndarray, "starts targets"]:
-        """By how much all probabilities change with the moves of a robot, to first order."""
-        ...
-
-
-Law = Callable[[Float[np.ndarray, "robots moves"]], Linearized]
+Law = Callable[[Float[np.ndarray, "robots moves"]], LinearizedCapture]
 
 
 def maximize_least_capture(
@@ -87,7 +67,7 @@ def maximize_least_capture(
 def _program(
     polytope: ChainPolytope,
     moves: Float[np.ndarray, "robots moves"],
-    here: Linearized,
+    here: LinearizedCapture,
     distance: float,
 ) -> tuple[Float[np.ndarray, "robots moves"], float]:
     """The best chains if all probabilities changed as they do at first.
@@ -123,7 +103,7 @@ def _program(
 def _solved(
     polytope: ChainPolytope,
     moves: Float[np.ndarray, "robots moves"],
-    here: Linearized,
+    here: LinearizedCapture,
     distance: float,
     known: Bool[np.ndarray, "robots starts targets"],
 ) -> tuple[Float[np.ndarray, "robots moves"], Float[np.ndarray, "robots targets"], float]:

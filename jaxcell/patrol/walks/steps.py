@@ -1,6 +1,6 @@
 """Walks on a graph as tables of steps, for gradients in the logits of all of them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +9,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...markov import dense
 from ...optimize import Graph
+
+
+# Of a step where a search begins: a gradient hardly moves logits of less likely ones.
+_LIKELY = 1e-3
 
 
 class Steps(NamedTuple):
@@ -34,6 +38,23 @@ class Steps(NamedTuple):
         even[slot, tail] = 1 / degree[tail]
         back[slot, tail] = slot[np.searchsorted(tail * cells + head, head * cells + tail)]
         return cls(jnp.asarray(image), jnp.asarray(even), jnp.asarray(back))
+
+    def logits(
+        self, matrices: Float[np.ndarray, "*some cells cells"]
+    ) -> Float[np.ndarray, "*some branches cells"]:
+        """Logits of the steps of transition matrices, whose probability counts as 0.001 or more."""
+        here, image = np.arange(self.image.shape[1]), np.asarray(self.image)
+        return np.log(np.maximum(matrices[..., here, image], _LIKELY))
+
+    def matrices(
+        self, chance: Float[np.ndarray, "*some branches cells"]
+    ) -> Float[np.ndarray, "*some cells cells"]:
+        """The transition matrices of steps with such probabilities."""
+        cells = chance.shape[-1]
+        found = np.zeros((*chance.shape[:-2], cells, cells))
+        places: Any = (..., np.arange(cells), np.asarray(self.image))
+        np.add.at(found, places, chance)
+        return found
 
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]

@@ -8,6 +8,7 @@ from ...base.connected import check_connected
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph
+from ...optimize.checked import one_each
 
 
 def random_walk(graph: Graph, weights: Any) -> Chain:
@@ -105,16 +106,7 @@ def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
 
 
 def _checked(graph: Graph, weights: Any) -> Float[np.ndarray, "edges"]:
-    given = np.array(weights, np.float64)
-    if given.shape != (len(graph.edges),):
-        raise ValueError(
-            f"weights: expected {len(graph.edges)} numbers, one an edge, got {list(given.shape)}"
-        )
-    wrong = np.flatnonzero(~((given >= 0) & np.isfinite(given)))
-    if wrong.size:
-        raise ValueError(
-            f"weights[{wrong[0]}] is {given[wrong[0]]}; expected a finite number, at least 0"
-        )
+    given = one_each("weights", weights, len(graph.edges), "an edge", zero=True)
     total = np.bincount(graph.edges.ravel(), np.repeat(given, 2), graph.vertices)
     if not total.all():
         raise ValueError(

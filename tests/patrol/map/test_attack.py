@@ -11,6 +11,7 @@ from jaxcell.patrol.map.attack import (
     capture_probabilities,
     contested,
     outside,
+    weakest,
 )
 from jaxcell.patrol.map.graph import cell_graph
 from jaxcell.patrol.map.policies import centralized_policies, distributed_policies
@@ -53,6 +54,11 @@ def brute(policies, view, steps):
         caught.append(caught[-1] + now[seen].sum())
         now[seen] = 0
     return np.array(caught)
+
+
+def test_of_cells_that_are_alike_but_for_rounding_the_first_is_weakest():
+    caught = np.array([[0.1, 0.3, 0.5, 0.3 - 1e-12], [0.1, 0.3, 0.2, 0.4]])
+    assert weakest(caught, np.array([1, 2, 3])).tolist() == [1, 2]
 
 
 def test_every_cell_equals_the_joint_chain_of_the_robots():

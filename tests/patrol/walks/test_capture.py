@@ -137,26 +137,6 @@ def test_a_given_distribution_is_met():
     assert found.value == pytest.approx(each.min(), rel=1e-9)
 
 
-def test_slopes_against_differences():
-    among = ChainPolytope.on(KITE)
-    moves = among.starts(2, 2, 0)[1]
-    attack = np.array([5, 6, 5, 7])
-    arguments = (
-        jnp.asarray(among.tails),
-        jnp.asarray(among.heads),
-        jnp.asarray(delays_of(KITE, TIMES)),
-        jnp.asarray(attack),
-        jnp.zeros(3),
-        jnp.zeros(7),
-    )
-    _, slope = capture._with_slope(jnp.asarray(moves), *arguments)
-    for move in range(moves.shape[1]):
-        step = 1e-5 * (np.arange(moves.shape[1]) == move)
-        up, _ = capture._with_slope(jnp.asarray(moves + step), *arguments)
-        down, _ = capture._with_slope(jnp.asarray(moves - step), *arguments)
-        np.testing.assert_allclose(slope[..., move], (up - down) / 2e-5, atol=1e-9)
-
-
 @pytest.mark.slow
 def test_the_soft_minimum_is_nearly_the_least():
     among = ChainPolytope.on(KITE)
@@ -214,20 +194,28 @@ def test_gradients_and_programs_find_more_on_grids_than_either(side, attack, lea
     assert found.value == pytest.approx(exact.min(), abs=1e-9)
 
 
-def test_slopes_of_some_attacks_against_differences():
-    among = ChainPolytope.on(GRID)
+@pytest.mark.parametrize(
+    ("graph", "attack", "times", "start", "target"),
+    [
+        (GRID, 5, None, [0, 3, 4, 8], [0, 5, 2, 7]),
+        (KITE, np.array([5, 6, 5, 7]), TIMES, [0, 3, 1, 2, 2], [0, 1, 3, 3, 0]),
+    ],
+)
+@pytest.mark.parametrize("stay", [False, True])
+def test_slopes_of_some_attacks_against_differences(graph, attack, times, start, target, stay):
+    among = ChainPolytope.on(graph, stay=stay)
     moves = among.starts(2, 2, 0)[1]
-    start, target = np.array([0, 3, 4, 8]), np.array([0, 5, 2, 7])
     random = np.random.default_rng(0)
-    here = LinearizedCapture(among, moves, 5)
+    given = attack, delays_of(graph, 1 if times is None else times)
+    here = LinearizedCapture(among, moves, *given)
     for robot in range(2):
-        exact = walk_capture_probabilities(GRID, among.matrix(moves[robot]), 5)
+        exact = walk_capture_probabilities(graph, among.matrix(moves[robot]), attack, times)
         np.testing.assert_allclose(here.probability[robot], exact, atol=1e-14)
         change = 1e-5 * random.normal(size=moves.shape[1])
-        up, down = (LinearizedCapture(among, moves + way * change, 5) for way in (1, -1))
+        up, down = (LinearizedCapture(among, moves + way * change, *given) for way in (1, -1))
         expected = (up.probability[robot] - down.probability[robot]) / 2
         np.testing.assert_allclose(here.along(robot, change), expected, atol=1e-13)
-        along = here.slopes(robot, start, target) @ change
+        along = here.slopes(robot, np.array(start), np.array(target)) @ change
         np.testing.assert_allclose(along, expected[start, target], atol=1e-13)
 
 

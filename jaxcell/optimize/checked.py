@@ -1,0 +1,65 @@
+"""Numbers as users give them, refused with the one that is wrong."""
+
+import numbers
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+
+# A distribution whose sum differs from 1 by no more has sum 1.
+_ROUNDING = 1e-9
+
+
+def check_count(name: str, value: int) -> None:
+    """**Raises:** `ValueError` for what is no whole number of at least 1."""
+    if not isinstance(value, numbers.Integral) or value < 1:
+        raise ValueError(f"{name}: expected a whole number of at least 1, got {value!r}")
+
+
+def finite(name: str, values: Any) -> Float[np.ndarray, "..."]:
+    """The numbers of an array of any shape.
+
+    **Raises:** `ValueError` for what is none, and a number that is not finite.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{name}: expected an array of numbers, got {values!r}") from error
+    if not (np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)):
+        raise ValueError(f"{name}: expected an array of numbers, got {array.dtype}")
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        wrong = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise ValueError(f"{name}{wrong} is {array[tuple(wrong)]}; expected a finite number")
+    return array
+
+
+def one_each(
+    name: str, values: Any, count: int, what: str, *, zero: bool = False
+) -> Float[np.ndarray, "count"]:
+    """A positive number for each of some things, or for `zero` one of at least 0.
+
+    **Raises:** `ValueError` for another shape, and a number that is not finite or too small.
+    """
+    array = np.array(values, np.float64)
+    if array.shape != (count,):
+        raise ValueError(f"{name}: expected {count} numbers, one {what}, got {list(array.shape)}")
+    fits = (array >= 0) if zero else (array > 0)
+    wrong = np.flatnonzero(~(fits & np.isfinite(array)))
+    if wrong.size:
+        expected = "a finite number, at least 0" if zero else "a positive finite number"
+        raise ValueError(f"{name}[{wrong[0]}] is {array[wrong[0]]}; expected {expected}")
+    return array
+
+
+def shares_of_time(stationary: Any, vertices: int) -> Float[np.ndarray, "vertices"]:
+    """A stationary distribution of a chain that comes to all vertices.
+
+    **Raises:** as [`one_each`][]; `ValueError` for another sum than 1.
+    """
+    shares = one_each("stationary", stationary, vertices, "a vertex")
+    total = float(shares.sum())
+    if abs(total - 1) > _ROUNDING:
+        raise ValueError(f"stationary: expected numbers that sum to 1, got {total!r}")
+    return shares / total
