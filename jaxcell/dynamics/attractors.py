@@ -133,11 +133,10 @@ def _starts(
     each = int(np.clip(_MAX_STARTS // max(1, live), 1, _STARTS))
     followed = np.arange(live)
     if live > _MAX_GROUPS:
-        size = np.zeros(live + 2, np.int64)
+        size = np.zeros(live + 2, np.int32)
         for first in range(0, box.size, CHUNK):
-            part = np.asarray(groups.group[: box.size][first : first + CHUNK])
-            size += np.bincount(part, minlength=live + 2)
-        followed = np.sort(np.argpartition(-size[:live], _MAX_GROUPS)[:_MAX_GROUPS])
+            np.subtract.at(size, groups.group[: box.size][first : first + CHUNK], np.int32(1))
+        followed = np.sort(np.argpartition(size[:live], _MAX_GROUPS)[:_MAX_GROUPS])
     cells = _cells_of(box, groups, followed, each).ravel()
     inside = rng.uniform(-0.5, 0.5, (cells.size, box.dimensions))
     anywhere = rng.uniform(box.lower, box.upper, (scattered, box.dimensions))
@@ -218,18 +217,30 @@ def _lead_others(
     follow: int,
 ) -> None:
     """Write where groups lead in which no orbit began, if an orbit from one cell of each tells."""
-    other = np.ones(int(groups.count) - 2, bool)
-    other[begun] = False
-    others = np.flatnonzero(other)
+    others = _first_cells(box, groups, begun)
     if not others.size:
         return
     owner = attractor_owners(box, found.cells)
+    most = _SHARED * box.size // others.size
     for part in np.array_split(others, 1 + others.size // _PART):
-        points = box.centre(_cells_of(box, groups, part, 1)[:, 0])
-        most = _SHARED * box.size // others.size
-        found.of_group[part], _ = orbit_ends(
-            map, box, params, owner, points, follow=follow, most=most
-        )
+        ends, _ = orbit_ends(map, box, params, owner, box.centre(part), follow=follow, most=most)
+        found.of_group[groups.group[part]] = ends
+
+
+def _first_cells(
+    box: Box, groups: PeriodicGroups, known: Int[np.ndarray, "_"]
+) -> Int[np.ndarray, "others"]:
+    """The smallest cells of groups that are not known, by which they are numbered."""
+    other = np.ones(int(groups.count), bool)
+    other[known] = False
+    cells, highest = [np.zeros(0, np.int32)], -1
+    for first in range(0, box.size, CHUNK):
+        here = slice(first, min(first + CHUNK, box.size))
+        on = np.flatnonzero(groups.step[here] == 0)
+        number = np.maximum.accumulate(np.append(highest, groups.group[here][on]))
+        new, highest = np.diff(number) > 0, number[-1]
+        cells.append((first + on[new][other[number[1:][new]]]).astype(np.int32))
+    return np.concatenate(cells)
 
 
 def _orbits(

@@ -326,26 +326,24 @@ def _by_cells(
     changed: float | None,
 ) -> Basins:
     group, step = (np.asarray(x)[: box.size] for x in (groups.group, groups.step))
-    # The sinks have the last two numbers of cells, and so of groups.
-    live = int(groups.count) - 2
-    reached = found.of_group
-    size = totals(np.maximum(reached, NONE), found.count, totals(group, live + 2))
-    order = np.argsort(-size, kind="stable")
-    # Behind those of attractors are those of leaving and of no attractor, as -2 and -1 say.
-    rank = np.full(found.count + 2, -1, np.int32)
-    rank[order] = np.arange(found.count)
+    basin = found.of_group[group]
     # A group whose orbits leave the box is one of the cells alone: what leads to it leaves.
-    leaves = reached == OUTSIDE
+    left = basin == OUTSIDE
+    order = np.argsort(-totals(np.maximum(basin, NONE, out=basin), found.count), kind="stable")
+    # Behind those of attractors is that of no attractor, as -1 says.
+    rank = np.full(found.count + 1, NONE, np.int32)
+    rank[order] = np.arange(found.count)
     return Basins(
         box,
         params,
         image,
-        basin=rank[reached][group],
+        basin=rank[basin],
         group=group,
         step=step,
-        group_period=np.array(groups.group_period[:live]),
+        # The sinks have the last two numbers of cells, and so of groups.
+        group_period=np.asarray(groups.group_period[:-2]),
         several=found.several[group],
-        left=leaves[group],
+        left=left,
         orbit=found.orbit[order],
         sampled=found.sampled[order],
         scattered=found.scattered,

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -60,11 +62,11 @@ def periodic_groups(
 def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     """[`periodic_groups`][jaxcell.mapping.periodic_groups] of an array of NumPy, in such arrays.
 
-    Beside the image and the result it takes at most 16 bytes a cell.
+    Beside the image and the result it takes at most 16 bytes a cell. There are no zeros behind the
+    periods of the groups.
     """
-    if _worth_peeling(image):
-        return _peeled_groups(image)
-    return jax.device_get(_groups(image, None))
+    found = _peeled_groups(image) if _worth_peeling(image) else jax.device_get(_groups(image, None))
+    return dataclasses.replace(found, group_period=found.group_period[: found.count].copy())
 
 
 def _worth_peeling(image: Int[np.ndarray, "cells"]) -> bool:
@@ -103,18 +105,20 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     rest[: left.size] = place[image[left]]
     del place
     found = jax.device_get(_groups(rest, None))
+    del rest
     # Both numbers of a cell in one, so that they are read and written at once.
     both = np.empty(image.size, np.int64)
     both[left] = (found.group[: left.size].astype(np.int64) << 32) + found.step[: left.size]
+    count = found.count - 1
+    period = np.zeros(image.size, image.dtype)
+    period[:count] = found.group_period[:count]
+    del found, left
     while dropped:
         cells = dropped.pop()
         for part in np.array_split(cells, 1 + cells.size // _PART):
             both[part] = both[image[part]] + 1
     step = both.astype(np.int32).astype(image.dtype, copy=False)
     group = np.right_shift(both, 32, out=both).astype(image.dtype)
-    count = found.count - 1
-    period = np.zeros(image.size, image.dtype)
-    period[:count] = found.group_period[:count]
     return PeriodicGroups(group, step, period, np.asarray(count))
 
 

@@ -37,9 +37,7 @@ def _walk(
     if where is not None:
         period = jnp.where(jnp.append(where, False), period, 0)
     number, periods, count = _numbered(period)
-    first = jnp.where(chain > 0, chain - 1, me)
-    group = _of(number, -1 - _of(chain, first))
-    step = jnp.maximum(0, _of(place, first) - jnp.where(chain > 0, place, 0))
+    group, step = _ended(chain, place, number)
     if where is not None:
         group, step = (jnp.where(where, numbers, -1) for numbers in (group, step))
     return group, step, periods, count
@@ -128,6 +126,28 @@ def _numbered(
         lambda state: state[0] < periods.size, step, (zero, zero, period[0], period, periods)
     )
     return number, periods, count
+
+
+def _ended(
+    chain: Int[Array, "cells"], place: Int[Array, "cells"], number: Int[Array, "places"]
+) -> tuple[Int[Array, "cells"], Int[Array, "cells"]]:
+    """The group and the steps of each cell, written over its chain and its place.
+
+    From the last cell on, since a chain begins with its smallest cell.
+    """
+
+    def step(state: Any) -> Any:
+        cell, name, at, chain, place = state
+        first = jnp.where(name > 0, name - 1, cell)
+        group = _at(number, -1 - _at(chain, first))
+        steps = jnp.maximum(0, _at(place, first) - jnp.where(name > 0, at, 0))
+        chain, place = _put(chain, cell, group), _put(place, cell, steps)
+        cell = cell - 1
+        return cell, _at(chain, cell), _at(place, cell), chain, place
+
+    last = jnp.asarray(chain.size - 1, jnp.int32)
+    state = last, chain[-1], place[-1], chain, place
+    return lax.while_loop(lambda state: state[0] >= 0, step, state)[-2:]
 
 
 def _at(array: Int[Array, "size"], place: Int[Array, ""]) -> Int[Array, ""]:
