@@ -11,7 +11,15 @@ from ..base.extras import has_module, missing_module
 from ..study import Study
 from ..study.study import Say, silent
 from .options import Printing, say_memory, starting, write_text
-from .terminal import note, note_results, progress, say as print_line, status, stdout_on_stderr
+from .terminal import (
+    note,
+    note_results,
+    noting_warnings,
+    progress,
+    say as print_line,
+    status,
+    stdout_on_stderr,
+)
 
 
 if TYPE_CHECKING:
@@ -70,7 +78,7 @@ class Command(Printing):
                 say_memory(asked.memory(written=self.out is not None), self.called)
             with starting():
                 from .. import record  # noqa: F401
-            with stdout_on_stderr(), progress(self.called) as say:
+            with stdout_on_stderr(), progress(self.called) as say, noting_warnings() as noted:
                 result, summary = self.answer(say)
         except RuntimeError as error:
             note(f"jaxcell {self.called}: {error}")
@@ -97,7 +105,8 @@ class Command(Printing):
         if self.out is not None and drawn and not has_module("rerun"):
             note(f"No recording is written: {missing_module('rerun')}")
         for remark in result.remarks:
-            note(remark)
+            if remark not in noted:
+                note(remark)
         agrees = verified is None or _report(self.called, verified, quiet=self.json)
         return 0 if agrees and result.answered else 1
 

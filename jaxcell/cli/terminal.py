@@ -7,8 +7,10 @@ import shutil
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 from rich.console import Console
 from rich.table import Table
@@ -106,6 +108,25 @@ def say(text: str) -> None:
 def note(text: str) -> None:
     """Print a remark on standard error."""
     Console(stderr=True).print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)
+
+
+@contextlib.contextmanager
+def noting_warnings() -> Iterator[list[str]]:
+    """Print what users are warned of as remarks; yields them."""
+    noted: list[str] = []
+    with warnings.catch_warnings():
+        shown = warnings.showwarning
+
+        def show(message: Any, category: Any, *place: Any) -> None:
+            if category is UserWarning:
+                noted.append(str(message))
+                note(noted[-1])
+            else:
+                shown(message, category, *place)
+
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = cast(Any, show)
+        yield noted
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -10,7 +10,16 @@ from ..mapping import PeriodicGroups
 from ..mapping.peel import groups_on_host
 from ..space.box import Box
 from . import attractors as of_map
-from .imaging import CHUNK, Say, changed_by_half_step, images_of_each, self_images, torn_axes
+from .imaging import (
+    CHUNK,
+    Say,
+    changed_by_half_step,
+    check_map,
+    images_of_each,
+    said_of_torn,
+    self_images,
+    torn_axes,
+)
 from .maps import Flow, Map
 from .orbits import NONE, OUTSIDE, orbit_basins
 
@@ -160,10 +169,7 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        said = [
-            f"The axis {self.names[axis]} is periodic, but the map differs at its two ends."
-            for axis in self.torn
-        ]
+        said = [said_of_torn(axis, self.names) for axis in self.torn]
         if self.self_images > 0.1:
             said.append(
                 f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "
@@ -234,7 +240,8 @@ def basins(
 
     **Returns:** [`Basins`][jaxcell.dynamics.Basins], attractors with larger basins first.
 
-    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][].
+    **Raises:** `ValueError` as [`jaxcell.dynamics.images`][]. A periodic axis at whose two ends the
+    map differs is warned of before the cells are mapped.
 
     A particle in a double well, from the left and the right:
 
@@ -263,6 +270,8 @@ def basins_of_each(
     say: Say | None = None,
 ) -> list[Basins]:
     """[`basins`][jaxcell.dynamics.basins] for each of some parameters, in one batch."""
+    check_map(map, box, members[0])
+    torn = torn_axes(map, box, members, labels)
     duration = getattr(map, "duration", None)
     timed = hasattr(map, "timed") or (isinstance(map, Flow) and map.crossing > 0)
     each_timed = timed and by == "cells"
@@ -277,7 +286,6 @@ def basins_of_each(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
     changed = changed_by_half_step(map, box, members, follow=follow)
-    torn = torn_axes(map, box, members)
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
         one = _by_cells(box, params, *parts)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.precision import require_x64
 from ..mapping import Chain
 from ..space.box import Box
-from .imaging import check_map
+from .imaging import check_map, torn_axes
 from .maps import Flow, Map
 
 
@@ -45,7 +45,8 @@ def chain(
     **Returns:** [`jaxcell.mapping.Chain`][], for all of [`jaxcell.markov`][].
 
     **Raises:** `ValueError` for no samples, noise or nodes that are negative, or a map as
-    [`jaxcell.dynamics.images`][] says. `RuntimeError` where JAX is set to 32 bits.
+    [`jaxcell.dynamics.images`][] says. `RuntimeError` where JAX is set to 32 bits. A periodic axis
+    at whose two ends the map differs is warned of.
 
     A walk on a ring:
 
@@ -68,6 +69,7 @@ def chain(
     if isinstance(map, Flow) and map.crossing:
         raise ValueError("map: noise needs the same time everywhere; give flow a number of steps")
     check_map(map, box, params)
+    torn_axes(map, box, [params])
     key = jax.random.key(0) if key is None else key
     nodes, weights = _nodes(deviation, quadrature) if quadrature else (None, np.ones(1))
     added = None if nodes is None else jnp.asarray(nodes)

@@ -1,6 +1,7 @@
 """The images of all cells of a box, in chunks of bounded memory."""
 
 import functools
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -59,6 +60,7 @@ def images(
         >>> dynamics.images(lambda x, p: 2 * x, box).tolist()
         [1, 3, 5, 7, 1, 3, 5, 7]
     """
+    check_map(map, box, params)
     whole = None if out is None else out[None]
     return images_of_each(map, box, [params], follow=follow, dtype=dtype, out=whole, say=say)[0]
 
@@ -78,7 +80,6 @@ def images_of_each(
 
     If the map has times of its own, `time` is an array to write to how long each mapping takes.
     """
-    check_map(map, box, members[0])
     found = np.empty((len(members), box.size), np.int32) if out is None else out
     size = min(max(1, CHUNK // len(members)), box.size)
 
@@ -128,8 +129,19 @@ def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:
     return np.random.default_rng(0).uniform(box.lower, box.upper, (64, box.dimensions))
 
 
-def torn_axes(map: Map, box: Box, members: Sequence[Any]) -> list[tuple[int, ...]]:
-    """The periodic axes at whose two ends a map differs, by 64 points of each end."""
+def torn_axes(
+    map: Map, box: Box, members: Sequence[Any], labels: tuple[str, ...] = ()
+) -> list[tuple[int, ...]]:
+    """The periodic axes at whose two ends a map differs, by 64 points of each end, with a warning.
+
+    **Arguments:**
+
+    - `map`, `box`: as for [`images`][jaxcell.dynamics.images].
+    - `members`: parameters.
+    - `labels`: what the axes are called.
+
+    **Returns:** the axes for each of the parameters.
+    """
     points = _anywhere(box)
     torn: list[tuple[int, ...]] = [()] * len(members)
     for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
@@ -141,7 +153,15 @@ def torn_axes(map: Map, box: Box, members: Sequence[Any]) -> list[tuple[int, ...
         # Orbits that part anyway may differ by rounding.
         differs = np.median(apart, axis=1) > 1e-3
         torn = [(*one, axis) if new else one for one, new in zip(torn, differs, strict=True)]
+        if differs.any():
+            warnings.warn(said_of_torn(axis, labels), stacklevel=2)
     return torn
+
+
+def said_of_torn(axis: int, labels: tuple[str, ...]) -> str:
+    """What people are told of an axis at whose two ends a map differs."""
+    name = labels[axis] if labels else f"x{axis}"
+    return f"The axis {name} is periodic, but the map differs at its two ends."
 
 
 @functools.partial(jax.jit, static_argnames="map")

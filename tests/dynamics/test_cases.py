@@ -190,12 +190,15 @@ def test_orbits_that_leave_are_followed_as_far_as_it_is_said():
 
 def test_a_periodic_axis_that_the_map_does_not_respect_is_named():
     box = Box([0, 0], [1, 1], [10, 10], ["periodic", "sink"])
-    torn = dynamics.continuation(lambda x, p: x * p["rate"], box, {"rate": [0.5, 1.0]})
+    with pytest.warns(UserWarning, match="The axis x0 is periodic"):
+        torn = dynamics.continuation(lambda x, p: x * p["rate"], box, {"rate": [0.5, 1.0]})
     said = "The axis x0 is periodic, but the map differs at its two ends."
     assert torn.members[0].remarks[0] == said
     # The identity is the same at both ends.
     assert not any("periodic" in one for one in torn.members[1].remarks)
     assert torn.remarks[0].startswith(f"2 of 2 parameters have remarks, as rate=0.5: {said}")
+    with pytest.warns(UserWarning, match="The axis x0 is periodic"):
+        dynamics.chain(lambda x, p: 0.5 * x, box, samples=1)
     twice = dynamics.basins(lambda x, p: jnp.stack([2 * x[0], 0.5 * x[1]]), box)
     assert not any("periodic" in one for one in twice.remarks)
 

@@ -102,6 +102,26 @@ def test_several_values_follow_the_attractors(own, tmp_path, capsys):
     assert len(recorded.pictures("member", "/box/basins")) == 3
 
 
+def test_a_periodic_axis_that_is_none_is_said_once_and_before_cells_are_mapped(
+    tmp_path, capsys, monkeypatch
+):
+    path = tmp_path / "torn.py"
+    path.write_text(
+        "from jaxcell import dynamics, space\n"
+        "half = dynamics.System(lambda x, p: 0.5 * x, space.Box([0], [1], [20], ['periodic']), {})"
+    )
+    said = "The axis x0 is periodic, but the map differs at its two ends."
+    assert run(["dynamics", f"{path}:half", "--json"]) == 0
+    assert capsys.readouterr().err.count(said) == 1
+
+    def stop(*_, **__):
+        raise RuntimeError("mapped")
+
+    monkeypatch.setattr("jaxcell.dynamics.basin.images_of_each", stop)
+    assert run(["dynamics", f"{path}:half", "--json"]) == 1
+    assert capsys.readouterr().err.splitlines()[-2:] == [said, "jaxcell dynamics: mapped"]
+
+
 def test_a_sweep_that_was_cut_off_goes_on_where_it_was(own, tmp_path, monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
     ran = []
