@@ -1,14 +1,59 @@
-"""What is in a file of an array: as Zarr has it, without importing Zarr or waiting for it."""
+"""What is in the files of an array: as Zarr has it, without importing Zarr or waiting for it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numcodecs.checksum32 import CRC32C
+from numcodecs.vlen import VLenUTF8
 from numcodecs.zstd import Zstd
 
 
-_CODECS = {"zstd": Zstd, "crc32c": lambda: CRC32C(location="end")}
+_CODECS = {"zstd": Zstd(level=0), "crc32c": CRC32C(location="end")}
+
+
+def described_array(
+    dtype: np.dtype,
+    shape: Sequence[int],
+    chunks: Sequence[int],
+    fill: Any,
+    dimensions: Sequence[str],
+    attributes: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The metadata of an array of numbers, booleans or strings, as in its `zarr.json`.
+
+    **Arguments:**
+
+    - `chunks`: the shape of what a file of it holds.
+    - `fill`: what stands where there is no file.
+    """
+    if dtype.kind == "U":
+        first: dict[str, Any] = {"name": "vlen-utf8", "configuration": {}}
+    elif dtype.itemsize == 1:
+        first = {"name": "bytes"}
+    else:
+        first = {"name": "bytes", "configuration": {"endian": "little"}}
+    zstd = {"name": "zstd", "configuration": {"level": 0, "checksum": False}}
+    return {
+        "shape": [*shape],
+        "data_type": "string" if dtype.kind == "U" else dtype.name,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [*chunks]}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": _plain_fill(np.asarray(fill, dtype).item()),
+        "codecs": [first, zstd, {"name": "crc32c"}],
+        "attributes": dict(attributes),
+        "dimension_names": [*dimensions],
+        "zarr_format": 3,
+        "node_type": "array",
+        "storage_transformers": [],
+    }
+
+
+def _plain_fill(value: Any) -> Any:
+    """A fill value in JSON."""
+    if isinstance(value, complex):
+        return [_plain_fill(value.real), _plain_fill(value.imag)]
+    return "NaN" if value != value else value
 
 
 def check_codecs(name: str, metadata: Mapping[str, Any]) -> None:
@@ -17,17 +62,13 @@ def check_codecs(name: str, metadata: Mapping[str, Any]) -> None:
     **Arguments:**
 
     - `name`: of the array.
-    - `metadata`: of the array, as in its `zarr.json`; so for the others here.
+    - `metadata`: of the array, by `described_array`; so for the others here.
     """
-    known = ("bytes", *_CODECS)
-    for codec in metadata["codecs"]:
-        if codec["name"] not in known:
-            raise ValueError(f"{name} has the codec {codec['name']}; expected {', '.join(known)}")
-
-
-def has_checksums(metadata: Mapping[str, Any]) -> bool:
-    """Whether the files of an array have checksums: those of old versions of jaxcell have none."""
-    return any(codec["name"] == "crc32c" for codec in metadata["codecs"])
+    codecs = [codec["name"] for codec in metadata["codecs"]]
+    if codecs != ["bytes", *_CODECS]:
+        raise ValueError(
+            f"{name} has the codecs {', '.join(codecs)}; expected bytes, {', '.join(_CODECS)}"
+        )
 
 
 def decoded(content: bytes, metadata: Mapping[str, Any]) -> np.ndarray:
@@ -35,25 +76,22 @@ def decoded(content: bytes, metadata: Mapping[str, Any]) -> np.ndarray:
 
     **Raises:** `ValueError` or `RuntimeError` if it is damaged.
     """
-    for codec in reversed([*_codecs(metadata)]):
+    for codec in reversed(_CODECS.values()):
         content = codec.decode(content)
     return np.frombuffer(content, _kind(metadata)).reshape(_shape(metadata))
 
 
 def encoded(values: np.ndarray, fill: Any, metadata: Mapping[str, Any]) -> bytes:
     """What the file of some values has in it; `fill` is for the places that are beyond an edge."""
-    whole = np.full(_shape(metadata), fill, _kind(metadata))
-    whole[tuple(slice(size) for size in values.shape)] = values
-    content = whole.tobytes()
-    for codec in _codecs(metadata):
+    if values.dtype.kind == "U":
+        content = VLenUTF8().encode(values.astype(object))
+    else:
+        whole = np.full(_shape(metadata), fill, _kind(metadata))
+        whole[tuple(slice(size) for size in values.shape)] = values
+        content = whole.tobytes()
+    for codec in _CODECS.values():
         content = codec.encode(content)
     return bytes(content)
-
-
-def _codecs(metadata: Mapping[str, Any]) -> Iterator[Any]:
-    """Those after the first, which makes bytes of an array."""
-    for codec in metadata["codecs"][1:]:
-        yield _CODECS[codec["name"]](**codec.get("configuration", {}))
 
 
 def _kind(metadata: Mapping[str, Any]) -> np.dtype:

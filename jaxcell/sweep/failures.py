@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..base.files import replacing
+from ..base.files import write_durably
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,9 +38,8 @@ def write_report(folder: Path, number: int, failures: Sequence[Failure]) -> None
     """Write down which members of a chunk failed."""
     path = _file(folder, number)
     path.parent.mkdir(exist_ok=True)
-    with replacing(path) as temporary:
-        text = json.dumps([dataclasses.asdict(one) for one in failures], indent=2)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    text = json.dumps([dataclasses.asdict(one) for one in failures], indent=2)
+    write_durably(path, (text + "\n").encode())
 
 
 def remove_report(folder: Path, number: int) -> None:

@@ -8,17 +8,18 @@ that was flipped is seen when it is read, and a file that is gone when it is loo
 
 import hashlib
 import json
-import warnings
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
-from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from ..base.files import replacing
+from ..base.files import write_durably
 from .boxes import stored_lengths
+from .codecs import described_array, encoded
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
 from .states import DONE, FAILED, TO_DO
@@ -30,13 +31,11 @@ _STATUS: dict[str, Any] = {
     "flag_values": [TO_DO, DONE, FAILED],
     "flag_meanings": "to_do done failed",
 }
-_CODECS = (ZstdCodec(), Crc32cCodec())
-_ALL_FILES: Any = {"write_empty_chunks": True}
 _SIGNATURE = "attributes_sha256"
 
 
 def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[str, Any]) -> None:
-    """Make a result with nothing in it.
+    """Make a result with nothing in it, and return when it is on the disk.
 
     **Arguments:**
 
@@ -45,45 +44,46 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
     - `first`: what the task gave for one of the chunks.
     - `attributes`: of the result, beside those that give the specification.
     """
-    own = signed({**described(spec), **attributes})
-    group = zarr.create_group(folder, zarr_format=3, attributes=own)
-    dimensions = spec.dimensions
-    sizes, lengths = tuple(dimensions.values()), stored_lengths(spec, first.variables)
-    for name in (LIST_DIMENSION, RANDOM_DIMENSION):
-        if name in dimensions:
-            number = np.arange(dimensions[name])
-            _coordinate(group, name, name, number, {"long_name": f"number of the {name}"})
-    for parameter in spec.parameters:
-        _coordinate(group, parameter.name, parameter.dimension, parameter.values, {})
-    for name, variable in sorted(first.coordinates.items()):
-        _coordinate(group, name, name, variable.values, variable.attributes)
-    for name, variable in sorted(first.variables.items()):
-        inner = variable.values.shape[1:]
-        group.create_array(
-            name,
-            shape=sizes + inner,
-            # A Zarr chunk has at least one place, where an array may have none.
-            chunks=lengths + tuple(max(size, 1) for size in inner),
-            dtype=variable.values.dtype,
-            fill_value=fill(variable.values.dtype),
-            compressors=_CODECS,
-            attributes=dict(variable.attributes),
-            dimension_names=[*dimensions, *variable.dimensions],
+    dimensions = [*spec.dimensions]
+    sizes, lengths = tuple(spec.dimensions.values()), stored_lengths(spec, first.variables)
+    along = {one.name: Variable((one.dimension,), one.values, {}) for one in spec.parameters}
+    for name in {LIST_DIMENSION, RANDOM_DIMENSION} & {*dimensions}:
+        about = {"long_name": f"number of the {name}"}
+        along[name] = Variable((name,), np.arange(spec.dimensions[name]), about)
+    along.update(first.coordinates)
+    status = np.dtype(np.int8)
+    arrays = {"status": described_array(status, sizes, lengths, TO_DO, dimensions, _STATUS)}
+    for name, one in first.variables.items():
+        dtype, inner = one.values.dtype, one.values.shape[1:]
+        # A file has at least one place, where an array may have none.
+        chunks = lengths + tuple(max(size, 1) for size in inner)
+        names = (*dimensions, *one.dimensions)
+        arrays[name] = described_array(
+            dtype, sizes + inner, chunks, fill(dtype), names, one.attributes
         )
-    group.create_array(
-        "status",
-        shape=sizes,
-        chunks=lengths,
-        dtype=np.int8,
-        fill_value=TO_DO,
-        compressors=_CODECS,
-        attributes=_STATUS,
-        dimension_names=[*dimensions],
-    )
-    with warnings.catch_warnings():
-        # xarray reads consolidated metadata and writes it too, whatever the standard says yet.
-        warnings.filterwarnings("ignore", message="Consolidated metadata")
-        zarr.consolidate_metadata(folder)
+    files = {}
+    for name, one in along.items():
+        values, nothing = one.values, np.zeros((), one.values.dtype)
+        arrays[name] = described_array(
+            values.dtype, values.shape, values.shape, nothing, one.dimensions, one.attributes
+        )
+        if values.size:
+            files[f"{name}/c/0"] = encoded(values, nothing, arrays[name])
+    # xarray reads consolidated metadata and writes it too, whatever the standard says yet.
+    inline = {"kind": "inline", "must_understand": False, "metadata": dict(sorted(arrays.items()))}
+    whole = {
+        "attributes": signed({**described(spec), **attributes}),
+        "zarr_format": 3,
+        "consolidated_metadata": inline,
+        "node_type": "group",
+    }
+    for name, metadata in {"": whole, **arrays}.items():
+        files[os.path.join(name, "zarr.json")] = json.dumps(metadata, indent=2).encode()
+    for name in files:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    # A disk takes as long for one file as for several at once.
+    with ThreadPoolExecutor() as team:
+        list(team.map(lambda name: write_durably(folder / name, files[name]), files))
 
 
 def described(spec: Spec) -> dict[str, Any]:
@@ -170,34 +170,13 @@ def fill(dtype: np.dtype) -> Any:
     )
 
 
-def _coordinate(
-    group: zarr.Group,
-    name: str,
-    dimension: str,
-    values: np.ndarray,
-    attributes: Mapping[str, Any],
-) -> None:
-    if values.dtype.kind == "U":
-        values = values.astype(np.dtypes.StringDType())
-    group.create_array(
-        name,
-        data=values,
-        dimension_names=[dimension],
-        attributes=dict(attributes),
-        chunks=values.shape,
-        compressors=_CODECS,
-        config=_ALL_FILES,
-    )
-
-
 def read_attributes(folder: Path) -> dict[str, Any]:
     """The attributes of a result.
 
     **Raises:** `ValueError` if they are not those that were written.
     """
     attributes = dict(json.loads((folder / "zarr.json").read_bytes())["attributes"])
-    # Those of old versions of jaxcell have neither.
-    if {_SIGNATURE, "digests"} & set(attributes) and attributes != signed(attributes):
+    if attributes != signed(attributes):
         raise ValueError(f"the attributes do not have the checksum {_SIGNATURE}")
     return attributes
 
@@ -206,8 +185,7 @@ def write_attributes(folder: Path, attributes: Mapping[str, Any]) -> None:
     """Put others in the place of the attributes of a result."""
     path = folder / "zarr.json"
     document = {**json.loads(path.read_bytes()), "attributes": signed(attributes)}
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=2), encoding="utf-8")
+    write_durably(path, json.dumps(document, indent=2).encode())
 
 
 def signed(attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from .codecs import has_checksums
 from .failures import read_report, reported
 from .files import kept_spec
 from .frame import described, make_frame, open_arrays, read_attributes
@@ -67,9 +66,9 @@ def verify_sweep(
 
     **Returns:** [`Verified`][].
 
-    **Raises:** `ValueError` if there is no sweep, its specification is damaged, it has no
-    checksums, or something is damaged and the versions, the task or the files that it was computed
-    with are others now; `BlockingIOError` if a run is at work on it.
+    **Raises:** `ValueError` if there is no sweep, its specification is damaged, or something is
+    damaged and the versions, the task or the files that it was computed with are others now;
+    `BlockingIOError` if a run is at work on it.
 
     A byte of a result is changed:
 
@@ -95,7 +94,6 @@ def verify_sweep(
         if files:
             _rebuild(folder, spec, made, start, files)
         store = SweepStore(folder, spec, made)
-        # Raises where there are no checksums at all.
         others = store.differences()
         found = store.damaged() if store.arrays else {}
         damage = [
@@ -177,7 +175,7 @@ def _frame_damage(folder: Path, spec: Spec) -> list[str]:
     values = {one.name: one.values for one in spec.parameters}
     for name in sorted(set(arrays) - {*variables_of(spec, held), "status"}):
         file = root / name / "c" / "0"
-        lost = has_checksums(held[name]) and arrays[name].size and not file.is_file()
+        lost = arrays[name].size and not file.is_file()
         if lost or not _is_whole(arrays[name], values.get(name)):
             found.append(f"{name}/c/0")
     return found

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,8 +40,8 @@ class _Held:
 class Pending:
     """The boxes of a store in which chunks end.
 
-    A box is written as soon as nothing is to do in it, and the others a second later at most, or
-    where they are many so that a tenth of the time goes into it.
+    A box is written as soon as nothing is to do in it, by another thread; and the others a second
+    later at most, or where they are many so that a tenth of the time goes into it.
     """
 
     def __init__(self, store: "SweepStore") -> None:
@@ -49,9 +49,14 @@ class Pending:
         self._held: dict[int, _Held] = {}
         self._bytes = 0
         self._due = -math.inf
+        # They start when they are needed.
+        self._team = ThreadPoolExecutor()
+        self._writing: Future[None] | None = None
+        "One box at a time, so that no other touches it, and few are in memory."
 
     def add(self, parts: Parts) -> None:
         """Take what is known of the members of a chunk that are missing."""
+        self.wait()
         store, chunk = self._store, parts.chunk
         box = store.boxes.around(chunk)
         held = self._held.setdefault(box.number, _Held(box))
@@ -76,17 +81,18 @@ class Pending:
         if not parts.failed:
             held.ended.append(chunk.number)
         if (members[box.region] != TO_DO).all():
-            self._write(held)
             self._let_go(held)
+            self._writing = self._team.submit(self._write, held, members[box.region].copy())
         elif self._bytes > _MAX_BYTES or time.monotonic() >= self._due:
             self.write()
 
     def write(self) -> None:
         """Write all of it; boxes that are as they were when this was done last are let go."""
+        self.wait()
         began = time.monotonic()
         for held in [*self._held.values()]:
             if held.changed:
-                self._write(held)
+                self._write(held, self._store.members()[held.box.region])
             else:
                 self._let_go(held)
         if self._bytes > _MAX_BYTES:
@@ -95,16 +101,26 @@ class Pending:
         ended = time.monotonic()
         self._due = ended + max(_SECONDS, _TIMES * (ended - began))
 
-    def _write(self, held: _Held) -> None:
+    def wait(self) -> None:
+        """Wait until the box that is being written, if any, is on the disk."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
+
+    def close(self) -> None:
+        """Write all of it, and end."""
+        with self._team:
+            self.write()
+
+    def _write(self, held: _Held, states: np.ndarray) -> None:
         """Write the results, and when they are on the disk the states."""
         store, box = self._store, held.box
         if store.boxes.several and not store.file("status", box).exists():
             # Where this is killed, no chunk of it is taken for half written.
             store.put("status", box, np.full(box.shape, TO_DO, np.int8))
         # A disk takes as long for one file as for several at once.
-        with ThreadPoolExecutor() as team:
-            list(team.map(lambda one: store.put(one[0], box, one[1]), held.values.items()))
-        store.put("status", box, store.members()[box.region])
+        list(self._team.map(lambda one: store.put(one[0], box, one[1]), held.values.items()))
+        store.put("status", box, states)
         held.changed = False
         for number in held.ended:
             remove_report(store.folder, number)

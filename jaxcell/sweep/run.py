@@ -3,7 +3,8 @@
 import contextlib
 import errno
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,14 @@ from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .states import DAMAGED, DONE
 from .store import SweepStore, made_with
-from .workers.engines import Engine, engine_named
-from .workers.halving import Halving
+from .workers.engines import Engine, Outcomes, engine_named, local
+from .workers.halving import Halving, Parts
 from .workers.progress import Count, Progress, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
+
+
+# Beside a chunk that takes longer, its writing is nothing.
+_QUICK_SECONDS = 0.1
 
 
 def run_sweep(
@@ -103,22 +108,57 @@ def run_sweep(
                     progress(now)
 
             report(())
-            for job, outcome in outcomes:
-                if isinstance(outcome, Computed):
-                    try:
-                        store.check(outcome)
-                    except ValueError as error:
-                        outcome = failure(error)
-                parts = work.settle(job, outcome)
-                if parts is not None:
+            ended = _ended(store, work, outcomes, max_failures)
+            # Only there does anything go on meanwhile.
+            quick = _QUICK_SECONDS if start is local else 0.0
+            for parts, failures in _written(store, ended, quick):
+                if not parts.open:
                     count.add(parts.members)
-                    report(store.write(parts))
-                if max_failures is not None and work.failed > max_failures:
-                    # Of chunks that are not whole, what failed is kept.
-                    for parts in work.begun.values():
-                        report(store.write(parts))
-                    break
+                report(failures)
     return sweep_status(folder)
+
+
+def _ended(
+    store: SweepStore, work: Halving, outcomes: Outcomes, max_failures: int | None
+) -> Iterator[Parts]:
+    """The chunks of a run as they end; if too many members fail, what is known of the others."""
+    for job, outcome in outcomes:
+        if isinstance(outcome, Computed):
+            try:
+                store.check(outcome)
+            except ValueError as error:
+                outcome = failure(error)
+        parts = work.settle(job, outcome)
+        if parts is not None:
+            yield parts
+        if max_failures is not None and work.failed > max_failures:
+            yield from work.begun.values()
+            return
+
+
+def _written(
+    store: SweepStore, ended: Iterator[Parts], quick: float
+) -> Iterator[tuple[Parts, Sequence[Failure]]]:
+    """The same once they are written, and the members that failed.
+
+    One that took less than `quick` seconds is written while the next is computed.
+    """
+    last = None
+    began = time.monotonic()
+    for parts in ended:
+        seconds = time.monotonic() - began
+        if last is not None:
+            store.wait()
+            yield last
+        last = parts, store.write(parts)
+        if seconds >= quick:
+            store.wait()
+            yield last
+            last = None
+        began = time.monotonic()
+    if last is not None:
+        store.wait()
+        yield last
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .boxes import Boxes, by_chunk
-from .codecs import check_codecs, decoded, has_checksums
+from .codecs import check_codecs, decoded
 from .failures import Failure, read_report, reported
 from .spec import Chunk, Spec
 
@@ -109,8 +109,6 @@ class States:
 
     def gone(self, box: Chunk) -> list[str]:
         """The variables whose file of a box is not there."""
-        if not has_checksums(self.metadata["status"]):
-            return []  # Then boxes of nothing but the fill value have no files.
         return [name for name, path in self.files(box).items() if not os.path.exists(path)]
 
     def files(self, box: Chunk) -> dict[str, Path]:

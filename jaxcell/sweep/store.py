@@ -14,7 +14,7 @@ import numpy as np
 import zarr
 
 from .. import __version__
-from ..base.files import replacing
+from ..base.files import write_durably
 from ..base.revision import git_revision
 from .boxes import by_chunk, inside
 from .codecs import encoded
@@ -92,14 +92,13 @@ class SweepStore(States):
             else:
                 if (folder / "sweep.zarr").exists():
                     raise FileExistsError(f"{folder / 'sweep.zarr'}: it is there, but no {kept}")
-                with replacing(kept) as temporary:
-                    temporary.write_bytes(spec.text)
+                write_durably(kept, spec.text)
             keep_folder(folder, spec)
             store = cls(folder, spec, made)
             try:
                 yield store
             finally:
-                store._pending.write()
+                store._pending.close()
 
     @classmethod
     def _go_on(cls, folder: Path, spec: Spec, made: Mapping[str, Any], anyway: bool) -> None:
@@ -218,10 +217,7 @@ class SweepStore(States):
             return
         path = self.file(name, box)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            file.write(encoded(values, self.arrays[name].fill_value, self.metadata[name]))
-            file.flush()
-            os.fsync(file.fileno())
+        write_durably(path, encoded(values, self.arrays[name].fill_value, self.metadata[name]))
 
     def write(self, parts: Parts) -> list[Failure]:
         """Take what is known of the members of a chunk that are missing, to be written soon.
@@ -235,6 +231,13 @@ class SweepStore(States):
         if self.arrays:
             self._pending.add(parts)
         return failures
+
+    def wait(self) -> None:
+        """Wait until the box that is being written, if any, is on the disk.
+
+        **Raises:** `OSError` if it cannot be written.
+        """
+        self._pending.wait()
 
     def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
         index = self.spec.index(chunk, place)
@@ -266,11 +269,6 @@ def made_with(spec: Spec, wide: bool) -> dict[str, Any]:
 
 def differences(folder: Path, attributes: Mapping[str, Any], made: Mapping[str, Any]) -> list[str]:
     """What has changed since a result was made, by its attributes."""
-    if "digests" not in attributes:
-        raise ValueError(
-            f"{folder}: an old version of jaxcell wrote it, without checksums; it can be read, but "
-            "not verified or resumed"
-        )
     with reading(folder):
         return [
             f"{name}: {attributes.get(name)} there, {here} here"

@@ -236,23 +236,3 @@ def test_a_specification_that_was_changed_is_refused(out):
     path.write_text(path.read_text().replace("1.5", "2.5"))
     with pytest.raises(ValueError, match=r"spec.toml: not the specification that .* begun with"):
         verify_sweep(out)
-
-
-def test_a_sweep_without_checksums_is_read_but_not_gone_on_with(stub_spec, tmp_path, monkeypatch):
-    spec, out = stub_spec(), tmp_path / "out"
-    with monkeypatch.context() as patch:
-        patch.setattr("jaxcell.sweep.frame._CODECS", ())
-        patch.setattr("jaxcell.sweep.frame.signed", dict)
-        patch.setattr(
-            "jaxcell.sweep.run.made_with",
-            lambda *_: {"jaxcell_version": "0.1.0", "jax_version": "0", "jax_enable_x64": 1},
-        )
-        run_sweep(spec, out)
-    # All of it is the value that stands for nothing.
-    (out / "sweep.zarr" / "even" / "c" / "0" / "0").unlink()
-    assert sweep_status(out).complete
-    with open_sweep(out) as dataset:
-        assert (dataset.status == 1).all()
-    for function in (verify_sweep, lambda out: run_sweep(spec, out, resume=True, anyway=True)):
-        with pytest.raises(ValueError, match="an old version of jaxcell wrote it, without"):
-            function(out)

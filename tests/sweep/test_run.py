@@ -4,15 +4,18 @@ import os
 import random
 import resource
 import socket
+import time
 
 import numpy as np
 import pytest
 import sweep_stub
 import xarray as xr
+import zarr
 from sweep_kills import tree
 
 from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
 from jaxcell.sweep.lock import locked
+from jaxcell.sweep.store import SweepStore
 from jaxcell.sweep.workers.work import compute, with_files_found
 
 
@@ -40,6 +43,17 @@ def test_the_result_is_that_of_each_member_alone(stub_spec, tmp_path):
                     .drop_attrs(deep=False),
                     alone.isel(member=0)[sorted(alone.data_vars)],
                 )
+
+
+def test_zarr_consolidates_the_metadata_to_the_same_bytes(stub_spec, tmp_path):
+    text = '[grid]\nname = ["b.json", "é"]\non = [true, false]\n[random]\nsamples = 3\n'
+    run_sweep(stub_spec(text=f"{text}x = {{uniform = [0, 1]}}"), tmp_path / "out")
+    path = tmp_path / "out" / "sweep.zarr" / "zarr.json"
+    before = path.read_bytes()
+    path.write_bytes(json.dumps({**json.loads(before), "consolidated_metadata": None}).encode())
+    with pytest.warns(UserWarning, match="Consolidated metadata"):
+        zarr.consolidate_metadata(path.parent)
+    assert path.read_bytes() == before
 
 
 def test_strings_and_booleans_are_coordinates(stub_spec, tmp_path):
@@ -173,6 +187,7 @@ def test_chunks_that_failed_whole_before_the_first_result_are_in_it(stub_spec, t
         (lambda found: found.rename(exponent="y"), "'power' of dimensions"),
         (lambda found: found.assign({"a/b": found.value}), "'a/b'"),
         (lambda found: found.assign(value=found.value.astype(str)), "expected numbers or booleans"),
+        (lambda found: found.assign(value=found.value.astype("g")), "expected numbers or booleans"),
         (lambda found: found.assign(value=found.value.assign_attrs(a={1j})), "attributes of text"),
         (lambda found: 3, "gave int; expected an xarray.Dataset"),
     ],
@@ -226,6 +241,36 @@ def test_two_runs_at_once(stub_spec, tmp_path):
     assert seen[0].running.startswith(f"process {os.getpid()} ")
     with locked(out / "lock"), pytest.raises(BlockingIOError):
         run_sweep(spec, out, resume=True)
+
+
+def test_a_quick_chunk_is_written_while_the_next_is_computed(
+    stub_spec, tmp_path, whole, monkeypatch
+):
+    kept, calls, seen = (sweep_stub.stub, SweepStore.put), [], []
+
+    def stub(batch, fixed, seed):
+        calls.append(batch)
+        return kept[0](batch, fixed, seed)
+
+    def put(store, name, box, values):
+        limit = time.monotonic() + 30
+        # Of the last chunk there is no next one.
+        while len(calls) < min(box.number + 2, 6):
+            assert time.monotonic() < limit
+            time.sleep(0.001)
+        kept[1](store, name, box, values)
+
+    def note(progress):
+        seen.append((progress.done, sweep_status(tmp_path / "out").done if calls else 0))
+
+    monkeypatch.setattr(sweep_stub, "stub", stub)
+    monkeypatch.setattr(SweepStore, "put", put)
+    monkeypatch.setattr("jaxcell.sweep.run._QUICK_SECONDS", 1e9)
+    spec = stub_spec(name="whole.toml")
+    assert run_sweep(spec, tmp_path / "out", progress=note).complete
+    # What is said to be done is on the disk.
+    assert seen == [(done, done) for done in range(7)]
+    assert tree(tmp_path / "out") == whole
 
 
 def test_a_full_disk(stub_spec, tmp_path, whole):

@@ -93,7 +93,7 @@ def engine_named(name: str, workers: int | None = None, timeout: float | None = 
                 "timeout: the engine local computes in this process and cannot end a chunk; "
                 "expected another engine, as processes"
             )
-        return _local
+        return local
     if name == "processes":
         return lambda take: _processes(take, count, timeout)
     if importlib.util.find_spec("distributed") is None:
@@ -134,7 +134,8 @@ def scheduler_address(file: str | os.PathLike[str]) -> str:
         raise ValueError(f"{file}: expected the file that a scheduler of Dask wrote") from None
 
 
-def _local(take: Take) -> Outcomes:
+def local(take: Take) -> Outcomes:
+    """This process."""
     for job in iter(take, None):
         yield job, compute(job)
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 Task = Callable[[Mapping[str, np.ndarray], Mapping[str, Any], int], "xr.Dataset"]
 
 _WIDE = "JAX_ENABLE_X64"
-_KINDS = "biufc"
+# Numbers that Zarr has, and booleans.
+_CODES = np.typecodes["AllInteger"] + "efdFD?"
 _MAX_LINES = 30
 
 
@@ -245,7 +246,7 @@ def _arrays(dataset: Any, batch: Mapping[str, np.ndarray]) -> Computed:
                     f"the task gave {name!r} of dimensions {array.dims}; expected names of "
                     "letters, digits and underscores, other than status, sample and parameters"
                 )
-        if array.dtype.kind not in _KINDS + "U" * (name in dataset.coords):
+        if array.dtype.char not in _CODES + "U" * (name in dataset.coords):
             raise ValueError(
                 f"the task gave {name!r} of kind {array.dtype}; expected numbers or booleans"
             )
