@@ -1,17 +1,19 @@
 import itertools
+import math
 import operator
+from fractions import Fraction
 
 import networkx
 import numpy as np
 import scipy.sparse
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ...mapping import Chain
 from ...optimize import Graph
 
 
-# The longest edge is at most so many units long; what differs by less is equally long.
-_UNITS = 2**30
+# Edges are as long as so many parts of a line at most, if they are so to rounding.
+_PARTS, _ROUNDING = 16, 1e-9
 # Vertices times edges times paths: more of Yen's searches take minutes.
 _MAX_SEARCHES = 500_000
 
@@ -26,9 +28,9 @@ def toward(graph: Graph, vertex: int, paths: int = 1, *, directed: bool = True) 
     in the long run the walk may leave out vertices that no path from a neighbour of the vertex
     comes through. Where both directions count, the walk is reversible, and far slower.
 
-    Paths are in order of their Euclidean lengths. Of equally long ones, to 30 bits of the longest
-    edge, one with fewer edges comes first, and then the one without the last edge, in the order of
-    the graph, of those in which they differ.
+    Paths are in order of their Euclidean lengths. Of equally long ones, as along a line and along
+    pieces of it, one with fewer edges comes first, and then the one without the last edge, in the
+    order of the graph, of those in which they differ.
 
     **Arguments:**
 
@@ -110,9 +112,28 @@ def _lengths(graph: Graph) -> list[int]:
     Lowest is a bit for each edge, so that sums show which edges are in them; then, the number of
     edges; then, the length in units.
     """
-    lengths = graph.lengths
-    # A power of two, so that an edge and two halves of it stay equally long.
-    longest = 2.0 ** np.ceil(np.log2(lengths.max() or 1.0))
-    units = np.rint(lengths / longest * _UNITS).astype(np.int64).tolist()
-    edges, digits = len(units), graph.vertices.bit_length()
-    return [(((unit << digits) + 1) << edges) + (1 << edge) for edge, unit in enumerate(units)]
+    exact = _exact(graph.lengths)
+    units = math.lcm(*(one.denominator for one in exact))
+    edges, digits = len(exact), graph.vertices.bit_length()
+    return [
+        (((int(one * units) << digits) + 1) << edges) + (1 << edge)
+        for edge, one in enumerate(exact)
+    ]
+
+
+def _exact(lengths: Float[np.ndarray, "edges"]) -> list[Fraction]:
+    """Lengths such that pieces of a line are together as long as the line, without rounding."""
+    exact = [Fraction(0)] * lengths.size
+    parts = np.arange(1, _PARTS + 1)[:, None]
+    left = np.flatnonzero(lengths)
+    while left.size:
+        longest = lengths[left].max()
+        share = parts * lengths[left] / longest
+        whole = np.abs(share - np.rint(share)) < _ROUNDING
+        alike = whole.any(axis=0)
+        of = whole[:, alike].argmax(axis=0)
+        pieces = np.rint(share[:, alike][of, np.arange(of.size)]).astype(int)
+        for edge, some, all_ in zip(left[alike], pieces.tolist(), (of + 1).tolist(), strict=True):
+            exact[edge] = Fraction(longest) * Fraction(some, all_)
+        left = left[~alike]
+    return exact

@@ -35,7 +35,7 @@ def simple_paths(graph, start, end):
 def brute_force(graph, vertex, paths):
     # Lengths are compared after rounding, so that equal sums in another order are equal.
     def order(used):
-        length = round(float(graph.lengths[sorted(used)].sum()), 6)
+        length = round(float(graph.lengths[sorted(used)].sum()), 9)
         return length, len(used), sorted(used, reverse=True)
 
     counts = np.zeros((graph.vertices, graph.vertices))
@@ -71,6 +71,13 @@ def test_equals_brute_force(n, paths, seed, steps):
             expected / expected.sum(axis=1, keepdims=True),
             atol=1e-15,
         )
+
+
+def test_a_line_comes_before_pieces_of_it():
+    # From (0, 0) to (3, 3), by (1, 1): the sum of the pieces is another number in 64 bits.
+    xy = np.array([[0, 0], [1, 1], [3, 3]]) / 4
+    line = Graph(np.array([[0, 1], [1, 2], [0, 2]]), xy=xy)
+    assert toward(line, 2).to_scipy().toarray()[0].tolist() == [0, 0, 1]
 
 
 def test_along_one_path_the_time_is_the_number_of_edges():
