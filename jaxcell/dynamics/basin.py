@@ -188,6 +188,13 @@ class Basins(Result):
         # Three standard errors of what is sampled.
         doubt = 3 * np.sqrt(self.sampled * (1 - self.sampled) / self.scattered) + 0.02
         doubted = np.flatnonzero(np.abs(self.fraction - self.sampled) > doubt)
+        back = min(float(self.sampled.sum() - self.fraction.sum()), self.outside_share)
+        if doubted.size and back > 0.02:
+            said.append(
+                f"{self.outside_share:.1%} of the cells lead out of the box, but {back:.1%} have "
+                "orbits that come back to an attractor: follow them outside (follow)."
+            )
+            doubted = doubted[:0]
         for k in doubted[:_MOST_DOUBTED]:
             said.append(
                 f"Attractor {k} has {self.fraction[k]:.1%} of the cells, but {self.sampled[k]:.1%} "
