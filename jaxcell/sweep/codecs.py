@@ -71,6 +71,18 @@ def check_codecs(name: str, metadata: Mapping[str, Any]) -> None:
         )
 
 
+def kind_of(metadata: Mapping[str, Any]) -> np.dtype:
+    """The type of the numbers or booleans of an array."""
+    return np.dtype(metadata["data_type"]).newbyteorder("<")
+
+
+def fill_of(metadata: Mapping[str, Any]) -> Any:
+    """What stands where nothing is known of an array of numbers or booleans."""
+    value = metadata["fill_value"]
+    kind = kind_of(metadata).type
+    return kind(complex(*map(float, value))) if isinstance(value, list) else kind(value)
+
+
 def decoded(content: bytes, metadata: Mapping[str, Any]) -> np.ndarray:
     """The values of a file, as many as a chunk of Zarr has: more than there are at an edge.
 
@@ -78,24 +90,22 @@ def decoded(content: bytes, metadata: Mapping[str, Any]) -> np.ndarray:
     """
     for codec in reversed(_CODECS.values()):
         content = codec.decode(content)
-    return np.frombuffer(content, _kind(metadata)).reshape(_shape(metadata))
+    if metadata["data_type"] == "string":
+        return VLenUTF8().decode(content).astype(np.str_)
+    return np.frombuffer(content, kind_of(metadata)).reshape(_shape(metadata))
 
 
-def encoded(values: np.ndarray, fill: Any, metadata: Mapping[str, Any]) -> bytes:
-    """What the file of some values has in it; `fill` is for the places that are beyond an edge."""
+def encoded(values: np.ndarray, metadata: Mapping[str, Any]) -> bytes:
+    """What the file of some values has in it; beyond an edge it has the fill value."""
     if values.dtype.kind == "U":
         content = VLenUTF8().encode(values.astype(object))
     else:
-        whole = np.full(_shape(metadata), fill, _kind(metadata))
+        whole = np.full(_shape(metadata), fill_of(metadata), kind_of(metadata))
         whole[tuple(slice(size) for size in values.shape)] = values
         content = whole.tobytes()
     for codec in _CODECS.values():
         content = codec.encode(content)
     return bytes(content)
-
-
-def _kind(metadata: Mapping[str, Any]) -> np.dtype:
-    return np.dtype(metadata["data_type"]).newbyteorder("<")
 
 
 def _shape(metadata: Mapping[str, Any]) -> list[int]:

@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
 from ..base.files import write_durably
 from .boxes import stored_lengths
-from .codecs import described_array, encoded
+from .codecs import decoded, described_array, encoded, kind_of
 from .design import LIST_DIMENSION, RANDOM_DIMENSION
 from .spec import Spec
-from .states import DONE, FAILED, TO_DO
+from .states import DONE, FAILED, TO_DO, States, reading
 from .workers.work import Computed, Variable
 
 
@@ -68,7 +67,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
             values.dtype, values.shape, values.shape, nothing, one.dimensions, one.attributes
         )
         if values.size:
-            files[f"{name}/c/0"] = encoded(values, nothing, arrays[name])
+            files[f"{name}/c/0"] = encoded(values, arrays[name])
     # xarray reads consolidated metadata and writes it too, whatever the standard says yet.
     inline = {"kind": "inline", "must_understand": False, "metadata": dict(sorted(arrays.items()))}
     whole = {
@@ -104,31 +103,21 @@ def described(spec: Spec) -> dict[str, Any]:
     return attributes
 
 
-def open_arrays(folder: Path) -> dict[str, zarr.Array]:
-    """The arrays of a result, to read."""
-    return dict(zarr.open_group(folder, mode="r", zarr_format=3).arrays())
-
-
-def frame_of(
-    spec: Spec, arrays: Mapping[str, zarr.Array], named: Mapping[str, tuple[str, ...]]
-) -> Computed:
-    """What a task would have given for no member, by the names of its variables."""
-    own = {*spec.dimensions, "status", *(one.name for one in spec.parameters), *named}
-    inner = len(spec.dimensions)
-    variables = {
-        name: Variable(
-            dimensions,
-            np.empty((0, *arrays[name].shape[inner:]), arrays[name].dtype),
-            dict(arrays[name].attrs),
-        )
-        for name, dimensions in named.items()
-    }
-    coordinates = {}
-    for name in sorted(set(arrays) - own):
-        values = np.asarray(arrays[name][...])
-        if values.dtype.kind == "T":
-            values = values.astype(np.str_)
-        coordinates[name] = Variable((name,), values, dict(arrays[name].attrs))
+def frame_of(store: States) -> Computed:
+    """What the task of a sweep would give for no member, by its result."""
+    spec, inner = store.spec, len(store.spec.dimensions)
+    own = {*spec.dimensions, "status", *(one.name for one in spec.parameters), *store.variables}
+    variables, coordinates = {}, {}
+    with reading(store.folder):
+        for name, dimensions in store.variables.items():
+            metadata = store.metadata[name]
+            values = np.empty((0, *metadata["shape"][inner:]), kind_of(metadata))
+            variables[name] = Variable(dimensions, values, metadata["attributes"])
+        for name in sorted(set(store.metadata) - own):
+            metadata = store.metadata[name]
+            content = store.zarr.joinpath(name, "c", "0").read_bytes()
+            values = decoded(content, metadata)
+            coordinates[name] = Variable((name,), values, metadata["attributes"])
     return Computed(variables, coordinates)
 
 

@@ -20,6 +20,8 @@ from .states import DONE, TO_DO
 
 
 if TYPE_CHECKING:
+    import zarr
+
     from .store import SweepStore
 
 
@@ -40,13 +42,16 @@ def grow(
     """
     temporary = old.folder / f".sweep-{secrets.token_hex(4)}"
     temporary.mkdir()
-    if old.arrays:
+    if old.metadata:
         old.forget(old.damaged())
-        frame = frame_of(old.spec, old.arrays, old.variables)
+        frame = frame_of(old)
         make_frame(temporary / "sweep.zarr", spec, frame, attributes)
         new = type(old)(temporary, spec, old.made)
+        import zarr
+
+        arrays = dict(zarr.open_group(old.zarr, mode="r", zarr_format=3).arrays())
         for box in new.boxes:
-            _copy(old, new, box, [*places.values()])
+            _copy(old, arrays, new, box, [*places.values()])
     (temporary / "spec.toml").write_bytes(spec.text)
     # All of it, before the name that says that it is whole.
     os.sync()
@@ -84,7 +89,13 @@ def tidy(folder: Path) -> None:
         path.unlink()
 
 
-def _copy(old: "SweepStore", new: "SweepStore", box: Chunk, places: list[np.ndarray]) -> None:
+def _copy(
+    old: "SweepStore",
+    arrays: Mapping[str, "zarr.Array"],
+    new: "SweepStore",
+    box: Chunk,
+    places: list[np.ndarray],
+) -> None:
     """Copy the members in a file of the larger store that are done in the smaller one."""
     sources = [place[part] for place, part in zip(places, box.region, strict=True)]
     inside = tuple(np.flatnonzero(source >= 0) for source in sources)
@@ -92,13 +103,12 @@ def _copy(old: "SweepStore", new: "SweepStore", box: Chunk, places: list[np.ndar
         return
     there = tuple(source[one] for source, one in zip(sources, inside, strict=True))
     done = np.zeros(box.shape, bool)
-    done[np.ix_(*inside)] = np.asarray(old.arrays["status"].oindex[there]) == DONE
+    done[np.ix_(*inside)] = old.members()[np.ix_(*there)] == DONE
     if not done.any():
         return
     for name in old.variables:
-        array = new.arrays[name]
-        values = np.full(box.shape + array.shape[len(places) :], fill(array.dtype), array.dtype)
-        values[np.ix_(*inside)] = old.arrays[name].oindex[there]
-        values[~done] = fill(array.dtype)
+        values = new.empty(name, box)
+        values[np.ix_(*inside)] = arrays[name].oindex[there]
+        values[~done] = fill(values.dtype)
         new.put(name, box, values)
     new.put("status", box, np.where(done, DONE, TO_DO).astype(np.int8))

@@ -14,7 +14,7 @@ import numpy as np
 
 from .failures import read_report, reported
 from .files import kept_spec
-from .frame import described, make_frame, open_arrays, read_attributes
+from .frame import described, make_frame, read_attributes
 from .grow import tidy
 from .lock import locked
 from .results import SweepStatus, sweep_status
@@ -95,7 +95,7 @@ def verify_sweep(
             _rebuild(folder, spec, made, start, files)
         store = SweepStore(folder, spec, made)
         others = store.differences()
-        found = store.damaged() if store.arrays else {}
+        found = store.damaged() if store.metadata else {}
         damage = [
             *files,
             *(f"chunk {number}: {', '.join(names)}" for number, names in found.items()),
@@ -150,6 +150,8 @@ def _frame_damage(folder: Path, spec: Spec) -> list[str]:
     root = folder / "sweep.zarr"
     if not root.exists():
         return []
+    import zarr
+
     try:
         attributes = read_attributes(root)
         held = dict(_json(root / "zarr.json")["consolidated_metadata"]["metadata"])
@@ -169,7 +171,7 @@ def _frame_damage(folder: Path, spec: Spec) -> list[str]:
     if found:
         return found
     try:
-        arrays = open_arrays(root)
+        arrays = dict(zarr.open_group(root, mode="r", zarr_format=3).arrays())
     except Exception:  # Zarr has errors of many types.
         return ["zarr.json"]
     values = {one.name: one.values for one in spec.parameters}

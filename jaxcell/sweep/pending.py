@@ -133,12 +133,10 @@ class Pending:
     def _kept(self, name: str, box: Chunk) -> np.ndarray:
         """What a file holds of members that are done."""
         store = self._store
-        array = store.arrays[name]
         if (store.members()[box.region] == DONE).any():
-            values = store.read(name, box.region)
+            values = store.read(name, box)
         else:
-            shape = box.shape + array.shape[len(box.shape) :]
-            values = np.full(shape, fill(array.dtype), array.dtype)
+            values = store.empty(name, box)
         self._bytes += values.nbytes
         return values
 

@@ -166,7 +166,7 @@ class _Reader:
 
     def __init__(self, store: SweepStore) -> None:
         self._store, self._states = store, store.states()
-        self._frame = frame_of(store.spec, store.arrays, store.variables)
+        self._frame = frame_of(store)
         failures = [*store.failures(self._states)]
         self._failures = {tuple(one.index.values()): one for one in failures}
         self._failed = Counter(one.chunk for one in failures)
@@ -194,7 +194,7 @@ class _Reader:
             if (failure := self._failures.get(place)) is not None:
                 return Failed(failure.message, failure.trace)
         variables = {
-            name: dataclasses.replace(one, values=store.read(name, chunk.region)[tuple(inside)])
+            name: dataclasses.replace(one, values=store.read(name, chunk)[tuple(inside)])
             for name, one in self._frame.variables.items()
         }
         return dataclasses.replace(self._frame, variables=variables)

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
 
 from .. import __version__
 from ..base.files import write_durably
 from ..base.revision import git_revision
 from .boxes import by_chunk, inside
-from .codecs import encoded
+from .codecs import decoded, encoded, fill_of, kind_of
 from .digests import changed, digests
 from .failures import Failure, read_report, reported, write_report
 from .files import keep_folder
@@ -25,7 +24,6 @@ from .frame import (
     check_fits,
     frame_of,
     make_frame,
-    open_arrays,
     read_attributes,
     write_attributes,
 )
@@ -54,11 +52,8 @@ class SweepStore(States):
     def __init__(self, folder: Path, spec: Spec, made: Mapping[str, Any]) -> None:
         super().__init__(folder, spec)
         self.made = made
-        self.arrays: dict[str, zarr.Array] = {}
-        "Of the result; none before a chunk is done."
         self._frame: Computed | None = None
         self._pending = Pending(self)
-        self._open()
 
     @classmethod
     @contextlib.contextmanager
@@ -95,6 +90,7 @@ class SweepStore(States):
                 write_durably(kept, spec.text)
             keep_folder(folder, spec)
             store = cls(folder, spec, made)
+            store._frame = frame_of(store) if store.metadata else None
             try:
                 yield store
             finally:
@@ -129,19 +125,30 @@ class SweepStore(States):
 
     def differences(self) -> list[str]:
         """What has changed since the result was made: versions, files, the task."""
-        return differences(self.folder, self.attributes(), self.made) if self.arrays else []
+        return differences(self.folder, self.attributes(), self.made) if self.metadata else []
 
     def went_on(self, others: Sequence[str] = ()) -> dict[str, Any]:
         """The attribute that says with what a run went on all the same, if one did."""
-        if not self.arrays:
+        if not self.metadata:
             return {}
         notes = [*json.loads(self.attributes().get("resumed_anyway", "[]")), *others]
         return {"resumed_anyway": json.dumps(notes)} if notes else {}
 
-    def read(self, name: str, region: tuple[slice, ...]) -> np.ndarray:
-        """What the files of an array hold."""
+    def read(self, name: str, chunk: Chunk) -> np.ndarray:
+        """What is in the files of an array of a chunk, or of a box."""
+        if not (values := self.empty(name, chunk)).size:
+            return values
+        box = self.boxes.around(chunk)
         with reading(self.folder):
-            return np.asarray(self.arrays[name][region])
+            content = self.file(name, box).read_bytes()
+            values[...] = decoded(content, self.metadata[name])[inside(chunk, box)]
+        return values
+
+    def empty(self, name: str, chunk: Chunk) -> np.ndarray:
+        """An array for a chunk, or a box, with nothing in it."""
+        metadata = self.metadata[name]
+        shape = (*chunk.shape, *metadata["shape"][len(chunk.shape) :])
+        return np.full(shape, fill_of(metadata), kind_of(metadata))
 
     def damaged(self) -> dict[int, list[str]]:
         """The arrays of each chunk whose files are gone or cannot be read."""
@@ -168,8 +175,8 @@ class SweepStore(States):
         found = self.gone(box)
         for name in files.keys() - {*found}:
             try:
-                self.arrays[name][box.region]
-            except Exception:  # Zarr and its codecs have errors of many types.
+                self.read(name, box)
+            except (ValueError, OSError):
                 found.append(name)
         return sorted(found)
 
@@ -183,12 +190,10 @@ class SweepStore(States):
             path = self.file(name, box)
             try:
                 if path.exists():
-                    values = np.asarray(self.arrays[name][box.region])
-                    values[inside(chunk, box)] = self.arrays[name].fill_value
+                    values = self.read(name, box)
+                    values[inside(chunk, box)] = fill_of(self.metadata[name])
                     self.put(name, box, values)
-            except OSError:
-                raise
-            except Exception:  # Zarr and its codecs have errors of many types.
+            except ValueError:
                 path.unlink()
 
     def check(self, computed: Computed) -> None:
@@ -196,10 +201,10 @@ class SweepStore(States):
 
         **Raises:** `ValueError` if it has not the variables of the first one.
         """
-        if not self.arrays:
+        if self._frame is None:
             self._create(computed)
             self.look()
-            self._open()
+            self._frame = frame_of(self)
             with reading(self.folder):
                 for number in reported(self.folder):
                     for failure in read_report(self.folder, number):
@@ -207,8 +212,6 @@ class SweepStore(States):
             for box in self.boxes:
                 if (self.members()[box.region] == FAILED).any():
                     self.put("status", box, self.members()[box.region])
-        if self._frame is None:
-            self._frame = frame_of(self.spec, self.arrays, self.variables)
         check_fits(self._frame, computed)
 
     def put(self, name: str, box: Chunk, values: np.ndarray) -> None:
@@ -217,7 +220,7 @@ class SweepStore(States):
             return
         path = self.file(name, box)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_durably(path, encoded(values, self.arrays[name].fill_value, self.metadata[name]))
+        write_durably(path, encoded(values, self.metadata[name]))
 
     def write(self, parts: Parts) -> list[Failure]:
         """Take what is known of the members of a chunk that are missing, to be written soon.
@@ -228,7 +231,7 @@ class SweepStore(States):
         failures = [self._failure(chunk, *one) for one in sorted(parts.failed.items())]
         if failures:
             write_report(self.folder, chunk.number, failures)
-        if self.arrays:
+        if self.metadata:
             self._pending.add(parts)
         return failures
 
@@ -242,11 +245,6 @@ class SweepStore(States):
     def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
         index = self.spec.index(chunk, place)
         return Failure(chunk.number, index, self.spec.member(index), failed.message, failed.trace)
-
-    def _open(self) -> None:
-        if self.zarr.exists():
-            with reading(self.folder):
-                self.arrays = open_arrays(self.zarr)
 
     def _create(self, first: Computed) -> None:
         """Make the result with nothing in it."""
