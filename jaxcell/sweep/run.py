@@ -59,7 +59,8 @@ def run_sweep(
     - `chunks`: the numbers of chunks to compute; by default all that are not done.
     - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
     - `max_failures`: the run ends when more members than that have failed.
-    - `progress`: called when the work begins and with each chunk that ends.
+    - `progress`: called when the work begins and with each chunk that ends. Where chunks of the
+        engine `local` take less than a tenth of a second, it is called one chunk later.
 
     **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and
     these in halves, so that only the members fail that do so alone. They do not stop the others.
