@@ -11,7 +11,8 @@ The third is of the one process that hands chunks to a thousand workers, here th
 and writes their results. Its time of the processor is what limits the number of workers; it
 computes the chunks, too, which on a cluster it does not.
 
-The peer is a plain loop over the batches of the task in this process, which keeps nothing.
+The peer is a plain loop over the batches of the task in this process, which keeps nothing. Imports
+and compilation in this process are in neither; those of workers are in the start of their sweep.
 """
 
 import queue
@@ -103,6 +104,8 @@ def throughput(folder: Path, chunks: Sequence[int], repeats: int) -> list[Row]:
         told = (f"{min(plain):.2f}", "", f"{rate * CELLS / 1e6:.1f}", f"{rate:,.0f}")
         line("plain loop", 1, chunk, *told)
         for engine, workers in ENGINES:
+            if workers is None:
+                swept(folder, what, engine, workers)
             runs = [swept(folder, what, engine, workers) for _ in range(repeats)]
             with open_sweep(folder / "out") as result:
                 if not np.array_equal(result.groups.values, expected):
