@@ -1,10 +1,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-# Commands, robots and sweeps as users have them: types of arguments are not checked.
-AS_USERS := tests/cli tests/robot tests/sweep
-UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" \
-	$(AS_USERS) tests/space tests/record/test_group_recordings.py
+# Commands, robots, sweeps and examples as users have them: types of arguments are not checked.
+AS_USERS := tests/cli tests/golden tests/robot tests/sweep tests/test_doctests.py
+UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" $(AS_USERS)
 
 .PHONY: demo robot test test-all fuzz lint bench docs pictures clean
 

@@ -67,7 +67,6 @@ def test_a_map_is_drawn():
     ]
 
 
-@pytest.mark.slow
 def test_maps_are_listed(capsys):
     assert main(["maps"]) == 0
     said = capsys.readouterr().out

@@ -18,9 +18,6 @@ from jaxcell.mapping import periodic_groups
 from jaxcell.space import CellSpace, Workspace
 
 
-pytestmark = pytest.mark.slow
-
-
 # One shape, so that little is compiled.
 GRIDS = hnp.arrays(bool, (5, 6), elements=st.sampled_from([True, True, True, False])).filter(np.any)
 RULES = st.sampled_from(["swept", "endpoint"])

@@ -244,18 +244,6 @@ def test_advice_names_no_option_that_is_on(capsys):
     assert "the spread" not in error
 
 
-def test_the_chance_to_leave_is_told_without_probabilities(capsys, monkeypatch, stream):
-    """Where no drifter can leave, and where none can stay, however large the table would be."""
-    monkeypatch.setattr("jaxcell.drift.ends._MAX_TABLE", -1)
-    _, found, _ = run(capsys, *STEP, "--depths", 0)
-    assert found["layers"][0]["mean_leaving"] == 0
-    _, found, _ = run(capsys, "--edge", "exit", file=stream)
-    assert found["layers"][0]["mean_leaving"] == 1
-    # Some stay and some leave: that is not known.
-    _, found, _ = run(capsys, *STEP, "--depths", 0, "--edge", "exit")
-    assert found["layers"][0]["mean_leaving"] is None
-
-
 def test_velocities_by_name(capsys, stream, tmp_path):
     with xr.open_dataset(stream) as known:
         bare = known.load().rename(u="p", v="q")

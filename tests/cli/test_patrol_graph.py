@@ -1,8 +1,8 @@
 import ctypes
+import importlib
 import json
 import os
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -146,7 +146,7 @@ def test_the_game(capsys):
 
 
 def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
-    module = sys.modules["jaxcell.patrol.walks.game"]
+    module = importlib.import_module("jaxcell.patrol.walks.game")
     solve = module.stackelberg
 
     def speaks(*args, **options):

@@ -1,5 +1,4 @@
 import json
-import os
 import re
 from pathlib import Path
 
@@ -165,20 +164,6 @@ def test_where_all_is_in_view_there_is_nothing_to_fit(capsys, tmp_path):
     assert found["policies"][0]["tour_steps"] == 0
     assert main(["patrol", "map", str(tmp_path / "two.txt"), "--runs", "9"]) == 0
     assert "why no law is fitted" in capsys.readouterr().out
-
-
-def test_the_solver_does_not_speak_on_standard_output(capfd, monkeypatch):
-    from jaxcell.optimize import minimum_cover
-
-    def speaks(*args, **options):
-        os.write(1, b"the solver writes\n")
-        return minimum_cover(*args, **options)
-
-    monkeypatch.setattr("jaxcell.patrol.map.policies.minimum_cover", speaks)
-    assert main(["patrol", "map", str(LAB), *map_args(NEAR), "--json"]) == 0
-    captured = capfd.readouterr()
-    assert json.loads(captured.out)["positions"] == 19
-    assert "the solver writes\n" in captured.err
 
 
 def test_writes_its_results(capsys, tmp_path):

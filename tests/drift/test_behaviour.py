@@ -12,6 +12,7 @@ from jaxcell.base.certificate import Outcome
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.chains import METHODS, drift_map, drift_maps
 from jaxcell.drift.diagnosis import diagnose, group_counts
+from jaxcell.drift.ends import LayerEnds
 from jaxcell.drift.flow import Flow, crossing_time, flow_map
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups
@@ -399,14 +400,19 @@ def test_what_is_not_good_enough_raises_only_if_asked_to(monkeypatch):
         strict.limiting  # noqa: B018
 
 
-def test_who_surely_leaves_is_known_without_a_solve():
+def test_who_surely_leaves_is_known_without_a_solve(monkeypatch):
     # From 0 to 1, from there off the grid; 2 stays; from 3 to 0 or 2; from 4 to 2.
     chain = Chain(
         np.int32([[1, 1, 2, 0, 2], [1, 1, 2, 2, 2]]),
         np.array([[1, 0, 1, 0.5, 1], [0, 0, 0, 0.5, 0]]),
     )
-    found = long_term_behaviour(chain, 3600).sure_to_leave
-    np.testing.assert_array_equal(found, [1, 1, 0, np.nan, 0])
+    behaviour = long_term_behaviour(chain, 3600)
+    np.testing.assert_array_equal(behaviour.sure_to_leave, [1, 1, 0, np.nan, 0])
+    # Of a layer it is told where a table of all ends would be too large, too.
+    water = Water.of(sea(*np.zeros((2, 1, 5))))
+    np.testing.assert_allclose(LayerEnds(water, behaviour).leaving, [1, 1, 0, 0.5, 0])
+    monkeypatch.setattr("jaxcell.drift.ends._MAX_TABLE", -1)
+    np.testing.assert_array_equal(LayerEnds(water, behaviour).leaving, [1, 1, 0, np.nan, 0])
 
 
 def test_remedies_are_none_that_are_taken():

@@ -19,7 +19,6 @@ def gyres():
     return water, {step: drift.drift_map(water, flow, step, **method) for step in steps}
 
 
-@pytest.mark.slow
 def test_each_gyre_is_nearly_closed_whatever_the_step(gyres):
     water, maps = gyres
     left, groups = water.column < 12, []
@@ -33,7 +32,6 @@ def test_each_gyre_is_nearly_closed_whatever_the_step(gyres):
     assert len(set(groups)) > 1
 
 
-@pytest.mark.slow
 def test_moving_parts_are_coherent_sets(gyres):
     water, maps = gyres
     step, chain = next(iter(maps.items()))

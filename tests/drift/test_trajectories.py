@@ -213,7 +213,6 @@ def test_the_chain_of_trajectories_is_given_back_within_the_errors(known):
     assert 0.85 < np.median(ratio) < 1.15
 
 
-@pytest.mark.slow
 def test_what_is_asked_of_it_has_errors(known):
     matrix, moves = known
     half = np.arange(20) < 10
@@ -232,7 +231,6 @@ def test_what_is_asked_of_it_has_errors(known):
     np.testing.assert_allclose(sets.leakage, 0.04, atol=0.01)
 
 
-@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_counts_are_those_of_every_pair(seed):
     random = np.random.default_rng(seed)

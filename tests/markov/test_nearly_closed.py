@@ -43,7 +43,7 @@ def test_modes_are_those_of_dense_matrices(cells):
     assert modes.certificate.residual < 1e-6
 
 
-@pytest.mark.parametrize("size", [20, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("size", [20, 60])
 def test_closed_sets_are_found_though_they_share_an_eigenvalue(size):
     matrix, block = random_blocks(np.random.default_rng(1), [size] * 5)
     chain = Chain.from_scipy(matrix)
@@ -75,7 +75,6 @@ def test_leakage_and_time_of_two_blocks_are_known():
     np.testing.assert_allclose(sets.value, [1, 1 - first - second], atol=1e-9)
 
 
-@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 def test_a_planted_partition_is_found(seed):
     random = np.random.default_rng(seed)
@@ -91,7 +90,7 @@ def test_a_planted_partition_is_found(seed):
     assert (np.diff(inside.sum(axis=1)) <= 0).all()
 
 
-@pytest.mark.parametrize("cells", [60, pytest.param(240, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cells", [60, 240])
 def test_values_are_those_of_the_weighted_window(cells):
     random = np.random.default_rng(cells)
     matrices = [random_blocks(random, [cells // 3] * 3, 0.1)[0] for _ in range(2)]

@@ -10,9 +10,6 @@ from jaxcell.cli import main
 from jaxcell.sweep import Shard, Spec, merge_sweep, run_sweep
 
 
-slow = pytest.mark.slow
-
-
 @pytest.fixture
 def sharded(tmp_path):
     """Runs shards of a sweep."""
@@ -34,7 +31,7 @@ def merged(out):
 
 
 # Of six chunks; the last shards of seven have none.
-@pytest.mark.parametrize("count", [pytest.param(1, marks=slow), 4, pytest.param(7, marks=slow)])
+@pytest.mark.parametrize("count", [1, 4, 7])
 def test_shards_together_are_the_sweep(stub_spec, sharded, whole, count):
     texts = [f"{number}/{count}" for number in range(count, 0, -1)]
     out = sharded(stub_spec(name="whole.toml"), *texts)

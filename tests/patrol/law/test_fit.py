@@ -125,7 +125,6 @@ def test_at_least_as_likely_as_by_nelder_and_mead(censored):
         assert fit.log_likelihood > -peer.fun - 0.02
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "reached"),
     [

@@ -28,7 +28,6 @@ GRID = nx.grid_2d_graph(2, 3)
 KITES = nx.Graph([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (0, 4), (4, 5)])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("network", [*TREES, GRID, KITES])
 def test_the_least_of_all_chains(network):
     # (2 n - k - 1) / 2 with k the length of the longest cycle (Kirkland 2010).
