@@ -168,7 +168,7 @@ def bounce_groups(
         _stacked([one.period for one in found], angles, most),
         np.array([one.period.size for one in found], np.int32).reshape(angles),
     )
-    walls = bucket(int(np.diff(_runs(cells, step, collision).begin).max()))
+    walls = bucket(int(np.diff(found[0].runs.begin).max()))
     return _expand(_to_walls(cells, step, collision), at, walls=walls)
 
 

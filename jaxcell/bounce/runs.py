@@ -41,18 +41,19 @@ class Runs:
     @classmethod
     def of(cls, steps: Steps) -> "Runs":
         """The runs where one step leads as given, found on the edges of what is free."""
-        found = [_walls(steps, way) for way in range(len(steps.offset))]
-        square, along, behind = map(np.concatenate, zip(*found, strict=True))
-        begin = np.cumsum([0, *(one[0].size for one in found)])
+        found = [_Walls.of(steps, way) for way in range(len(steps.offset))]
+        square = np.concatenate([one.square for one in found])
+        behind = np.concatenate([one.behind for one in found])
+        begin = np.cumsum([0, *(one.square.size for one in found)])
         # A square is a wall of many ways, and the wall ahead does not depend on of which.
         bump, place = np.unique(square, return_inverse=True)
         of_line = [steps.places(line, bump) for line in range(len(steps.lines))]
         ahead, length = np.empty((2, len(found), bump.size), np.int32)
-        for way, (_, along, _) in enumerate(found):
-            order, here = np.argsort(along), of_line[steps.line[way]]
+        for way, one in enumerate(found):
+            here = of_line[steps.line[way]]
             # From a free square the next wall along the line is on the same run.
-            ahead[way] = order[np.searchsorted(along, here, sorter=order)]
-            length[way] = along[ahead[way]] - here
+            following = np.searchsorted(one.along, here)
+            ahead[way], length[way] = one.order[following], one.along[following] - here
         return cls(steps, begin, square, behind, bump, place, ahead, length)
 
     def of_way(self, way: int) -> slice:
@@ -114,16 +115,26 @@ class Runs:
         return ends, lengths
 
 
-def _walls(
-    steps: Steps, way: int
-) -> tuple[Int[np.ndarray, "walls"], Int[np.ndarray, "walls"], Int[np.ndarray, "walls"]]:
-    """The squares of the walls of a way, their places along its lines, and the squares behind."""
-    possible = steps.possible(way)
-    square = np.flatnonzero(steps.free & ~possible)
-    begins = np.flatnonzero(steps.starts(way, possible))
-    begin, along = steps.places(int(steps.line[way]), np.stack([begins, square]))
-    # As many runs begin as end, the next one after the end of the one before.
-    order = np.argsort(along)
-    behind = np.empty_like(along)
-    behind[order] = along[order] - np.sort(begin)
-    return square, along, behind
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Walls:
+    """The walls of one way."""
+
+    square: Int[np.ndarray, "walls"]
+    behind: Int[np.ndarray, "walls"]
+    order: Int[np.ndarray, "walls"]
+    "The walls in the order in which they come along the lines of the way."
+    along: Int[np.ndarray, "walls"]
+    "Their places there, in this order."
+
+    @classmethod
+    def of(cls, steps: Steps, way: int) -> "_Walls":
+        possible = steps.possible(way)
+        square = np.flatnonzero(steps.free & ~possible)
+        begins = np.flatnonzero(steps.starts(way, possible))
+        begin, along = steps.places(int(steps.line[way]), np.stack([begins, square]))
+        order = np.argsort(along)
+        along = along[order]
+        # As many runs begin as end, the next one after the end of the one before.
+        behind = np.empty_like(along)
+        behind[order] = along - np.sort(begin)
+        return cls(square, behind, order, along)
