@@ -13,6 +13,7 @@ from . import attractors as of_map
 from .imaging import (
     CHUNK,
     Say,
+    axis_name,
     changed_by_half_step,
     check_map,
     images_of_each,
@@ -154,7 +155,7 @@ class Basins(Result):
     @property
     def names(self) -> tuple[str, ...]:
         """What the axes are called."""
-        return self.labels or tuple(f"x{axis}" for axis in range(self.box.dimensions))
+        return tuple(axis_name(axis, self.labels) for axis in range(self.box.dimensions))
 
     @property
     def attributes(self) -> Mapping[str, Any]:
@@ -169,7 +170,7 @@ class Basins(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        said = [said_of_torn(axis, self.names) for axis in self.torn]
+        said = [said_of_torn(axis, self.labels) for axis in self.torn]
         if self.self_images > 0.1:
             said.append(
                 f"{self.self_images:.0%} of the cells are their own images: the time of a mapping "

@@ -160,8 +160,13 @@ def torn_axes(
 
 def said_of_torn(axis: int, labels: tuple[str, ...]) -> str:
     """What people are told of an axis at whose two ends a map differs."""
-    name = labels[axis] if labels else f"x{axis}"
+    name = axis_name(axis, labels)
     return f"The axis {name} is periodic, but the map differs at its two ends."
+
+
+def axis_name(axis: int, labels: tuple[str, ...]) -> str:
+    """What an axis is called."""
+    return labels[axis] if labels else f"x{axis}"
 
 
 @functools.partial(jax.jit, static_argnames="map")
