@@ -11,11 +11,12 @@ from ..base.quantities import Result, derived, quantity
 from ..space.box import Box
 from .basin import Basins, basins_of_each
 from .batches import in_threads
-from .imaging import CHUNK, Say
+from .imaging import Say
 from .maps import Map
 
 
-# The most parameters in one batch, and orbits from random points for each of them.
+# The most cells and parameters in one batch, and orbits from random points for each of them.
+_CELLS = 1 << 20
 _TOGETHER = 64
 _SCATTERED = 64
 # Attractors farther apart than this share of the box are not the same.
@@ -134,7 +135,7 @@ def continuation(
     """
     each = listed(params)
     found: list[Basins] = []
-    together = int(np.clip(CHUNK // box.size, 1, _TOGETHER))
+    together = int(np.clip(_CELLS // box.size, 1, _TOGETHER))
 
     def compute(first: int) -> list[Basins]:
         members = each[first : first + together]

@@ -16,7 +16,7 @@ from .batches import in_stages, in_threads, params_of, stacked, with_last
 from .maps import Flow, Map
 
 
-CHUNK = 1 << 20
+CHUNK = 1 << 18
 """Cells that are mapped at once; what that takes beside the result does not grow with the box."""
 
 # Steps between two looks at which cells are away from where they began.
@@ -35,7 +35,7 @@ def images(
     out: Int[np.ndarray, "cells"] | None = None,
     say: Say | None = None,
 ) -> Int[np.ndarray, "cells"]:
-    """Map the centre of every cell, on the host's threads in chunks of about a million cells.
+    """Map the centre of every cell, on the host's threads in chunks of 262,144 cells.
 
     **Arguments:**
 

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from ..dynamics import Basins, Continuation, System
 
 
-# While a result is made, of the result, and of a million cells while they are mapped.
-_BYTES_PER_CELL = 34
+# While a result is made, of the result, and of a chunk of cells while they are mapped.
+_BYTES_PER_CELL = 24
 _KEPT_PER_CELL = 18
-_CHUNK_BYTES = 200e6
+_CHUNK_BYTES = 150e6
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
