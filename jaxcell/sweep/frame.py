@@ -1,6 +1,6 @@
 """The frame of a result: its arrays without their chunks, their coordinates and attributes.
 
-A file of an array holds a box of members: one chunk of the sweep, or where these are many several,
+A file of an array holds a box of members: one chunk of the sweep, or where these are small several,
 and is replaced whole. It ends with a CRC-32C of what is in it (the codec of Zarr
 of that name, after compression), and boxes of nothing but the fill value have files too. So a bit
 that was flipped is seen when it is read, and a file that is gone when it is looked for.

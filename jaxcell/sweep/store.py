@@ -40,9 +40,9 @@ class SweepStore(States):
     """The folder of a sweep, for the one process that writes there.
 
     - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
-        sweep, or several. When chunks of it have ended it is replaced, that of `status` last; a
-        chunk that is not done there is computed again. Nothing in it depends on the order of chunks
-        or on the time.
+        sweep, or several. About a second after chunks of it have ended it is replaced, that of
+        `status` last; a chunk that is not done there is computed again. Nothing in it depends on
+        the order of chunks or on the time.
     - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
@@ -166,7 +166,7 @@ class SweepStore(States):
     def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
         files = self.files(box)
         if not self.file("status", box).exists():
-            # It was lost, or a run was killed, which leaves one chunk half written.
+            # It is written before them, so it was lost.
             return ["status"] * any(map(os.path.exists, files.values()))
         if (members == DAMAGED).any():
             return ["status"]
@@ -234,13 +234,6 @@ class SweepStore(States):
         if self.metadata:
             self._pending.add(parts)
         return failures
-
-    def wait(self) -> None:
-        """Wait until the box that is being written, if any, is on the disk.
-
-        **Raises:** `OSError` if it cannot be written.
-        """
-        self._pending.wait()
 
     def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
         index = self.spec.index(chunk, place)

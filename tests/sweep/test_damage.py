@@ -24,6 +24,7 @@ def sound(tmp_path_factory):
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
+        patch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 1)
         assert run_sweep(Spec.load(folder / "spec.toml"), folder / "out").complete
     return folder / "out"
 
