@@ -13,7 +13,7 @@ import xarray as xr
 import zarr
 from sweep_kills import tree
 
-from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status
+from jaxcell.sweep import Spec, open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.lock import locked
 from jaxcell.sweep.store import SweepStore
 from jaxcell.sweep.workers.work import compute, with_files_found
@@ -67,6 +67,23 @@ def test_strings_and_booleans_are_coordinates(stub_spec, tmp_path):
         dataset.to_netcdf(tmp_path / "out.nc")
     with xr.open_dataset(tmp_path / "out.nc") as again, open_sweep(tmp_path / "out") as dataset:
         xr.testing.assert_equal(again, dataset)
+
+
+def test_a_variable_may_have_a_dimension_of_nothing(stub_spec, tmp_path, monkeypatch):
+    def stub(batch, fixed, seed):
+        x = np.asarray(batch["x"])
+        nothing = (("member", "k"), np.zeros((len(x), 0)))
+        names = ("name", np.zeros(0, str))
+        return xr.Dataset({"x2": ("member", x**2), "nothing": nothing}, {"k": [], "name": names})
+
+    monkeypatch.setattr(sweep_stub, "stub", stub)
+    spec, out = stub_spec(), tmp_path / "out"
+    run_sweep(spec, out, chunks=[0])
+    assert run_sweep(spec, out, resume=True).complete
+    with open_sweep(out) as dataset:
+        assert dict(dataset.sizes) == {"y": 2, "x": 10, "k": 0, "name": 0}
+        assert (dataset.x2 == dataset.x**2).all()
+    assert verify_sweep(out).damaged == ()
 
 
 def test_the_order_of_chunks_does_not_matter(stub_spec, tmp_path, whole, monkeypatch):
