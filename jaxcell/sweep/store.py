@@ -182,16 +182,19 @@ class SweepStore(States):
 
     def forget(self, numbers: Iterable[int]) -> None:
         """Make chunks ones that are to do; files that cannot be read are removed."""
-        chunks = [self.spec.chunk(number) for number in numbers]
+        boxes: dict[int, list[Chunk]] = {}
+        for chunk in map(self.spec.chunk, numbers):
+            boxes.setdefault(self.boxes.around(chunk).number, []).append(chunk)
         self._members = None
         # The states first: nothing that is done there is ever without its values.
-        for name, chunk in itertools.product(("status", *self.variables), chunks):
-            box = self.boxes.around(chunk)
+        for name, chunks in itertools.product(("status", *self.variables), boxes.values()):
+            box = self.boxes.around(chunks[0])
             path = self.file(name, box)
             try:
                 if path.exists():
                     values = self.read(name, box)
-                    values[inside(chunk, box)] = fill_of(self.metadata[name])
+                    for chunk in chunks:
+                        values[inside(chunk, box)] = fill_of(self.metadata[name])
                     self.put(name, box, values)
             except ValueError:
                 path.unlink()

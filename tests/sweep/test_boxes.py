@@ -17,6 +17,7 @@ from sweep_kills import tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.boxes import stored_lengths
+from jaxcell.sweep.store import SweepStore
 from jaxcell.sweep.workers.work import Variable, compute
 
 
@@ -202,6 +203,26 @@ def test_what_is_damaged_is_found_and_mended(tmp_path, few, whole, name, harm):
     assert found.damaged == tuple(f"chunk {number}: {name}" for number in range(3))
     assert found.whole
     assert tree(out) == tree(whole)
+
+
+def test_a_file_is_written_once_for_all_chunks_of_it_that_are_damaged(
+    tmp_path, few, whole, monkeypatch
+):
+    out = shutil.copytree(whole, tmp_path / "out")
+    store = SweepStore(out, sweep_kills.Spec.load(out / "spec.toml"), {})
+    kept, calls = SweepStore.put, []
+
+    def put(store, name, box, values):
+        calls.append((name, box.number))
+        kept(store, name, box, values)
+
+    monkeypatch.setattr(SweepStore, "put", put)
+    store.forget([0, 1, 4])
+    assert len(calls) == len({*calls}) == 2 * 6
+    expected = [[0] * 8 + [1] * 2, [1] * 4 + [0] * 4 + [1] * 2]
+    assert store.members().tolist() == expected
+    with xr.open_zarr(out / "sweep.zarr") as dataset:
+        assert (np.isnan(dataset.value) == (dataset.status == 0)).all()
 
 
 def test_chunks_that_were_never_done_are_left_alone(stub_spec, tmp_path, few, whole):
