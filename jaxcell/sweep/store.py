@@ -1,4 +1,8 @@
-"""Where the result of a sweep is kept: a Zarr store, written chunk by chunk."""
+"""Where the result of a sweep is kept: a Zarr store.
+
+Its files are not written by `xarray.Dataset.to_zarr(region=...)`, which does not wait until values
+are on the disk before it writes states, and takes several milliseconds for a chunk.
+"""
 
 import contextlib
 import importlib.metadata
