@@ -25,10 +25,6 @@ from jaxcell.sweep import Spec, run_sweep
 
 # The source may change while tests run.
 jaxcell.sweep.store.git_revision = lambda: "a revision"
-if "SWEEP_FILES" in os.environ:
-    jaxcell.sweep.boxes._FILES = int(os.environ["SWEEP_FILES"])
-if "SWEEP_SECONDS" in os.environ:
-    jaxcell.sweep.pending._SECONDS = jaxcell.sweep.pending._TIMES = int(os.environ["SWEEP_SECONDS"])
 
 _EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
 
@@ -95,6 +91,10 @@ def await_chunks(folder: Path, count: int) -> None:
 
 def main() -> None:
     file, base, engine, kills, seed, *begun = sys.argv[1:]
+    jaxcell.sweep.boxes._FILE_BYTES = int(os.environ.get("SWEEP_FILE_BYTES", "1"))
+    # The sweeps take less than the second that chunks wait to be written.
+    between = float(os.environ.get("SWEEP_SECONDS", "0"))
+    jaxcell.sweep.pending._SECONDS = jaxcell.sweep.pending._TIMES = between
     spec, rng = Spec.load(file), random.Random(int(seed))
     whole, folder = Path(base) / "whole", Path(base) / "killed"
     began = time.monotonic()

@@ -30,9 +30,9 @@ place in the batch, nor on the others there.
 for each parameter, and a `status` that is 1 where a member is done. `sweep_status` gives the
 progress of a sweep, also while it runs. What they guarantee:
 
-- A chunk is in the store whole or not at all, though a file may hold several. A run may end at any
-    moment, by a kill or a loss of power, and with `resume` another one computes what is missing and
-    no more. Of chunks that share a file, those of the last second or so are not in it yet.
+- A chunk is in the store whole or not at all. A run may end at any moment, by a kill or a loss of
+    power, and with `resume` another one computes what is missing and no more. Chunks that ended in
+    the last second or so are not in the store yet.
 - The numbers depend on the specification alone: not on the engine, the number of processes, the
     order in which chunks end, or interruptions. The bytes of the store are the same. A store that
     was begun with another specification, another version of jaxcell or JAX, another module of the
@@ -42,7 +42,8 @@ progress of a sweep, also while it runs. What they guarantee:
     them, keeps what is done, and the result is that of a run of the larger one from the start.
 - Every file of the result has a checksum, and every chunk that is done has all its files.
     `verify_sweep` reads them all, and computes again what is damaged.
-- A variable has at most some hundreds of files, of however many chunks, unless members are large.
+- A file holds as many chunks as make 1 MiB, or one that is larger, so that a million members are
+    eight files for each number of theirs.
 - One run at a time writes to a store. Jobs of an array write to one each (`Shard`), and
     `merge_sweep` makes of these the store of the whole sweep.
 - A member that fails is reported with its parameters and does not stop the others: a chunk that

@@ -14,9 +14,8 @@ if TYPE_CHECKING:
     from .workers.work import Variable
 
 
-# An array has about as many files, if they are not larger than this for more than one chunk.
-_FILES = 256
-_MAX_FILE_BYTES = 2**20
+# A file is not larger than this for more than one chunk.
+_FILE_BYTES = 2**20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +68,7 @@ def stored_lengths(spec: Spec, variables: "Mapping[str, Variable]") -> tuple[int
     arrays = [one.values for one in variables.values()]
     member_bytes = max([1, *(one.itemsize * math.prod(one.shape[1:]) for one in arrays)])
     chunk_bytes = member_bytes * math.prod(spec.lengths.values())
-    count = min(-(-spec.chunk_count // _FILES), max(_MAX_FILE_BYTES // chunk_bytes, 1))
+    count = max(_FILE_BYTES // chunk_bytes, 1)
     grid = dict(zip(spec.dimensions, spec.chunk_grid, strict=True))
     return tuple(spec.lengths[name] * along for name, along in packed(grid, count).items())
 

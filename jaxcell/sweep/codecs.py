@@ -34,10 +34,12 @@ def described_array(
     else:
         first = {"name": "bytes", "configuration": {"endian": "little"}}
     zstd = {"name": "zstd", "configuration": {"level": 0, "checksum": False}}
+    # A file has at least one place, where an array may have none.
+    places = [max(size, 1) for size in chunks]
     return {
         "shape": [*shape],
         "data_type": "string" if dtype.kind == "U" else dtype.name,
-        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [*chunks]}},
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": places}},
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
         "fill_value": _plain_fill(np.asarray(fill, dtype).item()),
         "codecs": [first, zstd, {"name": "crc32c"}],

@@ -1,6 +1,6 @@
 """The frame of a result: its arrays without their chunks, their coordinates and attributes.
 
-A file of an array holds a box of members: one chunk of the sweep, or where these are many several,
+A file of an array holds a box of members: one chunk of the sweep, or where these are small several,
 and is replaced whole. It ends with a CRC-32C of what is in it (the codec of Zarr
 of that name, after compression), and boxes of nothing but the fill value have files too. So a bit
 that was flipped is seen when it is read, and a file that is gone when it is looked for.
@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from .spec import Spec
 from .states import DONE, FAILED, TO_DO, States, reading
 from .workers.work import Computed, Variable
 
+
+if TYPE_CHECKING:
+    import zarr
 
 _STATUS: dict[str, Any] = {
     "long_name": "state of a member",
@@ -54,11 +57,9 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
     arrays = {"status": described_array(status, sizes, lengths, TO_DO, dimensions, _STATUS)}
     for name, one in first.variables.items():
         dtype, inner = one.values.dtype, one.values.shape[1:]
-        # A file has at least one place, where an array may have none.
-        chunks = lengths + tuple(max(size, 1) for size in inner)
         names = (*dimensions, *one.dimensions)
         arrays[name] = described_array(
-            dtype, sizes + inner, chunks, fill(dtype), names, one.attributes
+            dtype, sizes + inner, lengths + inner, fill(dtype), names, one.attributes
         )
     files = {}
     for name, one in along.items():
@@ -66,8 +67,7 @@ def make_frame(folder: Path, spec: Spec, first: Computed, attributes: Mapping[st
         arrays[name] = described_array(
             values.dtype, values.shape, values.shape, nothing, one.dimensions, one.attributes
         )
-        if values.size:
-            files[f"{name}/c/0"] = encoded(values, arrays[name])
+        files[f"{name}/c/0"] = encoded(values, arrays[name])
     # xarray reads consolidated metadata and writes it too, whatever the standard says yet.
     inline = {"kind": "inline", "must_understand": False, "metadata": dict(sorted(arrays.items()))}
     whole = {
@@ -116,7 +116,7 @@ def frame_of(store: States) -> Computed:
         for name in sorted(set(store.metadata) - own):
             metadata = store.metadata[name]
             content = store.zarr.joinpath(name, "c", "0").read_bytes()
-            values = decoded(content, metadata)
+            values = decoded(content, metadata)[: metadata["shape"][0]]
             coordinates[name] = Variable((name,), values, metadata["attributes"])
     return Computed(variables, coordinates)
 
@@ -157,6 +157,13 @@ def fill(dtype: np.dtype) -> Any:
     return {"f": np.nan, "c": complex(np.nan, np.nan), "i": -1, "b": False}.get(
         dtype.kind, np.iinfo(dtype).max if dtype.kind == "u" else 0
     )
+
+
+def zarr_arrays(folder: Path) -> dict[str, "zarr.Array"]:
+    """The arrays of a result, by Zarr."""
+    import zarr
+
+    return dict(zarr.open_group(folder, mode="r", zarr_format=3).arrays())
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .frame import fill, frame_of, make_frame
+from .codecs import fill_of
+from .frame import frame_of, make_frame, zarr_arrays
 from .spec import Chunk, Spec
 from .states import DONE, TO_DO
 
@@ -47,9 +48,7 @@ def grow(
         frame = frame_of(old)
         make_frame(temporary / "sweep.zarr", spec, frame, attributes)
         new = type(old)(temporary, spec, old.made)
-        import zarr
-
-        arrays = dict(zarr.open_group(old.zarr, mode="r", zarr_format=3).arrays())
+        arrays = zarr_arrays(old.zarr)
         for box in new.boxes:
             _copy(old, arrays, new, box, [*places.values()])
     (temporary / "spec.toml").write_bytes(spec.text)
@@ -109,6 +108,6 @@ def _copy(
     for name in old.variables:
         values = new.empty(name, box)
         values[np.ix_(*inside)] = arrays[name].oindex[there]
-        values[~done] = fill(values.dtype)
+        values[~done] = fill_of(new.metadata[name])
         new.put(name, box, values)
     new.put("status", box, np.where(done, DONE, TO_DO).astype(np.int8))

@@ -14,7 +14,7 @@ import numpy as np
 
 from .failures import read_report, reported
 from .files import kept_spec
-from .frame import described, make_frame, read_attributes
+from .frame import described, make_frame, read_attributes, zarr_arrays
 from .grow import tidy
 from .lock import locked
 from .results import SweepStatus, sweep_status
@@ -150,8 +150,6 @@ def _frame_damage(folder: Path, spec: Spec) -> list[str]:
     root = folder / "sweep.zarr"
     if not root.exists():
         return []
-    import zarr
-
     try:
         attributes = read_attributes(root)
         held = dict(_json(root / "zarr.json")["consolidated_metadata"]["metadata"])
@@ -171,13 +169,12 @@ def _frame_damage(folder: Path, spec: Spec) -> list[str]:
     if found:
         return found
     try:
-        arrays = dict(zarr.open_group(root, mode="r", zarr_format=3).arrays())
+        arrays = zarr_arrays(root)
     except Exception:  # Zarr has errors of many types.
         return ["zarr.json"]
     values = {one.name: one.values for one in spec.parameters}
     for name in sorted(set(arrays) - {*variables_of(spec, held), "status"}):
-        file = root / name / "c" / "0"
-        lost = arrays[name].size and not file.is_file()
+        lost = not (root / name / "c" / "0").is_file()
         if lost or not _is_whole(arrays[name], values.get(name)):
             found.append(f"{name}/c/0")
     return found

@@ -1,16 +1,18 @@
-"""What chunks gave that is in no file yet: a file that holds several is written once for many."""
+"""What chunks gave that is in no file yet: a thread writes it, once for many of them."""
 
 import dataclasses
 import math
+import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .boxes import inside
+from .codecs import fill_of
 from .failures import remove_report
-from .frame import fill
 from .spec import Chunk
 from .states import DONE, FAILED, TO_DO
 from .workers.halving import Parts
@@ -25,6 +27,8 @@ _SECONDS = 1.0
 _TIMES = 10
 _MAX_BYTES = 2**28
 
+_File = tuple[str, Chunk, np.ndarray]
+
 
 @dataclasses.dataclass
 class _Held:
@@ -35,41 +39,78 @@ class _Held:
     ended: list[int] = dataclasses.field(default_factory=list)
     "Chunks without failures that ended since it was written."
     changed: bool = False
+    "Whether chunks ended since then."
+
+
+@dataclasses.dataclass(frozen=True)
+class _Taken:
+    """What is to be written."""
+
+    values: list[_File]
+    states: list[_File]
+    ended: list[int]
 
 
 class Pending:
-    """The boxes of a store in which chunks end.
+    """The boxes of a store in which chunks end, and the thread that writes them.
 
-    A box is written as soon as nothing is to do in it, by another thread; and the others a second
-    later at most, or where they are many so that a tenth of the time goes into it.
+    It writes a second after it did so last, or where that takes long, after ten times as long. What
+    ends later is written at once.
     """
 
     def __init__(self, store: "SweepStore") -> None:
         self._store = store
         self._held: dict[int, _Held] = {}
         self._bytes = 0
-        self._due = -math.inf
-        # They start when they are needed.
+        self._due = time.monotonic() + _SECONDS
+        self._closing = False
+        self._error: BaseException | None = None
+        self._changed = threading.Condition()
+        "Whoever has it may look at what is held, and change it and the states in memory."
         self._team = ThreadPoolExecutor()
-        self._writing: Future[None] | None = None
-        "One box at a time, so that no other touches it, and few are in memory."
+        self._thread = threading.Thread(target=self._serve)
 
     def add(self, parts: Parts) -> None:
-        """Take what is known of the members of a chunk that are missing."""
-        self.wait()
+        """Take what is known of the members of a chunk that are missing.
+
+        **Raises:** `OSError` if what was taken before cannot be written.
+        """
+        with self._changed:
+            if self._thread.ident is None:
+                self._thread.start()
+            self._changed.wait_for(lambda: self._bytes <= _MAX_BYTES or self._error is not None)
+            if self._error is not None:
+                raise self._error
+            self._merge(parts)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Write all of it, and end.
+
+        **Raises:** `OSError` if it cannot be written.
+        """
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._team.shutdown()
+        if self._error is not None:
+            raise self._error
+
+    def _merge(self, parts: Parts) -> None:
         store, chunk = self._store, parts.chunk
         box = store.boxes.around(chunk)
         held = self._held.setdefault(box.number, _Held(box))
         held.changed = True
-        members = store.members()
-        states, place = members[chunk.region], inside(chunk, box)
+        states, place = store.members()[chunk.region], inside(chunk, box)
         own = store.spec.places(chunk)
         missing = states != DONE
         for name in store.variables if parts.computed else ():
             if name not in held.values:
                 held.values[name] = self._kept(name, box)
-            inner = held.values[name]
-            values = self._batch(fill(inner.dtype), inner.dtype, inner.shape[states.ndim :])
+            inner, fill = held.values[name], fill_of(store.metadata[name])
+            values = self._batch(fill, inner.dtype, inner.shape[states.ndim :])
             for places, computed in parts.computed:
                 values[places] = computed.variables[name].values
             inner[place][missing] = values[own][missing.ravel()]
@@ -80,55 +121,66 @@ class Pending:
         states[missing] = now[own][missing.ravel()]
         if not parts.failed:
             held.ended.append(chunk.number)
-        if (members[box.region] != TO_DO).all():
-            self._let_go(held)
-            self._writing = self._team.submit(self._write, held, members[box.region].copy())
-        elif self._bytes > _MAX_BYTES or time.monotonic() >= self._due:
-            self.write()
 
-    def write(self) -> None:
-        """Write all of it; boxes that are as they were when this was done last are let go."""
-        self.wait()
-        began = time.monotonic()
-        for held in [*self._held.values()]:
-            if held.changed:
-                self._write(held, self._store.members()[held.box.region])
-            else:
-                self._let_go(held)
-        if self._bytes > _MAX_BYTES:
-            self._held.clear()
-            self._bytes = 0
-        ended = time.monotonic()
-        self._due = ended + max(_SECONDS, _TIMES * (ended - began))
+    def _serve(self) -> None:
+        """Write until it is closed."""
+        try:
+            while (taken := self._take()) is not None:
+                began = time.monotonic()
+                self._write(taken)
+                ended = time.monotonic()
+                self._due = ended + max(_SECONDS, _TIMES * (ended - began))
+                self._let_go()
+        except BaseException as error:
+            with self._changed:
+                self._error = error
+                self._changed.notify_all()
 
-    def wait(self) -> None:
-        """Wait until the box that is being written, if any, is on the disk."""
-        writing, self._writing = self._writing, None
-        if writing is not None:
-            writing.result()
+    def _take(self) -> _Taken | None:
+        """Wait until something is to be written, or until it is closed and nothing is."""
+        store, condition = self._store, self._changed
+        with condition:
+            condition.wait_for(lambda: self._closing or self._to_write())
+            patience = self._due - time.monotonic()
+            condition.wait_for(lambda: self._closing or self._bytes > _MAX_BYTES, patience)
+            taken = _Taken([], [], [])
+            for held in self._to_write():
+                for name, values in held.values.items():
+                    # A box of one chunk does not change any more.
+                    own = values.copy() if store.boxes.several else values
+                    taken.values.append((name, held.box, own))
+                states = store.members()[held.box.region].copy()
+                taken.states.append(("status", held.box, states))
+                taken.ended.extend(held.ended)
+                held.changed, held.ended = False, []
+            return taken if taken.states else None
 
-    def close(self) -> None:
-        """Write all of it, and end."""
-        with self._team:
-            self.write()
+    def _to_write(self) -> list[_Held]:
+        return [held for held in self._held.values() if held.changed]
 
-    def _write(self, held: _Held, states: np.ndarray) -> None:
+    def _write(self, taken: _Taken) -> None:
         """Write the results, and when they are on the disk the states."""
-        store, box = self._store, held.box
-        if store.boxes.several and not store.file("status", box).exists():
-            # Where this is killed, no chunk of it is taken for half written.
-            store.put("status", box, np.full(box.shape, TO_DO, np.int8))
-        # A disk takes as long for one file as for several at once.
-        list(self._team.map(lambda one: store.put(one[0], box, one[1]), held.values.items()))
-        store.put("status", box, states)
-        held.changed = False
-        for number in held.ended:
+        store = self._store
+        # Where this is killed, no chunk of a box is taken for half written.
+        new = [one for one in taken.states if not store.file("status", one[1]).exists()]
+        self._put([(name, box, np.full_like(states, TO_DO)) for name, box, states in new])
+        self._put(taken.values)
+        self._put(taken.states)
+        for number in taken.ended:
             remove_report(store.folder, number)
-        held.ended.clear()
 
-    def _let_go(self, held: _Held) -> None:
-        del self._held[held.box.number]
-        self._bytes -= sum(values.nbytes for values in held.values.values())
+    def _put(self, files: Sequence[_File]) -> None:
+        # A disk takes as long for one file as for several at once.
+        list(self._team.map(lambda one: self._store.put(*one), files))
+
+    def _let_go(self) -> None:
+        """Forget the boxes of which no chunk ended since they were written."""
+        with self._changed:
+            for number, held in [*self._held.items()]:
+                if not held.changed:
+                    del self._held[number]
+                    self._bytes -= sum(values.nbytes for values in held.values.values())
+            self._changed.notify_all()
 
     def _kept(self, name: str, box: Chunk) -> np.ndarray:
         """What a file holds of members that are done."""

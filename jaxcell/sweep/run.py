@@ -3,8 +3,7 @@
 import contextlib
 import errno
 import os
-import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +13,10 @@ from .results import SweepStatus, sweep_status
 from .spec import Spec
 from .states import DAMAGED, DONE
 from .store import SweepStore, made_with
-from .workers.engines import Engine, Outcomes, engine_named, local
+from .workers.engines import Engine, Outcomes, engine_named
 from .workers.halving import Halving, Parts
 from .workers.progress import Count, Progress, written_down
 from .workers.work import Computed, Job, failure, jax_is_wide, prepared
-
-
-# Beside a chunk that takes longer, its writing is nothing.
-_QUICK_SECONDS = 0.1
 
 
 def run_sweep(
@@ -40,9 +35,9 @@ def run_sweep(
     """Run a sweep.
 
     A chunk is in the store whole or not at all, so a run may end at any moment, and another one
-    goes on with what is missing. Where a file holds several chunks, a kill loses those of the last
-    second, or where many end at once of the last ten or so. What comes out does not depend on the
-    engine, the order of chunks, or on interruptions: the bytes in the store are the same.
+    goes on with what is missing. A kill loses the chunks that ended in the last second, or where
+    these take long to write in ten times as long. What comes out does not depend on the engine, the
+    order of chunks, or on interruptions: the bytes in the store are the same.
 
     **Arguments:**
 
@@ -59,8 +54,7 @@ def run_sweep(
     - `chunks`: the numbers of chunks to compute; by default all that are not done.
     - `timeout`: seconds after which a chunk is ended and has failed; not for `local`.
     - `max_failures`: the run ends when more members than that have failed.
-    - `progress`: called when the work begins and with each chunk that ends. Where chunks of the
-        engine `local` take less than a tenth of a second, it is called one chunk later.
+    - `progress`: called when the work begins and with each chunk that ends.
 
     **Returns:** the progress of the sweep. A chunk that fails is computed again in halves, and
     these in halves, so that only the members fail that do so alone. They do not stop the others.
@@ -109,10 +103,8 @@ def run_sweep(
                     progress(now)
 
             report(())
-            ended = _ended(store, work, outcomes, max_failures)
-            # Only there does anything go on meanwhile.
-            quick = _QUICK_SECONDS if start is local else 0.0
-            for parts, failures in _written(store, ended, quick):
+            for parts in _ended(store, work, outcomes, max_failures):
+                failures = store.write(parts)
                 if not parts.open:
                     count.add(parts.members)
                 report(failures)
@@ -135,31 +127,6 @@ def _ended(
         if max_failures is not None and work.failed > max_failures:
             yield from work.begun.values()
             return
-
-
-def _written(
-    store: SweepStore, ended: Iterator[Parts], quick: float
-) -> Iterator[tuple[Parts, Sequence[Failure]]]:
-    """The same once they are written, and the members that failed.
-
-    One that took less than `quick` seconds is written while the next is computed.
-    """
-    last = None
-    began = time.monotonic()
-    for parts in ended:
-        seconds = time.monotonic() - began
-        if last is not None:
-            store.wait()
-            yield last
-        last = parts, store.write(parts)
-        if seconds >= quick:
-            store.wait()
-            yield last
-            last = None
-        began = time.monotonic()
-    if last is not None:
-        store.wait()
-        yield last
 
 
 def _job(store: SweepStore, spec: Spec, number: int, wide: bool) -> Job:

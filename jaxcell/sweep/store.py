@@ -1,4 +1,8 @@
-"""Where the result of a sweep is kept: a Zarr store, written chunk by chunk."""
+"""Where the result of a sweep is kept: a Zarr store.
+
+Its files are not written by `xarray.Dataset.to_zarr(region=...)`, which does not wait until values
+are on the disk before it writes states, and takes several milliseconds for a chunk.
+"""
 
 import contextlib
 import importlib.metadata
@@ -40,9 +44,9 @@ class SweepStore(States):
     """The folder of a sweep, for the one process that writes there.
 
     - `sweep.zarr` is the result. A file of it holds a variable for a box of members: a chunk of the
-        sweep, or several. When chunks of it have ended it is replaced, that of `status` last; a
-        chunk that is not done there is computed again. Nothing in it depends on the order of chunks
-        or on the time.
+        sweep, or several. About a second after chunks of it have ended it is replaced, that of
+        `status` last; a chunk that is not done there is computed again. Nothing in it depends on
+        the order of chunks or on the time.
     - `spec.toml` is the specification as it was given, and `origin.json` says where it lay.
     - `failures/` has a file for each chunk of which members failed.
     - `grown/` is there while a sweep grows: the larger store, which is to be put in place.
@@ -166,7 +170,7 @@ class SweepStore(States):
     def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
         files = self.files(box)
         if not self.file("status", box).exists():
-            # It was lost, or a run was killed, which leaves one chunk half written.
+            # It is written before them, so it was lost.
             return ["status"] * any(map(os.path.exists, files.values()))
         if (members == DAMAGED).any():
             return ["status"]
@@ -182,16 +186,19 @@ class SweepStore(States):
 
     def forget(self, numbers: Iterable[int]) -> None:
         """Make chunks ones that are to do; files that cannot be read are removed."""
-        chunks = [self.spec.chunk(number) for number in numbers]
+        boxes: dict[int, list[Chunk]] = {}
+        for chunk in map(self.spec.chunk, numbers):
+            boxes.setdefault(self.boxes.around(chunk).number, []).append(chunk)
         self._members = None
         # The states first: nothing that is done there is ever without its values.
-        for name, chunk in itertools.product(("status", *self.variables), chunks):
-            box = self.boxes.around(chunk)
+        for name, chunks in itertools.product(("status", *self.variables), boxes.values()):
+            box = self.boxes.around(chunks[0])
             path = self.file(name, box)
             try:
                 if path.exists():
                     values = self.read(name, box)
-                    values[inside(chunk, box)] = fill_of(self.metadata[name])
+                    for chunk in chunks:
+                        values[inside(chunk, box)] = fill_of(self.metadata[name])
                     self.put(name, box, values)
             except ValueError:
                 path.unlink()
@@ -234,13 +241,6 @@ class SweepStore(States):
         if self.metadata:
             self._pending.add(parts)
         return failures
-
-    def wait(self) -> None:
-        """Wait until the box that is being written, if any, is on the disk.
-
-        **Raises:** `OSError` if it cannot be written.
-        """
-        self._pending.wait()
 
     def _failure(self, chunk: Chunk, place: int, failed: Failed) -> Failure:
         index = self.spec.index(chunk, place)

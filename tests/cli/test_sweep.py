@@ -145,10 +145,15 @@ def test_a_sweep_stops_when_too_many_fail(spec, tmp_path, capsys, monkeypatch):
 
 def test_a_running_sweep_tells_its_rate(spec, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("jaxcell.sweep.workers.progress._SECONDS_BETWEEN", 0)
+    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", 0)
     kept, out, seen = sweep_stub.stub, str(tmp_path / "out"), []
 
     def curious(batch, fixed, seed):
-        found = sweep_status(out)
+        limit = time.monotonic() + 30
+        # The others are being written.
+        while (found := sweep_status(out)).done < len(seen):
+            assert time.monotonic() < limit
+            time.sleep(0.01)
         seen.append((found.done, found.rate, found.left))
         main(["sweep", "status", out])
         time.sleep(0.1)

@@ -213,6 +213,6 @@ def test_a_member_that_is_not_computed_yet(ran, capsys):
         'task = "rooms"\nchunk = 1\n[fixed]\ndirections = 4\nbounce = 90\ncolumns = 5\n'
         "rows = 5\nobstacles = 0\n[grid]\nroom = {count = 2}"
     )
-    (folder / "sweep.zarr" / "status" / "c" / "1").unlink()
+    (folder / "sweep.zarr" / "status" / "c" / "0").unlink()
     assert main(["sweep", "view", str(folder), "--select", "room=1"]) == 1
     assert "no result of the member room=1: it is not computed yet" in capsys.readouterr().err

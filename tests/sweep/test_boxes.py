@@ -17,13 +17,14 @@ from sweep_kills import tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.boxes import stored_lengths
+from jaxcell.sweep.store import SweepStore
 from jaxcell.sweep.workers.work import Variable, compute
 
 
 @pytest.fixture
 def few(monkeypatch):
-    """Files of three chunks each, where there are six."""
-    monkeypatch.setattr("jaxcell.sweep.boxes._FILES", 2)
+    """Files of three chunks each, where there are six: a chunk of `power` has 96 bytes."""
+    monkeypatch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 300)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def whole(tmp_path_factory):
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
-        patch.setattr("jaxcell.sweep.boxes._FILES", 2)
+        patch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 300)
         run_sweep(sweep_kills.Spec.load(path), folder / "out")
     return folder / "out"
 
@@ -75,10 +76,11 @@ def spoil(path):
         "[grid]\na = {count = 100}\nb = {count = 100}\nc = {count = 100}",
     ],
 )
-def test_a_million_members_are_few_files(spec_file, text):
+def test_a_million_members_are_few_files(spec_file, monkeypatch, text):
+    monkeypatch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 2**20)
     spec = sweep_kills.Spec.load(spec_file(text))
     assert spec.chunk_count > 10_000
-    for inner, expected in ((), 700), ((10_000,), spec.chunk_count):
+    for inner, expected in ((), 10), ((10_000,), spec.chunk_count):
         values = np.broadcast_to(0.0, (64, *inner))
         lengths = stored_lengths(spec, {"v": Variable((), values, {})})
         sizes = zip(spec.dimensions.values(), lengths, strict=True)
@@ -103,7 +105,7 @@ def test_the_result_is_the_same_in_any_order(stub_spec, tmp_path, monkeypatch, f
     arrays = ("status", "value", "noise", "count", "even", "power")
     chunks = [name for name in tree(whole) if name.split("/c/")[0] in arrays]
     assert sum("/c/" in name for name in chunks) == 2 * len(arrays)
-    monkeypatch.setattr("jaxcell.sweep.boxes._FILES", 256)
+    monkeypatch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 1)
     run_sweep(spec, tmp_path / "many")
     with open_sweep(whole) as found, open_sweep(tmp_path / "many") as expected:
         xr.testing.assert_identical(found.load(), expected.load())
@@ -143,9 +145,8 @@ def test_no_file_is_replaced_before_it_is_on_the_disk(stub_spec, tmp_path, few, 
 
     monkeypatch.setattr(os, "fsync", sync)
     monkeypatch.setattr(os, "replace", replace)
-    # Each chunk is written as it ends.
-    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", 0)
-    monkeypatch.setattr("jaxcell.sweep.pending._TIMES", 0)
+    # Each chunk is written before the next is taken.
+    monkeypatch.setattr("jaxcell.sweep.pending._MAX_BYTES", 0)
     run_sweep(stub_spec(), tmp_path / "out")
     # Six chunks of six arrays, what describes these, three coordinates and the whole, and the rest.
     assert len(replaced) >= 6 * 6 + 6 + 2 * 3 + 2
@@ -154,11 +155,11 @@ def test_no_file_is_replaced_before_it_is_on_the_disk(stub_spec, tmp_path, few, 
     assert "status" in replaced[-1][0]
 
 
-@pytest.mark.parametrize(("seconds", "limit", "writes"), [(1e9, 2**28, 3), (1e9, 0, 6), (0, 0, 6)])
+@pytest.mark.parametrize(("limit", "writes"), [(2**28, 2), (0, 6)])
 def test_a_file_is_written_once_for_many_chunks(
-    stub_spec, tmp_path, few, whole, monkeypatch, seconds, limit, writes
+    stub_spec, tmp_path, few, whole, monkeypatch, limit, writes
 ):
-    """Of two files, with three chunks each: the first chunk, then each file as it is whole."""
+    """Of two files, with three chunks each: at the end, or where memory is short for each chunk."""
     kept, replaced = os.replace, []
 
     def replace(source, target):
@@ -166,8 +167,7 @@ def test_a_file_is_written_once_for_many_chunks(
         kept(source, target)
 
     monkeypatch.setattr(os, "replace", replace)
-    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", seconds)
-    monkeypatch.setattr("jaxcell.sweep.pending._TIMES", 0)
+    monkeypatch.setattr("jaxcell.sweep.pending._SECONDS", 1e6)
     monkeypatch.setattr("jaxcell.sweep.pending._MAX_BYTES", limit)
     run_sweep(stub_spec(), tmp_path / "out")
     assert sum("sweep.zarr/value/c/" in name for name in replaced) == writes
@@ -203,6 +203,26 @@ def test_what_is_damaged_is_found_and_mended(tmp_path, few, whole, name, harm):
     assert found.damaged == tuple(f"chunk {number}: {name}" for number in range(3))
     assert found.whole
     assert tree(out) == tree(whole)
+
+
+def test_a_file_is_written_once_for_all_chunks_of_it_that_are_damaged(
+    tmp_path, few, whole, monkeypatch
+):
+    out = shutil.copytree(whole, tmp_path / "out")
+    store = SweepStore(out, sweep_kills.Spec.load(out / "spec.toml"), {})
+    kept, calls = SweepStore.put, []
+
+    def put(store, name, box, values):
+        calls.append((name, box.number))
+        kept(store, name, box, values)
+
+    monkeypatch.setattr(SweepStore, "put", put)
+    store.forget([0, 1, 4])
+    assert len(calls) == len({*calls}) == 2 * 6
+    expected = [[0] * 8 + [1] * 2, [1] * 4 + [0] * 4 + [1] * 2]
+    assert store.members().tolist() == expected
+    with xr.open_zarr(out / "sweep.zarr") as dataset:
+        assert (np.isnan(dataset.value) == (dataset.status == 0)).all()
 
 
 def test_chunks_that_were_never_done_are_left_alone(stub_spec, tmp_path, few, whole):
@@ -243,19 +263,19 @@ def test_a_sweep_of_a_file_for_each_chunk_goes_on_so(stub_spec, tmp_path, monkey
     spec, out = stub_spec(), tmp_path / "out"
     run_sweep(spec, tmp_path / "whole")
     stopped(spec, out, 2)
-    monkeypatch.setattr("jaxcell.sweep.boxes._FILES", 1)
+    monkeypatch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 2**20)
     assert run_sweep(spec, out, resume=True).complete
     assert tree(out) == tree(tmp_path / "whole")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("files", "seconds"), [("1", "1"), ("1", "0"), ("2", "0")])
-def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, files, seconds):
+@pytest.mark.parametrize(("most", "seconds"), [("1048576", "1"), ("1048576", "0"), ("300", "0")])
+def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, most, seconds):
     spec = stub_spec()
     script = [sys.executable, Path(sweep_kills.__file__), spec.path, tmp_path, "local", "60", "1"]
     found = subprocess.run(
         script,
-        env={**os.environ, "SWEEP_FILES": files, "SWEEP_SECONDS": seconds},
+        env={**os.environ, "SWEEP_FILE_BYTES": most, "SWEEP_SECONDS": seconds},
         check=False,
         capture_output=True,
         text=True,

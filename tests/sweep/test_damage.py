@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import sweep_stub
 import xarray as xr
+from numcodecs.checksum32 import CRC32C
 from sweep_kills import tree
 
 from jaxcell.cli import main
@@ -24,6 +25,7 @@ def sound(tmp_path_factory):
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
+        patch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 1)
         assert run_sweep(Spec.load(folder / "spec.toml"), folder / "out").complete
     return folder / "out"
 
@@ -168,6 +170,15 @@ def test_a_status_that_cannot_be_read_is_damage(out, sound):
     flip(out / "sweep.zarr" / "status" / "c" / "1" / "3", random.Random(1))
     assert (sweep_status(out).damaged, sweep_status(out).done) == (1, 19)
     assert verify_sweep(out).damaged == ("chunk 13: status",)
+    assert_whole_again(out, sound)
+
+
+@pytest.mark.parametrize("name", ["value", "status"])
+def test_what_cannot_be_decompressed_is_damage(out, sound, name):
+    """Whatever its checksum."""
+    path = out / "sweep.zarr" / name / "c" / "0" / "3"
+    path.write_bytes(bytes(CRC32C(location="end").encode(path.read_bytes()[:-5])))
+    assert verify_sweep(out).damaged == (f"chunk 3: {name}",)
     assert_whole_again(out, sound)
 
 
