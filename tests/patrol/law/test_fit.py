@@ -83,7 +83,7 @@ def test_recovers_laws_of_whole_numbers(law):
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
-    samples = draw(law, 500)
+    samples = draw(law, 500 if censored else SAMPLES)
     if censored:
         samples = np.round(samples * 10 * law.l2)
         law = Gld(law.l1 * 10 * law.l2, 0.1, law.l3, law.l4)
