@@ -103,7 +103,7 @@ def check_map(map: Map, box: Box, params: Any) -> None:
 
     **Raises:** `ValueError` that says what is wrong with it.
     """
-    middle = (jnp.asarray(box.lower) + jnp.asarray(box.upper)) / 2
+    middle = jax.ShapeDtypeStruct((box.dimensions,), jnp.zeros(()).dtype)
     try:
         found = jax.eval_shape(map, middle, params)
     except (TypeError, LookupError, AttributeError, NameError, ArithmeticError) as error:
@@ -118,10 +118,15 @@ def check_map(map: Map, box: Box, params: Any) -> None:
     if found.dtype != middle.dtype:
         raise ValueError(f"map: gives numbers of {found.dtype} for a point of {middle.dtype}")
     begin = getattr(map, "velocity", map)
-    begun = jax.vmap(lambda x: jnp.asarray(begin(x, params)))(jnp.asarray(_anywhere(box)))
+    begun = np.asarray(_begun(begin, params, _anywhere(box)))
     if not np.isfinite(begun).all(axis=-1).any():
         what = "map" if begin is map else "field"
         raise ValueError(f"{what}: is not finite at any of {len(begun)} points of the box")
+
+
+@functools.partial(jax.jit, static_argnames="begin")
+def _begun(begin: Map, params: Any, points: Any) -> Any:
+    return jax.vmap(lambda x: jnp.asarray(begin(x, params)))(points)
 
 
 def _anywhere(box: Box) -> Float[np.ndarray, "points axes"]:

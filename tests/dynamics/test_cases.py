@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -102,7 +103,6 @@ def test_a_bijection_has_as_many_groups_as_published():
     assert np.count_nonzero(groups.group[: box.size] >= 90) == 18347
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.5, 2.0, 6.0])
 def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
     box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
@@ -114,7 +114,6 @@ def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
     assert found.several_share < 0.01
 
 
-@pytest.mark.slow
 def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     box = Box([-np.pi, -10], [np.pi, 10], [201, 201], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
@@ -124,9 +123,8 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     assert found.remarks == ()
 
 
-@pytest.mark.slow
 def test_crossing_times_leave_few_cells_where_they_are():
-    box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
+    box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
     slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), box, {"T": 0.5})
     assert slow.self_images > 0.1
     assert any("own images" in said for said in slow.remarks)
@@ -145,11 +143,10 @@ def test_henons_map_has_one_attractor_and_loses_the_rest():
     assert found.period.tolist() == [0]
 
 
-@pytest.mark.slow
 def test_a_cycle_of_a_whole_number_of_steps_is_one_attractor():
-    # Round in 20 steps, between which are a thousand cells.
-    ring = dynamics.flow(lambda x, p: jnp.stack([0.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
-    found = dynamics.basins(ring, Box([0, 0], [1, 1], [20_000, 3], ["periodic", "sink"]))
+    # Round in four steps, between which are a thousand cells.
+    ring = dynamics.flow(lambda x, p: jnp.stack([2.5 + 0 * x[0], 0.5 - x[1]]), 0.1, 5)
+    found = dynamics.basins(ring, Box([0, 0], [1, 1], [4000, 3], ["periodic", "sink"]))
     assert found.attractors == 1
 
 
@@ -167,7 +164,6 @@ def test_orbits_and_cells_agree_where_cells_are_fine(axes):
     assert not any("random starts" in said for said in by_cells.remarks)
 
 
-@pytest.mark.slow
 def test_orbits_find_what_coarse_cells_do_not():
     box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
     flow = dynamics.flow(pendulum, 0.05, 20)
@@ -227,7 +223,6 @@ def test_morse_sets_of_a_product():
     assert (len(sets), edges.nnz) == (25, 119)
 
 
-@pytest.mark.slow
 def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     def lorenz(x, p):
         return jnp.stack(
@@ -241,7 +236,6 @@ def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     assert dynamics.unstable_set(dynamics.flow(lorenz, 0.01, 10), box, start).size == 33_320
 
 
-@pytest.mark.slow
 def test_attractors_that_come_near_to_each_other_are_two():
     # A chaotic one and a cycle, half a cell apart. Attractors.jl: 0.645 of 1,000 starts, 0.18 and
     # 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
@@ -251,32 +245,29 @@ def test_attractors_that_come_near_to_each_other_are_two():
     assert sum("take basins by orbits" in said for said in found.remarks) == 3
 
 
-@pytest.mark.slow
 def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
     # Of starts at rest; on their way orbits leave the thin box around that, and come back.
     system = systems.magnetic
-    box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [61, 61, 1, 1])
+    box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [41, 41, 1, 1])
     found = dynamics.basins(system.map, box, system.params, follow=200)
     assert found.attractors == 3
     # Attractors.jl: 0.314, 0.309 and 0.377 of some hundred starts, by orbits 0.332, 0.331, 0.337.
     np.testing.assert_allclose(found.fraction, [0.337, 0.332, 0.331], atol=0.01)
 
 
-@pytest.mark.slow
 def test_fractions_of_the_pendulum_along_its_torque():
-    box = Box([-np.pi, -10], [np.pi, 10], [201, 201], ["periodic", "sink"])
-    torque = np.array([0.11, 0.16, 0.26, 0.36, 0.46, 0.56, 0.66, 0.76, 0.86, 0.96])
+    box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
+    torque = np.array([0.11, 0.26, 0.46, 0.66, 0.96])
     # bSTAB, 10,000 starts each, of a standard error up to 0.005.
-    rest = [1, 0.483, 0.3268, 0.238, 0.1703, 0.1279, 0.0839, 0.0545, 0.0244, 0.0071]
+    rest = [1, 0.3268, 0.1703, 0.0839, 0.0071]
     found = dynamics.continuation(dynamics.flow(pendulum, 0.05, 120), box, {"T": torque})
     assert found.attractors == 2
     assert found.fraction[0, 0] == 1
     np.testing.assert_allclose(found.fraction[:, 0], rest, atol=0.015)
     assert found.appears.tolist() == [0, 1]
-    assert found.vanishes.tolist() == [9, 9]
+    assert found.vanishes.tolist() == [4, 4]
 
 
-@pytest.mark.slow
 def test_a_section_of_van_der_pol_has_its_period():
     def field(x, p):
         return jnp.stack([x[1], p["mu"] * (1 - x[0] ** 2) * x[1] - x[0]])
@@ -296,7 +287,7 @@ def test_a_section_of_van_der_pol_has_its_period():
     assert found.fraction.tolist() == [1]
     # Of a solver of high order, by smaller steps than will do to find the cycle.
     fine = section(0.01)
-    _, time = fine.timed(fine(jnp.asarray(found.orbit[0, -1]), params), params)
+    time = jax.jit(lambda x: fine.timed(fine(x, params), params)[1])(found.orbit[0, -1])
     assert float(time) == pytest.approx(6.66328686, abs=1e-5)
 
 
@@ -334,8 +325,7 @@ def test_boxes_of_many_axes_have_the_product_of_the_groups_of_each(axes):
     np.testing.assert_array_equal(image, expected)
 
 
-# What six axes are compiled to and merged by takes some seconds.
-@pytest.mark.parametrize("axes", [4, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 6))])
+@pytest.mark.parametrize("axes", [4, 5])
 def test_wells_of_many_axes_are_as_many_as_corners(axes):
     box = Box([-2] * axes, [2] * axes, [4] * axes)
     found = dynamics.basins(lambda x, p: jnp.sign(x) * 0.7 + 0.3 * x, box)

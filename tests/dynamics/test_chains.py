@@ -142,7 +142,6 @@ def test_bad_options_are_refused(options, said):
         dynamics.chain(lambda x, p: x, Box([0], [1], [4]), **options)
 
 
-@pytest.mark.slow
 def test_the_duffing_chain_has_the_groups_of_sun_and_xiong():
     def duffing(t, x, p):
         return jnp.stack([x[1], -0.25 * x[1] - 0.05 * x[0] - x[0] ** 3 + 8.5 * jnp.cos(t)])
@@ -165,7 +164,6 @@ def test_the_duffing_chain_has_the_groups_of_sun_and_xiong():
 SLIP = (135, 16), (134, 17), (135, 17)
 
 
-@pytest.mark.slow
 def test_a_well_of_uncertain_damping_has_the_groups_of_sun_and_xiong():
     def well(x, p):
         return jnp.stack([x[1], -x[2] * x[1] + x[0] - x[0] ** 3, 0.0 * x[2]])

@@ -136,7 +136,6 @@ def test_a_smooth_boundary_has_exponent_one():
     np.testing.assert_allclose(share[:3], [0.01, 0.02, 0.03])
 
 
-@pytest.mark.slow
 def test_a_fractal_boundary_has_the_exponent_and_the_entropy_of_attractors_jl():
     def grebogi(x, p):
         angle = x[0] + 1.32 * jnp.sin(2 * x[0]) - 0.9 * jnp.sin(4 * x[0]) - x[1] * jnp.sin(x[0])

@@ -93,16 +93,3 @@ def test_a_cantor_set_between_basins_has_the_exponent_of_its_dimension():
     fine = dynamics.refined(thirds, found, 9)
     assert fine.exponent == pytest.approx(1 - np.log(2) / np.log(3), abs=0.03)
     np.testing.assert_allclose(fine.fraction, 0.5, atol=0.005)
-
-
-@pytest.mark.slow
-def test_a_fractal_boundary_has_the_exponent_of_grebogi():
-    def grebogi(x, p):
-        angle = x[0] + 1.32 * jnp.sin(2 * x[0]) - 0.9 * jnp.sin(4 * x[0]) - x[1] * jnp.sin(x[0])
-        return jnp.stack([angle, -0.3 * jnp.cos(x[0])])
-
-    box = Box([0, -0.5], [2 * np.pi, 0.5], [50, 50], ["periodic", "sink"])
-    fine = dynamics.refined(grebogi, dynamics.basins(grebogi, box, by="orbits"), 3)
-    # The paper says 0.2.
-    assert fine.exponent == pytest.approx(0.2, abs=0.03)
-    np.testing.assert_allclose(fine.fraction, 0.5, atol=0.01)

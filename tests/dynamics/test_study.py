@@ -178,7 +178,6 @@ print((peak - before - sum(array.nbytes for array in kept)) / one.box.size)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
 def test_basins_take_16_bytes_a_cell_beside_the_result():
     # Programs that are not optimized keep what is between their steps.
@@ -219,10 +218,8 @@ def test_bad_questions_are_refused_in_one_line(asked, said):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["duffing", "pendulum", "henon", "magnetic", "lorenz84", "thomas"])
 def test_our_systems_have_attractors(name):
-    cells = {"magnetic": (21,), "lorenz84": (51,), "thomas": (41,)}.get(name, ())
-    found = study.Dynamics(system=name, cells=cells).run()
+    found = study.Dynamics(system=name, cells=(11,)).run()
     assert found.attractors >= 1
     assert found.fraction.sum() + found.outside_share + found.nowhere_share == pytest.approx(1)

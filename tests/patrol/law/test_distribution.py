@@ -71,7 +71,6 @@ def test_both_tails_keep_their_digits(shape, other):
     np.testing.assert_allclose(upper.log_odds(-x), -odds, rtol=1e-12)
 
 
-@pytest.mark.slow
 @given(law=laws())
 def test_density_is_the_derivative_and_sums_up(law):
     x = law.quantile(np.linspace(0.01, 0.99, 21))
@@ -146,7 +145,6 @@ def test_ends_of_the_support():
         assert np.isnan(function(math.nan))
 
 
-@pytest.mark.slow
 @given(l3=SHAPES, l4=SHAPES)
 def test_derivatives_in_the_parameters(l3, l4):
     law = Gld(0.3, 1.7, l3, l4)
@@ -161,7 +159,6 @@ def test_derivatives_in_the_parameters(l3, l4):
         np.testing.assert_allclose(exact[:, k], slope, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.slow
 def test_derivatives_outside_of_the_support_are_0():
     law = Gld(0.0, 1.0, 1.5, -0.5)
     slope = jax.grad(lambda law: law.cdf(-5.0) + law.pdf(-5.0))(law)

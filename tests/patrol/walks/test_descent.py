@@ -115,7 +115,6 @@ def off_target(matrices, target):
     return jnp.sum((matrices[0] - target) ** 2)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("given_share", [False, True])
 def test_descent_to_the_nearest_chain(given_share):
     cvxpy = pytest.importorskip("cvxpy")

@@ -76,7 +76,6 @@ def test_entropy_rate_where_some_moves_are_ruled_out():
     np.testing.assert_allclose(found.matrix, expected, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_return_time_law_against_all_walks(getkey):
     P = np.asarray(jax.nn.softmax(2 * jax.random.normal(getkey(), (3, 3)), axis=1))
     law = np.asarray(return_time_law(jnp.asarray(P), 5))
@@ -112,7 +111,6 @@ def test_gradient_of_the_return_time_entropy_against_differences(getkey):
     assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-7)
 
 
-@pytest.mark.slow
 def test_the_most_entropy_there_can_be():
     # Of laws with the mean 1 / pi_i, the geometric one has most entropy, and a patroller that draws
     # each vertex anew from pi has it at all of them.
@@ -124,7 +122,6 @@ def test_the_most_entropy_there_can_be():
     np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_no_chain_of_another_solver_is_better():
     found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
     assert found.value == pytest.approx(float(return_time_entropy(jnp.asarray(found.matrix), 12)))
@@ -144,7 +141,6 @@ def test_no_chain_of_another_solver_is_better():
             assert found.value >= -other.fun - 1e-6
 
 
-@pytest.mark.slow
 def test_two_vertices_leave_no_choice():
     found = maximum_return_time_entropy(Graph([[0, 1]]), horizon=3, starts=1)
     assert found.value == pytest.approx(0, abs=1e-12)

@@ -65,7 +65,6 @@ def test_reversible_chains_against_cvxpy():
     assert found.certificate.outcome is Outcome.CONVERGED
 
 
-@pytest.mark.slow
 def test_no_chain_of_another_solver_is_better():
     share = np.random.default_rng(1).dirichlet(np.full(6, 4.0))
     graph = graph_of(GRID)
