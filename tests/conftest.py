@@ -1,3 +1,4 @@
+import functools
 import os
 from pathlib import Path
 
@@ -52,6 +53,14 @@ def few_drifters():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.drift.distance._POINTS", 2)
         yield
+
+
+@pytest.fixture
+def patient(monkeypatch):
+    """Commands wait for an emulated robot on a line that a busy machine makes late."""
+    from jaxcell.robot import Create
+
+    monkeypatch.setattr(Create, "open", functools.partial(Create.open, patience=5.0))
 
 
 @pytest.fixture
