@@ -1,9 +1,12 @@
+import functools
 import os
 from pathlib import Path
 
 import hypothesis
 import jax
 import pytest
+
+from jaxcell.base.runtime import compile_quickly
 
 
 # `make test` draws a few cases of each property, `make test-all` five times as many.
@@ -17,11 +20,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Most of the time of the tests goes into compilation. Programs that are not optimized are compiled
 # in a third of it, and are slower; `make test-all` optimizes. Both processes and the next run share
 # what is compiled.
-_FLAGS = ["--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1"]
-# XLA stops a process at an option that it does not know.
-if jax.__version_info__ < (0, 11):
-    _FLAGS += ["--xla_cpu_use_fusion_emitters=false"]
-os.environ.setdefault("XLA_FLAGS", " ".join(_FLAGS))
+compile_quickly("--xla_backend_optimization_level=0", "--xla_cpu_parallel_codegen_split_count=1")
 _CACHE = Path(__file__).parents[1] / ".pytest_cache" / "xla"
 jax.config.update("jax_compilation_cache_dir", str(_CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -52,6 +51,14 @@ def few_drifters():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxcell.drift.distance._POINTS", 2)
         yield
+
+
+@pytest.fixture
+def patient(monkeypatch):
+    """Commands wait for an emulated robot on a line that a busy machine makes late."""
+    from jaxcell.robot import Create
+
+    monkeypatch.setattr(Create, "open", functools.partial(Create.open, patience=5.0))
 
 
 @pytest.fixture

@@ -15,8 +15,6 @@ import threading
 import time
 from pathlib import Path
 
-import dask.array  # noqa: F401  xarray imports it when it makes its first dataset.
-
 import jaxcell.sweep.boxes
 import jaxcell.sweep.pending
 import jaxcell.sweep.store
@@ -131,4 +129,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    import dask.array  # noqa: F401  xarray imports it when it makes its first dataset.
+
     main()

@@ -24,3 +24,18 @@ def configure_jax() -> None:
     # Our kernels are small: by default none would be kept.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def compile_quickly(*flags: str) -> None:
+    """Leave out what takes XLA long, where programs run once or have little to do.
+
+    It is of no use once JAX has compiled, or where the environment has `XLA_FLAGS` of its own.
+
+    **Arguments:**
+
+    - `flags`: more flags of XLA, which every version of JAX knows that jaxcell allows.
+    """
+    # XLA stops a process at a flag that it does not know.
+    if jax.__version_info__ < (0, 11):
+        flags += ("--xla_cpu_use_fusion_emitters=false",)
+    os.environ.setdefault("XLA_FLAGS", " ".join(flags))

@@ -1,5 +1,4 @@
 import dataclasses
-import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,7 +21,10 @@ class Demo:
     def run(self) -> int:
         began, pages = time.perf_counter(), ["# What the tour shows"]
         with starting():
-            _compile_quickly()
+            from ..base.runtime import compile_quickly
+
+            # Each program of the tour is run once.
+            compile_quickly()
             from .. import record  # noqa: F401
         for number, stop in enumerate(STOPS, start=1):
             note(f"{number}/{len(STOPS)} {stop.title}\n    {stop.line}")
@@ -40,17 +42,6 @@ class Demo:
         note(f"{len(STOPS)} stops in {seconds:.0f} s; {self.out / 'index.md'} lists what to open.")
         note_results(self.out)
         return 0
-
-
-def _compile_quickly() -> None:
-    """Leave out what takes XLA long, in a tour of programs that are each run once.
-
-    Only of the versions that were tried: XLA stops a process at an option that it does not know.
-    """
-    import jax
-
-    if jax.__version_info__ < (0, 11):
-        os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
 
 @dataclasses.dataclass(frozen=True)

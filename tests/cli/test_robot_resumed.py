@@ -7,16 +7,16 @@ import math
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
-from wheels import MAPS, body_in, bounce_filter, bounce_tables, map_cells
+from wheels import MAPS, bounce_filter, bounce_tables, map_cells
 
 from jaxcell.bounce import FineCells, slip_map
 from jaxcell.cli.robot.replay import RobotReplay
 from jaxcell.cli.robot.run import RobotRun
-from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.create.packets import Contact
+from jaxcell.robot.emulation.emulator import Emulator
 from jaxcell.space import Slip
 
 
@@ -49,9 +49,7 @@ def belief_file(tmp_path_factory):
     return path
 
 
-@pytest.fixture(
-    scope="module", params=["filter_file", pytest.param("belief_file", marks=pytest.mark.slow)]
-)
+@pytest.fixture(scope="module", params=["filter_file", "belief_file"])
 def file(request):
     """What is run."""
     return request.getfixturevalue(request.param)
@@ -65,7 +63,7 @@ def whole(file, tmp_path_factory):
 
 def simulated(file, out, start=START, **fields):
     return RobotRun(
-        file=file, simulate=MAPS / "lab_a.json", start=str(start), speedup=100.0, out=out, **fields
+        file=file, simulate=MAPS / "lab_a.json", start=str(start), speedup=1e6, out=out, **fields
     )
 
 
@@ -112,13 +110,8 @@ def goes_on(log, file, whole, capsys, tmp_path):
     assert found["emulated"]["truth_is_a_candidate"] is True
 
 
-@pytest.mark.parametrize(
-    "kill",
-    [
-        pytest.param(signal.SIGINT, id="ctrl-c", marks=pytest.mark.slow),
-        pytest.param(signal.SIGKILL, id="kill"),
-    ],
-)
+@pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
+@pytest.mark.parametrize("file", ["filter_file"], indirect=True)
 def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
     out = tmp_path / "out"
     log = out / "run.jsonl"
@@ -149,24 +142,36 @@ def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
     goes_on(log, file, whole, capsys, tmp_path)
 
 
-@pytest.mark.slow
+class Ending(Emulator):
+    """A robot that something happens to after 20 seconds of its time."""
+
+    happens: str
+
+    def exchange(self, seconds, data=b""):
+        if self.seconds > 20:
+            getattr(self, self.happens)()
+        return super().exchange(seconds, data)
+
+    def low(self):
+        self._charge = 269.0
+
+    def flat(self):
+        self._charge = 0.0
+
+    def lifted(self):
+        self.contact = Contact.WHEEL_DROP_LEFT
+
+
 @pytest.mark.parametrize(
-    ("charge", "why"),
-    [(269.0, "the robot was stopped: the battery is low (10%)"), (0.0, "the robot was stopped: ")],
-    ids=["low", "flat"],
+    ("happens", "why"),
+    [("low", "the battery is low (10%)"), ("flat", ""), ("lifted", "a wheel hangs in the air")],
 )
-def test_a_robot_whose_battery_ends(file, whole, tmp_path, capsys, charge, why):
+def test_a_robot_that_stops(file, whole, tmp_path, capsys, monkeypatch, happens, why):
     out = tmp_path / "out"
-    with Emulator(body_in(LAB, START), line=Line(speedup=20.0)) as robot:
-
-        def empty():
-            await_observations(out / "run.jsonl", 2)
-            robot._charge = charge
-
-        emptier = threading.Thread(target=empty)
-        emptier.start()
-        code, found = run(RobotRun(file=file, port=robot.port, heading=135.0, out=out))
-        emptier.join()
+    monkeypatch.setattr(Ending, "happens", happens, raising=False)
+    with monkeypatch.context() as patched:
+        patched.setattr("jaxcell.robot.emulation.emulator.Emulator", Ending)
+        code, found = run(simulated(file, out))
     assert (code, found["result"]) == (1, "stopped")
-    assert found["reason"].startswith(why)
+    assert found["reason"].startswith(f"the robot was stopped: {why}")
     goes_on(out / "run.jsonl", file, whole, capsys, tmp_path)

@@ -1,7 +1,5 @@
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -38,7 +36,7 @@ def run(command, capsys) -> tuple[int, dict]:
 
 
 def simulated(file, name="lab_b.json", **fields) -> RobotRun:
-    return RobotRun(file=file, simulate=MAPS / name, speedup=100.0, json=True, **fields)
+    return RobotRun(file=file, simulate=MAPS / name, speedup=1e6, json=True, **fields)
 
 
 def replayed(out, found, capsys) -> dict:
@@ -49,24 +47,12 @@ def replayed(out, found, capsys) -> dict:
     return again
 
 
-@pytest.mark.slow
-def test_robots_patrol_each_in_a_process_of_its_own(patrol_file):
-    robots = [
-        subprocess.Popen(
-            [
-                *(sys.executable, "-c", "from jaxcell.cli import main; raise SystemExit(main())"),
-                *("robot", "run", patrol_file, "--robot", str(i), "--seed", str(10 + i)),
-                *("--simulate", MAPS / "lab_b.json", "--visits", "6", "--speedup", "50", "--json"),
-            ],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for i in range(3)
-    ]
-    told = [robot.communicate(timeout=100) for robot in robots]
-    assert [robot.returncode for robot in robots] == [0, 0, 0], [error for _, error in told]
-    found = [json.loads(out) for out, _ in told]
+def test_robots_patrol_each_by_itself(patrol_file, capsys):
+    found = []
+    for i in range(3):
+        code, one = run(simulated(patrol_file, robot=i, seed=10 + i, visits=6), capsys)
+        assert code == 0
+        found.append(one)
     for i, one in enumerate(found):
         assert one["result"] == "patrolled"
         assert len(one["visited"]) == 6
@@ -135,7 +121,7 @@ def test_an_obstacle_is_met_in_another_map(tmp_path, capsys):
     boxed = tmp_path / "boxed.json"
     Workspace(hall.boundary, [[(2, 1), (3, 1), (3, 2), (2, 2)]]).save(boxed)
     command = RobotRun(
-        file=tmp_path / "patrol.json", simulate=boxed, visits=2, speedup=100.0, json=True
+        file=tmp_path / "patrol.json", simulate=boxed, visits=2, speedup=1e6, json=True
     )
     code, found = run(command, capsys)
     assert (code, found["result"]) == (0, "patrolled")
@@ -163,7 +149,7 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
             simulate=tmp_path / "hall.json",
             robot=robot,
             steps=steps,
-            speedup=40.0,
+            speedup=1e6,
             out=out,
             json=True,
         )
@@ -174,22 +160,11 @@ def test_a_robot_of_a_team(tmp_path, capsys, steps):
             assert found["emulated"]["end"] == int(cells.index(*end))
 
 
-@pytest.mark.slow
 def test_a_filter_by_the_clock_alone(tmp_path, capsys):
     lab = map_cells("lab_a.json")
     path = tmp_path / "filter.jxf"
     bounce_filter(lab, 45, metadata={**SPEC, "bounce_deg": 45}).save(path)
-    code, found = run(
-        RobotRun(
-            file=path,
-            simulate=MAPS / "lab_a.json",
-            start="70",
-            steps="clock",
-            speedup=20.0,
-            json=True,
-        ),
-        capsys,
-    )
+    code, found = run(simulated(path, "lab_a.json", start="70", steps="clock"), capsys)
     assert (code, found["result"]) == (0, "localized")
     assert found["emulated"]["truth_is_a_candidate"] is True
 

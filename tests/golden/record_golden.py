@@ -7,6 +7,7 @@ on standard error, the keys and values of `--json`, and what is in the files tha
 
 import argparse
 import contextlib
+import functools
 import io
 import json
 import os
@@ -163,12 +164,15 @@ def _files():
 @contextlib.contextmanager
 def _emulated():
     """The serial line of an emulated robot in a map."""
+    from jaxcell.robot import Create
     from jaxcell.robot.emulation.body import Body
     from jaxcell.robot.emulation.emulator import Emulator, Line
     from jaxcell.space import Workspace
 
     body = Body(Workspace.load("data/maps/lab_a.json"), (0.5, 0.5, 0.0))
-    with Emulator(body, line=Line(speedup=20.0)) as robot:
+    # A busy machine makes the robot late.
+    patient = mock.patch.object(Create, "open", functools.partial(Create.open, patience=5.0))
+    with Emulator(body, line=Line(speedup=20.0)) as robot, patient:
         yield robot.port
 
 

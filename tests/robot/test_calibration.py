@@ -42,6 +42,7 @@ def test_a_calibrated_robot_goes_where_it_is_sent():
         assert walker.estimate == pytest.approx((3, 1, math.pi / 2), abs=0.01)
 
 
+@pytest.mark.usefixtures("patient")
 def test_a_calibration_is_measured_kept_and_used(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert calibration_file() == tmp_path / "jaxcell" / "calibration.json"
@@ -63,6 +64,7 @@ def test_a_calibration_is_measured_kept_and_used(tmp_path, monkeypatch, capsys):
         assert math.dist(robot.pose[:2], before[:2]) == pytest.approx(1.0, abs=0.006)
 
 
+@pytest.mark.usefixtures("patient")
 def test_what_is_no_measurement_is_refused(tmp_path, monkeypatch, capsys):
     path = tmp_path / "calibration.json"
     with Emulator(worn(), line=Line(speedup=20.0)) as robot:

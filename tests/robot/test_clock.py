@@ -1,6 +1,5 @@
 import itertools
 import math
-from types import SimpleNamespace
 
 import pytest
 
@@ -14,11 +13,6 @@ ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 
 
 TICK = 0.004
-
-
-@pytest.fixture(autouse=True)
-def _no_sleep(monkeypatch):
-    monkeypatch.setattr("jaxcell.robot.create.clock.time", SimpleNamespace(sleep=lambda _: None))
 
 
 class Ticking:
@@ -45,7 +39,8 @@ class Ticking:
 
 def clocked(pose=(1.0, 1.0, 0.0), **fields) -> tuple[ByClock, Body]:
     robot = Ticking(pose)
-    return ByClock(robot, clock=robot.clock, pause=0.01, **fields), robot.body
+    by_clock = ByClock(robot, clock=robot.clock, sleep=lambda _: None, **fields)
+    return by_clock, robot.body
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.3])

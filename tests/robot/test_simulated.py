@@ -1,5 +1,7 @@
 import itertools
 import math
+import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +23,6 @@ ROOM = Workspace([(0, 0), (4, 0), (4, 3), (0, 3)])
 HALL = Workspace([(-99, -99), (99, -99), (99, 99), (-99, 99)])
 
 
-@pytest.mark.slow
 def test_it_agrees_with_the_robot_on_the_line():
     cell, bounce = 70, math.radians(45)
     filter = bounce_filter(LAB, 45)
@@ -61,6 +62,37 @@ def test_it_goes_as_far_as_it_is_told():
     assert 3 < robot.robot.seconds - began < 4
 
 
+def test_it_is_no_faster_than_its_line_says(monkeypatch):
+    clock = [5.0]
+
+    def sleep(seconds):
+        clock[0] += seconds
+
+    there = SimpleNamespace(monotonic=lambda: clock[0], sleep=sleep)
+    monkeypatch.setattr("jaxcell.robot.emulation.simulated.time", there)
+    robot = SimulatedCreate(Emulator(Body(ROOM, (1.0, 1.5, 0.0)), line=Line(speedup=4.0)))
+    robot.forward(0.5)
+    robot.sleep(0.1234)
+    assert clock[0] - 5 == pytest.approx(robot.robot.seconds / 4)
+    began = robot.robot.seconds
+    robot.sleep(0.1234)
+    assert robot.robot.seconds - began == pytest.approx(0.1234)
+
+
+def test_a_signal_ends_the_block():
+    robot = SimulatedCreate(Body(ROOM, (1.0, 1.5, 0.0)))
+
+    def ended():
+        with robot:
+            robot.drive(right=0.1, left=0.1)
+            signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(SystemExit):
+        ended()
+    assert robot.robot.wheels == (0, 0)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
 def test_a_run_is_the_same_each_time():
     def run():
         walker, body = walker_in(LAB, 70)
@@ -82,14 +114,12 @@ def test_a_turn_does_not_move_the_centre(speed):
         assert body.theta - heading == pytest.approx(moved.angle, abs=math.radians(0.22))
 
 
-# 200 turns and steps take 10 s with checked types.
-@pytest.mark.parametrize("count", [10, pytest.param(100, marks=pytest.mark.slow)])
-def test_the_odometry_is_the_truth(count):
+def test_the_odometry_is_the_truth():
     rng = np.random.default_rng(0)
     body = Body(HALL, (0.0, 0.0, 0.0))
     robot = SimulatedCreate(body)
     walker = Walker(robot, 0.3)
-    for _ in range(count):
+    for _ in range(40):
         walker.rotate(rng.uniform(-math.pi, math.pi))
         walker.step()
         x, y, angle = walker.estimate

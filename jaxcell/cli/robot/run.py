@@ -77,7 +77,7 @@ class RobotRun(Printing):
     """Standard deviation of the relative error of the emulated robot's steps and turns, and of its
     veer in radians a metre."""
     speedup: float = 10.0
-    """Seconds of the emulated robot in a second."""
+    """Seconds of the emulated robot in a second, at most."""
     seed: int = 0
     """Seed of the random start, of the noise, and of the draws of a patrol."""
     limit: int = 10_000
@@ -276,11 +276,12 @@ class RobotRun(Printing):
             robot = stack.enter_context(kind(remap=self.remap))
             robot.arm()
             return robot, [ros.Candidates(robot, task, cells_of(task)).event]
-        port = self.port
         if emulation is not None:
-            port = stack.enter_context(emulation.robot).port
-        assert port is not None
-        create = stack.enter_context(Create.open(port))
+            from ...robot.emulation.simulated import SimulatedCreate
+
+            return stack.enter_context(SimulatedCreate(emulation.robot)), []
+        assert self.port is not None
+        create = stack.enter_context(Create.open(self.port))
         create.arm()
         return create, []
 
@@ -297,7 +298,7 @@ class RobotRun(Printing):
             return robot
         if emulation is None:
             return ByClock(robot)
-        return ByClock(robot, clock=lambda: emulation.robot.seconds)
+        return ByClock(robot, clock=lambda: emulation.robot.seconds, sleep=robot.sleep)
 
     def _walker(
         self,

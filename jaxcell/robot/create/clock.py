@@ -40,6 +40,7 @@ class ByClock:
         speed: float = _SPEED,
         turning: float = _TURNING,
         clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
         pause: float = 0.1,
     ) -> None:
         """**Arguments:**
@@ -47,7 +48,7 @@ class ByClock:
         - `robot`: e.g. [`jaxcell.robot.Create`][], armed.
         - `speed`, `turning`: metres, and radians, a second. The wheels' speeds must be among those
             that [`jaxcell.robot.Driver.drive`][] does not change.
-        - `clock`: gives the seconds; for an emulated robot, its own.
+        - `clock`, `sleep`: what gives the seconds, and what waits; for an emulated robot, its own.
         - `pause`: seconds to stand still after each motion.
 
         **Raises:** `ValueError` for a speed that is not positive or that no wheel has.
@@ -56,7 +57,7 @@ class ByClock:
             if not 0 < value <= most:
                 raise ValueError(f"{name}: expected more than 0 and at most {most}, got {value}")
         self._robot, self._speed, self._turning = robot, speed, turning
-        self._clock, self._pause = clock, pause
+        self._clock, self._sleep, self._pause = clock, sleep, pause
 
     def forward(self, distance: float, *, tolerance: float) -> Moved:
         """Go straight, back if negative; forward it stops when the bumper is pressed."""
@@ -81,14 +82,9 @@ class ByClock:
             while free and (rest := began + seconds - self._clock()) > 0:
                 free = self._robot.drive(right=right, left=left, stop_on_bump=stop_on_bump)
                 # Short of the end it is enough to look again now and then; there it is not.
-                time.sleep(min(rest / 2, 0.001))
+                self._sleep(min(max(rest / 2, 0.0001), 0.001))
         finally:
             took = self._clock() - began
             self._robot.stop()
-        self._rest()
+        self._sleep(self._pause)
         return took, not free
-
-    def _rest(self) -> None:
-        end = self._clock() + self._pause
-        while self._clock() < end:
-            time.sleep(0.0005)

@@ -5,11 +5,12 @@ here does input or output. Source: *iRobot Create 2 Open Interface*, 2016.
 """
 
 import functools
+import operator
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from .packets import decode, encode, members, size
+from .packets import chosen, codes, members, size
 
 
 BAUD = 115200
@@ -89,7 +90,7 @@ def stream(ids: Sequence[int]) -> bytes:
     **Raises:** `ValueError` for an unknown number, for none, or for a frame of more than the 172
     bytes that the line carries in 15 ms.
     """
-    _frame_layout(tuple(ids))
+    _FrameLayout.of(tuple(ids))
     return bytes([148, len(ids), *ids])
 
 
@@ -103,10 +104,10 @@ def stream_frame(ids: Sequence[int], values: Mapping[str, int]) -> bytes:
 
     **Raises:** `ValueError` as `stream` and `encode` do.
     """
-    _frame_layout(tuple(ids))
-    body = b"".join(bytes([id_]) + encode([id_], values) for id_ in ids)
-    frame = bytes([HEADER, len(body)]) + body
-    return frame + bytes([-sum(frame) % 256])
+    layout = _FrameLayout.of(tuple(ids))
+    known, free = layout.empty, layout.values.pack(*chosen(ids, values))
+    frame = bytes(map(operator.or_, known, free))
+    return frame[:-1] + bytes([-sum(frame) % 256])
 
 
 class StreamParser:
@@ -144,8 +145,7 @@ class StreamParser:
     """Bytes so far that belong to no accepted frame."""
 
     def __init__(self, ids: Sequence[int]):
-        self._ids = tuple(ids)
-        self._layout = _frame_layout(tuple(ids))
+        self._layout = _FrameLayout.of(tuple(ids))
         self._packets = members(ids)
         self._buffer = bytearray()
         self.skipped = 0
@@ -160,11 +160,11 @@ class StreamParser:
         buffer += data
         start = 0
         while start < len(buffer):
-            frame = buffer[start : start + len(self._layout)]
-            if not self._fits(frame):
+            frame = buffer[start : start + self._layout.size]
+            if not self._layout.fits(frame):
                 start += 1
                 self.skipped += 1
-            elif len(frame) < len(self._layout):
+            elif len(frame) < self._layout.size:
                 break
             elif (values := self._values(frame)) is None:
                 start += 1
@@ -175,18 +175,14 @@ class StreamParser:
         del buffer[:start]
         return frames
 
-    def _fits(self, frame: bytearray) -> bool:
-        # zip stops at the shorter: the beginning of a frame is judged before its end has come.
-        pairs = zip(frame, self._layout, strict=False)
-        return all(expected is None or byte == expected for byte, expected in pairs)
-
     def _values(self, frame: bytearray) -> dict[str, int] | None:
         if sum(frame) % 256 != 0:
             return None
-        free = bytes(b for b, e in zip(frame, self._layout, strict=True) if e is None)
-        values = decode(self._ids, free[:-1])
-        if any(not p.low <= values[p.name] <= p.high for p in self._packets):
-            return None
+        values = {}
+        for packet, value in zip(self._packets, self._layout.values.unpack(frame), strict=True):
+            if not packet.low <= value <= packet.high:
+                return None
+            values[packet.name] = value
         return values
 
 
@@ -262,19 +258,44 @@ def _command_size(buffer: bytearray) -> int | None:
     return 0
 
 
-@functools.lru_cache
-def _frame_layout(ids: tuple[int, ...]) -> tuple[int | None, ...]:
-    """The bytes of a frame: those known beforehand, and `None` for data and checksum."""
-    members(ids)
-    body: list[int | None] = []
-    for id_ in ids:
-        body += [id_, *[None] * size([id_])]
-    if not 0 < len(body) <= 169:
-        raise ValueError(
-            f"ids = {list(ids)}: a frame of {len(body)} bytes and 3 around them; "
-            "expected at least one packet and at most 172 bytes in all"
+@dataclass(frozen=True)
+class _FrameLayout:
+    """Where in a frame of the stream the values are, and the bytes that are known beforehand."""
+
+    empty: bytes
+    "A frame of what is known, and 0 for values and checksum."
+    known: bytes
+    "255 for what is known, and 0 likewise."
+    values: struct.Struct
+    "The format of the values, which passes over what is known."
+
+    @classmethod
+    @functools.lru_cache
+    def of(cls, ids: tuple[int, ...]) -> "_FrameLayout":
+        members(ids)
+        sizes = [size([id_]) for id_ in ids]
+        length = sum(sizes) + len(ids)
+        if not 0 < length <= 169:
+            raise ValueError(
+                f"ids = {list(ids)}: a frame of {length} bytes and 3 around them; "
+                "expected at least one packet and at most 172 bytes in all"
+            )
+        body = b"".join(bytes([id_, *[0] * n]) for id_, n in zip(ids, sizes, strict=True))
+        known = b"".join(bytes([255, *[0] * n]) for n in sizes)
+        values = "".join(f"x{codes([id_])}" for id_ in ids)
+        return cls(
+            bytes([HEADER, length]) + body + bytes(1),
+            bytes([255, 255]) + known + bytes(1),
+            struct.Struct(f">2x{values}x"),
         )
-    return HEADER, len(body), *body, None
+
+    @property
+    def size(self) -> int:
+        return len(self.empty)
+
+    def fits(self, frame: bytearray) -> bool:
+        """Whether these may be the first bytes of a frame."""
+        return bytes(map(operator.and_, frame, self.known)) == self.empty[: len(frame)]
 
 
 def _check(name: str, value: int, largest: int) -> None:

@@ -3,6 +3,7 @@
 import enum
 import functools
 import math
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -56,8 +57,10 @@ class Packet:
     "Empty for flags, states and raw signals."
 
     @property
-    def signed(self) -> bool:
-        return self.low < 0
+    def code(self) -> str:
+        """Its format, as that of the module `struct`."""
+        code = {1: "b", 2: "h"}[self.size]
+        return code if self.low < 0 else code.upper()
 
 
 _I16 = (2, -(2**15), 2**15 - 1)
@@ -165,6 +168,11 @@ def size(ids: Iterable[int]) -> int:
     return sum(packet.size for packet in members(ids))
 
 
+def codes(ids: Iterable[int]) -> str:
+    """The format of these bytes, as that of the module `struct`, big-endian."""
+    return "".join(packet.code for packet in members(ids))
+
+
 def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
     """The values in the robot's answer to a request for `ids`.
 
@@ -178,17 +186,10 @@ def decode(ids: Sequence[int], data: bytes) -> dict[str, int]:
 
     **Raises:** `ValueError` for an unknown number or another length of `data`.
     """
-    packets = members(ids)
-    expected = sum(packet.size for packet in packets)
-    if len(data) != expected:
-        raise ValueError(f"{len(data)} bytes of data; the packets {list(ids)} have {expected}")
-    values: dict[str, int] = {}
-    start = 0
-    for packet in packets:
-        end = start + packet.size
-        values[packet.name] = int.from_bytes(data[start:end], "big", signed=packet.signed)
-        start = end
-    return values
+    packets, layout = members(ids), struct.Struct(">" + codes(ids))
+    if len(data) != layout.size:
+        raise ValueError(f"{len(data)} bytes of data; the packets {list(ids)} have {layout.size}")
+    return dict(zip((packet.name for packet in packets), layout.unpack(data), strict=True))
 
 
 def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
@@ -201,7 +202,16 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
 
     **Raises:** `ValueError` for an unknown number, a missing value, or one out of its range.
     """
-    data = b""
+    ids = tuple(ids)
+    return struct.pack(">" + codes(ids), *chosen(ids, values))
+
+
+def chosen(ids: Iterable[int], values: Mapping[str, int]) -> list[int]:
+    """The values of the packets that the robot sends for `ids`, in order.
+
+    **Raises:** as `encode`.
+    """
+    found = []
     for packet in members(ids):
         if packet.name not in values:
             raise ValueError(f"values: packet {packet.id} needs {packet.name!r}, which is missing")
@@ -210,8 +220,8 @@ def encode(ids: Iterable[int], values: Mapping[str, int]) -> bytes:
             raise ValueError(
                 f"{packet.name} = {value}: packet {packet.id} holds {packet.low} to {packet.high}"
             )
-        data += value.to_bytes(packet.size, "big", signed=packet.signed)
-    return data
+        found.append(value)
+    return found
 
 
 def encoder_difference(before: int, after: int) -> int:

@@ -1,9 +1,12 @@
+import math
+import time
 from collections.abc import Callable
 
 from ..create.driver import TICK
 from ..create.motion import Create
 from ..create.open_interface import STREAM_PERIOD, StreamParser
 from ..create.reading import STREAM
+from ..create.signals import end_by_signals
 from .body import Body
 from .emulator import Emulator
 
@@ -46,26 +49,33 @@ class SimulatedCreate(Create):
 
     The driver, its commands and the frames of the robot are those of the real line. But there is no
     line, thread or watchdog process between the two, and time passes only when the driver waits for
-    the robot. So a run is as fast as the machine, and the same each time.
+    the robot. So a run does not depend on the machine, and is the same each time.
     """
 
     robot: Emulator
     "The robot, and where it truly is."
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, robot: Emulator | Body) -> None:
         """**Arguments:**
 
-        - `body`: what it drives, and where that is.
+        - `robot`: the robot, no faster than its line says, or the body of one, as fast as it can.
         """
-        self.robot = Emulator(body)
-        self._wire = _Wire(self.robot)
+        if isinstance(robot, Body):
+            self.robot, self._speedup = Emulator(robot), math.inf
+        else:
+            self.robot, self._speedup = robot, robot.line.speedup
+        self._wire, self._woke = _Wire(self.robot), time.monotonic()
         self._parser, self._tick_due = StreamParser(STREAM), TICK
         super().__init__(self._wire)
         self._greet()
         self.arm()
 
+    def sleep(self, seconds: float) -> None:
+        """Let the robot's time pass."""
+        self._wait(lambda: False, seconds)
+
     def _connect(self) -> None:
-        """Nothing is left to do for the `with` statement."""
+        self._handled = end_by_signals()
 
     def _now(self) -> float:
         return self.robot.seconds
@@ -73,12 +83,21 @@ class SimulatedCreate(Create):
     def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
         end = self._now() + seconds
         while not condition():
-            if self._now() >= end:
+            rest = end - self._now()
+            if rest <= 0:
                 return False
-            self._wire.wait(STREAM_PERIOD)
+            self._pass(min(rest, STREAM_PERIOD))
             for values in self._parser.feed(self._wire.read(self._wire.in_waiting)):
                 self._hear(values)
             if self._now() >= self._tick_due:
                 self._tick_due = self._now() + TICK
-                self._repeat()
+                with self._news:
+                    self._repeat()
         return True
+
+    def _pass(self, seconds: float) -> None:
+        rest = seconds / self._speedup - (time.monotonic() - self._woke)
+        if rest > 0:
+            time.sleep(rest)
+        self._woke = time.monotonic()
+        self._wire.wait(seconds)
