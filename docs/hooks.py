@@ -22,6 +22,7 @@ MODULES = (
 )
 # By the theme's names of colours for light and dark pages.
 STYLES = {"light": "default", "dark": "github-dark"}
+IMAGE = re.compile(r'<img [^>]*src="([^"]+)"[^>]*>')
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([([])(.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -46,7 +47,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_content(html: str, **_: object) -> str:
-    """Write formulas as MathML, which browsers show without a script or a network."""
+    """Write formulas as MathML, which browsers show without a script or a network.
+
+    Pictures are links to themselves: their labels are read in full size only.
+    """
+    html = IMAGE.sub(r'<a href="\1">\g<0></a>', html)
     return FORMULA.sub(
         lambda found: convert(unescape(found[3]), display="inline" if found[2] == "(" else "block"),
         html,

@@ -10,6 +10,7 @@ from pathlib import Path
 import jax
 import matplotlib
 import numpy as np
+from PIL import Image
 
 
 jax.config.update("jax_enable_x64", True)
@@ -54,6 +55,8 @@ def main(folder: Path) -> None:
         images = {image: probability for image, probability in many if probability > 0}
         draw_images(axes[2], cells, cell, images, bool(simple.bumped[cell]))
     figure.savefig(folder / "maps.png", dpi=100)
+    # Without transparency and rare shades of letters, a third of the bytes.
+    Image.open(folder / "maps.png").convert("RGB").quantize(64).save(folder / "maps.png")
 
 
 def draw_room(ax: plt.Axes, cells: space.CellSpace) -> None:

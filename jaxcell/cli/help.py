@@ -10,8 +10,8 @@ import itertools
 import re
 import sys
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, NoReturn, get_args, get_type_hints
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal, NoReturn, get_args, get_origin, get_type_hints
 
 import tyro
 from rich.console import Console
@@ -48,6 +48,12 @@ _EXAMPLES = {
     "sweep view": "runs/rooms",
     "team": "@complex --robots 4 --bounce 135",
     "view": "runs/lab",
+}
+# By commands, the options and files of which one is needed.
+_ONE_OF = {
+    "localize": ("bounce", "bounces"),
+    "robot run": ("port", "ros", "simulate"),
+    "robot sketch": ("file", "bounce"),
 }
 _ABOUT = """The global behaviour of simple robots, by cell-to-cell mapping. A map, a graph
 or currents are a file, or a name such as @lab_a, which `jaxcell maps` lists.
@@ -199,9 +205,37 @@ def _metavar(name: str, hint: Any) -> str | None:
     """What stands for the value of an option; `None` for what its type says."""
     if _is_positional(hint):
         return name.upper()
-    if (one := _UNITS.get(unit(hint) or "")) is None:
+    if kinds := _fixed(hint):
+        return " ".join(map(_kind, kinds))
+    if unit(hint) not in _UNITS:
         return None
+    one = _kind(hint)
     return f"{one} [{one} ...]" if _is_tuple(hint) else one
+
+
+def _kind(hint: Any) -> str:
+    """The unit of a value, or else its type."""
+    if (one := _UNITS.get(unit(hint) or "")) is not None:
+        return one
+    first = next(part for part in _parts(hint) if isinstance(part, type) or _is_literal(part))
+    return f"{{{','.join(first.__args__)}}}" if _is_literal(first) else first.__name__.upper()
+
+
+def _fixed(hint: Any) -> tuple[Any, ...]:
+    """The types of the values of a tuple of so many; nothing for other types."""
+    kinds = next((one.__args__ for one in _parts(hint) if get_origin(one) is tuple), ())
+    return () if Ellipsis in kinds else kinds
+
+
+def _parts(hint: Any) -> Iterator[Any]:
+    """A type and the types that it is made of."""
+    yield hint
+    for one in getattr(hint, "__args__", ()):
+        yield from _parts(one)
+
+
+def _is_literal(hint: Any) -> bool:
+    return get_origin(hint) is Literal
 
 
 def _is_positional(hint: Any) -> bool:
@@ -209,19 +243,25 @@ def _is_positional(hint: Any) -> bool:
 
 
 def _is_tuple(hint: Any) -> bool:
-    return getattr(hint, "__origin__", None) is tuple or any(map(_is_tuple, get_args(hint)))
+    return any(get_origin(one) is tuple for one in _parts(hint))
 
 
 def _usage(shown: type, name: str) -> str:
     """The usage of a command: what is required, by name."""
     hints = get_type_hints(shown, include_extras=True)
-    words, options = [], []
+    words: list[str] = []
+    options: list[str] = []
     for field in filter(_required, dataclasses.fields(shown)):
         hint = hints[field.name]
-        if _is_positional(hint):
-            words.append(field.name.upper())
-        else:
-            plain = getattr(hint, "__origin__", hint)
-            metavar = _metavar(field.name, hint) or getattr(plain, "__name__", "str").upper()
-            options.append(f"--{field.name.replace('_', '-')} {metavar}")
+        (words if _is_positional(hint) else options).append(_named(field.name, hint))
+    if name in _ONE_OF:
+        options.append(f"({' | '.join(_named(one, hints[one]) for one in _ONE_OF[name])})")
     return " ".join(["usage: jaxcell", name, *words, *options, "[OPTIONS]"])
+
+
+def _named(name: str, hint: Any) -> str:
+    """An option or a file as the usage of a command has it."""
+    value = _metavar(name, hint) or _kind(hint)
+    if not _is_positional(hint):
+        return f"--{name.replace('_', '-')} {value}"
+    return f"{value} [{value} ...]" if _is_tuple(hint) else value

@@ -54,7 +54,7 @@ def _line(one: dict[str, Any]) -> str:
 
 
 def picture(path: Path) -> str:
-    """A map in characters: what is free is blank."""
+    """A map in characters, with a frame around it: what is free is blank."""
     import numpy as np
 
     from ..space import CellSpace
@@ -62,12 +62,10 @@ def picture(path: Path) -> str:
     free = CellSpace.load(path).free[::-1]
     rows, columns = free.shape
     scale = max(1.0, columns / _WIDTH, rows / (2 * _HEIGHT))
-    y = (np.arange(2 * int(np.ceil(rows / scale / 2))) * scale).astype(int)
-    x = (np.arange(int(columns / scale)) * scale).astype(int)
-    walls = np.zeros((max(rows, int(y[-1]) + 1), columns), bool)
-    walls[:rows] = ~free
-    halves = walls[y][:, x].reshape(-1, 2, len(x))
+    y, x = ((np.arange(many / scale) * scale).astype(int) for many in free.shape)
+    framed = np.pad(~free[y][:, x], 1, constant_values=True)
+    walls = np.pad(framed, ((0, len(framed) % 2), (0, 0)))
     return "\n".join(
         "".join(_HALVES[2 * top + bottom] for top, bottom in zip(*pair, strict=True))
-        for pair in halves.astype(int)
+        for pair in walls.astype(int).reshape(-1, 2, walls.shape[1])
     )

@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 
@@ -39,10 +40,23 @@ def test_an_example_can_be_read(command):
     assert isinstance(found, COMMANDS[command])
 
 
-def test_usage_names_what_is_required(capsys):
-    usage = page(capsys, "cover", "--help").splitlines()[0]
-    wanted = "cover MAP --bounces DEG [DEG ...] --error DEG --reliability FLOAT [OPTIONS]"
-    assert usage == f"usage: jaxcell {wanted}"
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        "cover MAP --bounces DEG [DEG ...] --error DEG --reliability FLOAT",
+        "drift FILE [FILE ...]",
+        "localize MAP (--bounce DEG | --bounces DEG [DEG ...])",
+        "robot run FILE (--port STR | --ros {create3,base} | --simulate PATH)",
+    ],
+)
+def test_usage_names_what_is_required(capsys, wanted):
+    command = re.match("robot run|[a-z]+", wanted)[0].split()
+    usage = page(capsys, *command, "--help").splitlines()[0]
+    assert usage == f"usage: jaxcell {wanted} [OPTIONS]"
+
+
+def test_values_of_a_kind_are_counted(capsys):
+    assert "--bounds FLOAT FLOAT FLOAT FLOAT " in page(capsys, "drift", "--help")
 
 
 def test_lines_of_help_are_as_long_as_the_screen(capsys, monkeypatch):

@@ -141,9 +141,12 @@ def _with_grid(file: OceanFile, grid: OceanFile) -> OceanFile:
             raise grid.error(
                 str(dim), f"expected the length {here.sizes[dim]} of {file.name}, got {size}"
             )
-        elif dim in here.indexes and dim in there.indexes:
-            if not np.allclose(file.read(here[dim]), grid.read(there[dim])):
-                raise grid.error(str(dim), f"not the same as in {file.name}; expected one grid")
+        elif (
+            dim in here.indexes
+            and dim in there.indexes
+            and not np.allclose(file.read(here[dim]), grid.read(there[dim]))
+        ):
+            raise grid.error(str(dim), f"not the same as in {file.name}; expected one grid")
     times = {dim for dim in here.dims if axis_kind(here, str(dim)) == "time"}
     moving = {name for name, one in here.variables.items() if times & set(one.dims)}
     # In the mesh of NEMO these repeat the centres; elsewhere they are positions of any points.

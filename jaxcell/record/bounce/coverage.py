@@ -32,6 +32,8 @@ _MAX_ROWS = 24
 # Levels double every second class, from this power of two.
 _LOWEST = -4
 _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
+# Between that of no time and the first level: darker ones are not seen beside walls.
+_PALE: Color = (149, 154, 184)
 
 
 def log_coverage(
@@ -72,7 +74,7 @@ def heat_scale(most: float) -> Scale:
     """The scale of time spent, in multiples of an even share: two levels make a doubling."""
     highest = max(1, math.ceil(math.log2(max(most, 1))))
     bounds = 2.0 ** (np.arange(2 * _LOWEST, 2 * highest + 1) / 2)
-    special: dict[str, Color] = {_NONE: FREE, _LITTLE: (44, 44, 90)}
+    special: dict[str, Color] = {_NONE: FREE, _LITTLE: _PALE}
     return Scale(bounds, "{} even shares".format, special)
 
 
