@@ -7,7 +7,6 @@ import rerun.blueprint as rrb
 
 from ...automata import Filter
 from ...bounce import Localized
-from ..canvas.belief import log_beliefs
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_text
@@ -16,7 +15,7 @@ from ..canvas.prose import bouncing, counted, made_with, table
 from ..canvas.stream import pace, send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
-from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, observed
+from .run import SEEN, log_localized, log_states, observed
 
 
 _MAX_ROWS = 12
@@ -29,26 +28,19 @@ def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping
     are, and the path through the filter, drawn as a graph. The periodic groups are there too, for
     the heading of the robot on `step`, and over the timeline `direction`.
     """
-    cells = found.cells
     drawing = draw_filter(found.filter, found.run.states)
-    map = CellMap(stream, cells)
-    log_beliefs(stream, cells, found.beliefs)
-    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
-    log_end(map, found.run)
-    marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth"]
-    maps = rrb.Vertical(
-        map.view("Where the robot is, and where it may be", marks),
-        _log_numbers(stream, found),
-        row_shares=[7, 3],
-    )
+    map, colors = CellMap(stream, found.cells), found.belief_color
+    log_curve(stream, "filter/color", colors, color=KNOWN, shape="StepBefore")
+    last, most = colors.size - 1, int(colors.max())
+    color = curve_view("filter/color", "Filter's colour", last, most)
+    maps = log_localized(map, found, "filter", curves=[color])
+    shown = directions_shown(found.cells, found.run.path)
     text = log_text(stream, "text", _text(found, drawing, spec))
     graph = _log_graph(stream, found, drawing)
     beside = rrb.Vertical(text, graph, row_shares=[1, 1])
     tabs = [
         rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
-        log_group_tab(
-            map, found.groups, 0, "Groups", directions_shown(cells, found.run.path), spec
-        ),
+        log_group_tab(map, found.groups, 0, "Groups", shown, spec),
     ]
     send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
@@ -75,19 +67,6 @@ def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -
     edges = map(tuple, drawing.edge.tolist())
     path, title, visited = "filter/graph", "The filter", run.states
     return log_states(stream, path, title, names, drawing.position, edges, size, colors, visited)
-
-
-def _log_numbers(stream: rr.RecordingStream, found: Localized) -> rrb.Container:
-    """Log the numbers that change along the run."""
-    observations, colors = found.run.observations, found.belief_color
-    sizes = log_sizes(stream, "filter", found.belief_size)
-    log_curve(stream, "filter/color", colors, color=KNOWN, shape="StepBefore")
-    last, most = observations.size, int(colors.max())
-    return rrb.Horizontal(
-        *sizes,
-        log_bumps(stream, observations),
-        curve_view("filter/color", "Filter's colour", last, most),
-    )
 
 
 def _text(found: Localized, drawing: Drawing, spec: Mapping[str, Any]) -> str:

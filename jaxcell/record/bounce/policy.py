@@ -9,14 +9,13 @@ from jaxtyping import Float
 
 from ...automata import Policy
 from ...bounce import AdaptivelyLocalized
-from ..canvas.belief import log_beliefs
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
 from ..canvas.prose import counted, degrees, made_with, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
-from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, log_turns
+from .run import SEEN, log_localized, log_states, log_turns
 
 
 # Without the colours of the robot, and of what is known in the end.
@@ -43,20 +42,8 @@ def log_localization_policy(
 
 def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) -> rrb.Container:
     stream, turns = map.stream, found.turned_by[found.turned_by >= 0]
-    log_beliefs(stream, found.cells, found.beliefs)
-    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
-    log_end(map, found.run)
+    left = log_localized(map, found, "policy", ["turn"])
     log_turns(map, map.xy(found.run.path), found.turned_by >= 0, found.bounces[turns].tolist())
-    marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", "turn"]
-    numbers = (
-        *log_sizes(stream, "policy", found.belief_size),
-        log_bumps(stream, found.run.observations),
-    )
-    left = rrb.Vertical(
-        map.view("Where the robot is, and where it may be", marks),
-        rrb.Horizontal(*numbers),
-        row_shares=[7, 3],
-    )
     drawn = _drawn(found.policy, found.run.states.tolist())
     tree = _log_tree(stream, found, drawn)
     legend = [

@@ -9,7 +9,6 @@ from ...bounce import Slipped
 from ..canvas.belief import arrows, belief_length, heat, heat_scale, log_belief_style
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import points
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES
 from ..canvas.prose import bouncing, counted, degrees, made_with
@@ -52,10 +51,7 @@ def _log_likeliest(map: CellMap, found: Slipped) -> None:
     stream, cells = map.stream, found.cells
     known = np.flatnonzero(found.likeliest >= 0)
     where = found.likeliest[known]
-    frame = {"colors": CATEGORIES["pink"], "radii": points(2.0), "draw_order": 28}
-    half = np.full((where.size, 2), map.frame)
-    boxes = {"centers": map.xy(where), "half_sizes": half}
-    send_changing(stream, "map/likeliest", rr.Boxes2D, known, style=frame, **boxes)
+    map.frames("likeliest", where, CATEGORIES["pink"], known, width=2.0, order=28.0)
     origins, vectors = arrows(cells, where, belief_length(cells))
     send_changing(stream, "map/belief", rr.Arrows2D, known, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)

@@ -9,11 +9,11 @@ from jaxtyping import Int
 from ...bounce import TeamTrajectory
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import log_robot, points
+from ..canvas.marks import log_robot
 from ..canvas.page import log_tab
 from ..canvas.palette import CLEAR, ROBOTS, Color, PictureClass, mix, robot_color, tint
 from ..canvas.prose import counted, made_with, numbers, pose, table
-from ..canvas.stream import send_blueprint, send_changing
+from ..canvas.stream import send_blueprint
 
 
 _MARK: Color = (0, 0, 0)
@@ -69,19 +69,9 @@ def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "time
 def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> None:
     """Mark the robots that collided since the time before."""
     move, robot = np.nonzero(team.collided)
-    centers = map.xy(team.cell[move, robot])
     # What happens in a move is seen when it has been made.
     marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
-    send_changing(
-        map.stream,
-        "map/collisions",
-        rr.Boxes2D,
-        times,
-        marks,
-        style={"colors": _MARK, "radii": points(2.5), "draw_order": 40},
-        centers=centers,
-        half_sizes=np.full(centers.shape, map.frame),
-    )
+    map.frames("collisions", team.cell[move, robot], _MARK, times, marks, order=40.0)
 
 
 def _log_curves(
