@@ -1,7 +1,5 @@
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -13,7 +11,7 @@ from ..canvas import palette
 from ..canvas.map import CellMap, Directions, directions_shown
 from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import bouncing, made_with
+from ..canvas.prose import Spec, bouncing, made_with
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint, send_changing
 
@@ -26,7 +24,7 @@ _ON_GROUP = "on a group"
 _EMPTY = "", palette.CLEAR
 
 
-def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[str, Any]) -> None:
+def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
     """Log periodic groups.
 
     For each bouncing angle, over the timeline `direction`: the group that every cell leads to, the
@@ -46,7 +44,7 @@ def log_group_tab(
     angle: int,
     title: str,
     shown: Directions,
-    spec: Mapping[str, Any],
+    spec: Spec,
 ) -> rrb.Container:
     """Log the pictures, the legend and the text of one bouncing angle, and lay them out.
 
@@ -170,7 +168,7 @@ def _mappings(count: str) -> str:
     return f"{count} mapping{'s' * (count != '1')} to a group"
 
 
-def _text(groups: BounceGroups, i: int, spec: Mapping[str, Any]) -> str:
+def _text(groups: BounceGroups, i: int, spec: Spec) -> str:
     """What the pictures of one bouncing angle show."""
     cells, count = groups.cells, groups.count[i]
     shortest, longest = groups.shortest_period[i], groups.longest_period[i]

@@ -1,6 +1,3 @@
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -11,7 +8,7 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_text
 from ..canvas.palette import KNOWN, PLAIN, ROBOT, cycle_color
-from ..canvas.prose import bouncing, counted, made_with, table
+from ..canvas.prose import Spec, bouncing, counted, made_with, table
 from ..canvas.stream import pace, send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
@@ -21,7 +18,7 @@ from .run import SEEN, log_localized, log_states, observed
 _MAX_ROWS = 12
 
 
-def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping[str, Any]) -> None:
+def log_localization(stream: rr.RecordingStream, found: Localized, spec: Spec) -> None:
     """Log a robot that is localized by its bumps.
 
     Over the timeline `step`: the robot and its trail, the cells where it may be, how many they
@@ -69,7 +66,7 @@ def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -
     return log_states(stream, path, title, names, drawing.position, edges, size, colors, visited)
 
 
-def _text(found: Localized, drawing: Drawing, spec: Mapping[str, Any]) -> str:
+def _text(found: Localized, drawing: Drawing, spec: Spec) -> str:
     """What the recording of a localization shows."""
     run = found.run
     return f"""# Where is the robot?

@@ -1,5 +1,4 @@
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import networkx as nx
 import numpy as np
@@ -12,7 +11,7 @@ from ...bounce import AdaptivelyLocalized
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
-from ..canvas.prose import counted, degrees, made_with, table, times
+from ..canvas.prose import Spec, counted, degrees, made_with, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 from .run import SEEN, log_localized, log_states, log_turns
@@ -27,7 +26,7 @@ _ACROSS, _DOWN = 26.0, 30.0
 
 
 def log_localization_policy(
-    stream: rr.RecordingStream, found: AdaptivelyLocalized, spec: Mapping[str, Any]
+    stream: rr.RecordingStream, found: AdaptivelyLocalized, spec: Spec
 ) -> None:
     """Log a robot that is localized by its choice of angles.
 
@@ -40,7 +39,7 @@ def log_localization_policy(
     send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
 
-def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) -> rrb.Container:
+def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Spec) -> rrb.Container:
     stream, turns = map.stream, found.turned_by[found.turned_by >= 0]
     left = log_localized(map, found, "policy", ["turn"])
     log_turns(map, map.xy(found.run.path), found.turned_by >= 0, found.bounces[turns].tolist())
@@ -156,7 +155,7 @@ worst**, and {found.mean_bumps:.3g} in the mean.
 """
 
 
-def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Mapping[str, Any]) -> str:
+def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Spec) -> str:
     """What the recording shows."""
     angles = ", ".join(degrees(one) for one in found.bounces)
     end = found.run.candidates.size

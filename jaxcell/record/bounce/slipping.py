@@ -1,6 +1,3 @@
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -11,12 +8,12 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES
-from ..canvas.prose import bouncing, counted, degrees, made_with
+from ..canvas.prose import Spec, bouncing, counted, degrees, made_with
 from ..canvas.stream import pace, send_blueprint, send_changing
 from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
-def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Mapping[str, Any]) -> None:
+def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Spec) -> None:
     """Log a robot that slips and is localized by a belief.
 
     Over the timeline `step`: the robot and its trail, how probable each position is, the likeliest
@@ -77,7 +74,7 @@ def _turning(found: Slipped) -> str:
     )
 
 
-def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
+def _text(found: Slipped, spec: Spec) -> str:
     if found.is_nowhere:
         end = "The belief says that the robot is **nowhere on this map**."
     else:

@@ -1,8 +1,6 @@
 """What observed drifters say: where they were, where they end up, and how sure that is."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -13,7 +11,7 @@ from ...drift import ObservedDrift
 from ...drift.currents.sphere import EARTH_RADIUS
 from ..canvas.marks import log_lines
 from ..canvas.palette import CLEAR, Color
-from ..canvas.prose import described, made_with
+from ..canvas.prose import Spec, described, made_with
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
@@ -35,9 +33,7 @@ class ObservedMap(SeaMap):
     drift: ObservedDrift
 
 
-def log_observed_drift(
-    stream: rr.RecordingStream, found: ObservedDrift, spec: Mapping[str, Any]
-) -> None:
+def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
     """Log what becomes of drifters that were observed.
 
     Without time: the persistent groups, nearly closed sets, how long it takes to the end, how sure
@@ -137,7 +133,7 @@ answers are not sure.
     return map.tab("observations", "Observations", views, text, legend)
 
 
-def _text(found: ObservedDrift, spec: Mapping[str, Any]) -> str:
+def _text(found: ObservedDrift, spec: Spec) -> str:
     return f"""# Where observed drifters end up
 
 {GROUPS_SEEN}

@@ -1,5 +1,5 @@
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import networkx as nx
@@ -28,7 +28,7 @@ from ..canvas.palette import (
     share_colors,
 )
 from ..canvas.plot import Plot, ticks
-from ..canvas.prose import counted, described, made_with, numbers
+from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import plane, send_blueprint, send_changing
 from .game import log_game
@@ -41,9 +41,7 @@ _MAX_NAMES = 80
 _MAX_CHANCES = 60
 
 
-def log_patrol_graph(
-    stream: rr.RecordingStream, patrol: GraphPatrol, spec: Mapping[str, Any]
-) -> None:
+def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
     """Log a patroller's random walk on a graph.
 
     Over the timeline `step`: patrollers that walk, from places drawn from the stationary
@@ -115,7 +113,7 @@ class _Drawing:
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
-def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
+def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     """Log the edges by the share of steps, the vertices by that of time, and the patrollers."""
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     most, robots = float(patrol.weight.max()), patrol.robots
@@ -262,7 +260,7 @@ def _scale(most: float, unit: str) -> Scale:
     return Scale.over(np.array([0.0, most]), f"{{}} {unit}".format)
 
 
-def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
+def _text(patrol: GraphPatrol, spec: Spec) -> str:
     """What the recording of a walk shows."""
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
