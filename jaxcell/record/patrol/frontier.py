@@ -37,11 +37,12 @@ def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Containe
 
 
 def _text(frontier: Frontier) -> str:
+    chance = {"chance, at least": [f"{floor:.0%}" for floor in frontier.floor]}
     return f"""# Capture against entropy
 
 A patrol that captures most is nearly a tour, which an adversary can learn. Robots that go to any
 neighbour alike in some share of their steps are harder to predict, and capture less. Each row is a
 local optimum.
 
-{described(frontier, "floor", "entropy", "least_capture")}
+{described(frontier, "entropy", "least_capture", first=chance)}
 """
