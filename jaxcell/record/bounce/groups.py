@@ -39,12 +39,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> 
 
 
 def log_group_tab(
-    map: CellMap,
-    groups: BounceGroups,
-    angle: int,
-    title: str,
-    shown: Directions,
-    spec: Spec,
+    map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
     """Log the pictures, the legend and the text of one bouncing angle, and lay them out.
 

@@ -12,14 +12,7 @@ from ...space import CellSpace
 from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
-from ..canvas.marks import (
-    log_arrows,
-    log_dots,
-    log_frame,
-    log_labels,
-    log_robot,
-    points,
-)
+from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
 from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
 from ..canvas.prose import Spec, degrees, made_with, numbers, times

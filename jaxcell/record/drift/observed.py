@@ -70,23 +70,16 @@ def _log_errors(map: ObservedMap) -> rrb.Container:
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)
     more = map.water.cells * _of_cells(map, found.distribution_error)
-    scales = {
-        "In a persistent group": Scale.over(share, "{} % of draws".format, least=0, most=100),
-        "Error of the time to the end": Scale.over(
-            hours, "{} h".format, least=0, most=_most(hours), open=True
-        ),
-        "Error of how many come to be there": Scale.over(
-            more, "{} x".format, least=0, most=_most(more), open=True
-        ),
-    }
-    values = zip(scales.items(), (share, hours, more), strict=True)
-    views = [
-        map.numbers(f"errors_{k}", title, scale, one)
-        for k, ((title, scale), one) in enumerate(values)
-    ]
+    views: list[rrb.View] = []
     legend: list[tuple[str, Color]] = []
-    for name, scale in scales.items():
-        legend += [(name, CLEAR), *scale.legend(3)]
+    for title, label, values, most in (
+        ("In a persistent group", "{} % of draws".format, share, 100.0),
+        ("Error of the time to the end", "{} h".format, hours, _most(hours)),
+        ("Error of how many come to be there", "{} x".format, more, _most(more)),
+    ):
+        scale = Scale.over(values, label, least=0, most=most, open=values is not share)
+        views.append(map.numbers(f"errors_{len(views)}", title, scale, values))
+        legend += [(title, CLEAR), *scale.legend(3)]
     text = f"""# How sure is that?
 
 As many drifters are drawn with replacement from those that were observed, again and again, each

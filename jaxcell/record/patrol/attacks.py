@@ -77,10 +77,7 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log which robot sees each square."""
     colors = min(patrol.robots, len(palette.ROBOTS))
-    classes = [
-        palette.NOT_FREE,
-        PictureClass("nobody sees it", palette.FREE),
-    ]
+    classes = [palette.NOT_FREE, PictureClass("nobody sees it", palette.FREE)]
     for robot in range(colors):
         name, color = palette.robot_color(robot)
         classes.append(PictureClass(f"robot {robot} ({name}) sees it", palette.tint(color, 0.6)))
