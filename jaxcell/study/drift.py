@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
 
-from ..base.quantities import Result
 from .study import Metres, Say, Seconds, Study, about, numbers, refuse, require, silent
 
 
@@ -186,13 +185,12 @@ class Drift(Study):
         say(f"finding the way to the goal from {found.cells:,} cells")
         return found.towards(goal, self.discount)
 
-    def spec(self, result: Result) -> dict[str, Any]:
-        found: SeaDrift = result  # type: ignore[assignment]
+    def spec(self, result: Any) -> dict[str, Any]:
         rules = {name: self._rules()[name] for name in ("spread", "edge")}
         rules["current"] = "mean" if self._mean else "changing"
         asked = super().spec(result)
         chosen = {"file": " ".join(asked["file"]), **rules}
-        return {**asked, **chosen, "depths_m": found.depths, "duration_s": found.step}
+        return {**asked, **chosen, "depths_m": result.depths, "duration_s": result.step}
 
     def heading(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import tyro
 
 from ..base import memory
-from ..base.quantities import Result
 from .study import Metres, Study, about, numbers, require
 
 
@@ -78,15 +77,10 @@ class CellStudy(Study):
     def _cut(self) -> _Cut:
         return self.map, self.cell, None, None
 
-    def spec(self, result: Result) -> dict[str, Any]:
-        cells: CellSpace = result.cells  # type: ignore[attr-defined]
-        assert cells.workspace is not None
-        return {
-            **super().spec(result),
-            "name": cells.workspace.name,
-            "cell_m": cells.cell,
-            "positions": cells.positions,
-        }
+    def spec(self, result: Any) -> dict[str, Any]:
+        cells = result.cells
+        about = {"name": cells.workspace.name, "cell_m": cells.cell, "positions": cells.positions}
+        return {**super().spec(result), **about}
 
     def heading(self, spec: dict[str, Any]) -> str:
         return f"{spec['name'] or spec['map']}: {spec['positions']:,} cells"
@@ -120,9 +114,8 @@ class MapStudy(CellStudy):
         """How the robot moves, for the functions of `jaxcell.bounce`."""
         return {"step": self.step, "collision": self.collision}
 
-    def spec(self, result: Result) -> dict[str, Any]:
-        cells: CellSpace = result.cells  # type: ignore[attr-defined]
-        assert cells.workspace is not None
+    def spec(self, result: Any) -> dict[str, Any]:
+        cells = result.cells
         return {
             **super().spec(result),
             "robot_radius_m": cells.workspace.robot_radius,

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..base.limits import MAX_CELLS, MAX_VERTICES
-from ..base.quantities import Result
 from .map_study import CellStudy
 from .study import Metres, Say, about, numbers, refuse, require, silent
 
@@ -265,12 +264,12 @@ class PatrolMap(CellStudy):
         }
         return found, float(least[best])
 
-    def spec(self, result: Result) -> dict[str, Any]:
+    def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
         if self.base is not None and self.base_range is None:
             spec["base_range_m"] = self.range
         if self.target is None:
-            x, y = result.xy[result.attack.target]  # type: ignore[attr-defined]
+            x, y = result.xy[result.attack.target]
             spec["target"] = f"{x:g},{y:g}"
         return spec
 

@@ -11,7 +11,7 @@ from ...bounce.localization.result import RunOnMap
 from ..canvas.belief import MAX_ARROWS, log_beliefs, robot_length
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import log_robot, send_labels
+from ..canvas.marks import Poses, log_robot, send_labels
 from ..canvas.palette import CURRENT, KNOWN, ROBOT, TRAIL
 from ..canvas.prose import degrees
 from ..canvas.stream import send_changing
@@ -35,13 +35,7 @@ def observed(word: str) -> str:
     return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
 
 
-def log_run(
-    map: CellMap,
-    poses: tuple[
-        Float[np.ndarray, "times"], Float[np.ndarray, "times"], Float[np.ndarray, "times"]
-    ],
-    order: float = 18.0,
-) -> None:
+def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
     """Log the true robot, by default below the arrows of the belief, of which one lies on it."""
     log_robot(
         map.stream,
