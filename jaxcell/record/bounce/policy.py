@@ -11,7 +11,7 @@ from ...bounce import AdaptivelyLocalized
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
-from ..canvas.prose import Spec, counted, degrees, made_with, table, times
+from ..canvas.prose import Spec, counted, degrees, made_with, numbers, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 from .run import SEEN, log_localized, log_states, log_turns
@@ -145,8 +145,7 @@ def _needed_text(found: AdaptivelyLocalized) -> str:
     rows = list(zip(bumps.tolist(), (f"{n:,}" for n in starts.tolist()), strict=True))
     return f"""# How long it takes
 
-From each cell, how many bumps it takes until the robot knows where it is: **{found.worst_bumps} at
-worst**, and {found.mean_bumps:.3g} in the mean.
+From each cell, how many bumps it takes until the robot knows where it is.
 
 - **Above**: from the worst heading on each square.
 - **Below**: from one heading, that of `direction` at the bottom, or of the robot at `step`.
@@ -161,11 +160,6 @@ def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Spec) -> str:
     end = found.run.candidates.size
     where = "**one cell**" if end == 1 else f"one of **{end:,} cells**"
     fixed = ", ".join(f"{one:g}°" for one in found.fixed_turns_deg.tolist())
-    best = (
-        f"No policy needs fewer {'at worst' if found.aim == 'worst' else 'in the mean'}."
-        if found.optimal
-        else f"Whether one needs fewer is not known; none needs less than {found.least:.4g}."
-    )
     part = (
         ""
         if len(drawn) == found.policy.turn.size
@@ -175,9 +169,6 @@ def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Spec) -> str:
 
 A robot runs straight and counts its steps. Where it bumps the *policy* says by which of its angles,
 {angles}, it turns. This run bumps {times(found.run.bumps)}; then it is in {where}.
-
-From all cells it takes **{counted(found.worst_bumps, "bump")} at worst** and \
-{found.mean_bumps:.3g} in the mean. {best}
 
 ## How to look
 
@@ -190,9 +181,8 @@ The tab **Bumps needed** shows how long it takes from everywhere.
 The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
 the colour of the angle that it turns by.{part}
 
-These angles can tell {found.classes:,} classes of cells apart. One sequence of turns for all
-starts takes {counted(found.fixed_bumps, "bump")}:
+{numbers(found)}
 
-`{fixed or "none"}`
+One sequence of turns for all starts is `{fixed or "none"}`.
 
 {made_with(spec, found.cells)}"""
