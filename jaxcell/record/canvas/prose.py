@@ -85,17 +85,18 @@ def described(
 
     - `results`: one result, with a row for each place along the dimension of the quantities; or
         several of one kind, with a row for each.
-    - `names`: the quantities.
+    - `names`: the quantities; those that no result has are left out.
     - `first`: columns before them, by their heads.
     - `most`: how many rows are shown.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
     columns: dict[str, Sequence[object]] = dict(first or {})
-    heads = {name: about[name].meaning for name in names}
+    known = [name for name in names if any(getattr(one, name) is not None for one in several)]
+    heads = {name: about[name].meaning for name in known}
     if sum(map(len, heads.values())) > _MAX_HEAD:
-        of = several[0].tables.get(" ".join(about[names[0]].dims), "")
-        heads = {name: name.removeprefix(f"{of}_").replace("_", " ") for name in names}
+        of = several[0].tables.get(" ".join(about[known[0]].dims), "")
+        heads = {name: name.removeprefix(f"{of}_").replace("_", " ") for name in known}
     for name, head in heads.items():
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column

@@ -265,8 +265,7 @@ def _text(patrol: GraphPatrol, spec: Spec) -> str:
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")
-    shown = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
-    columns = [name for name in shown if getattr(patrol, name) is not None]
+    columns = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
     return f"""# A random patrol
 
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
@@ -288,30 +287,21 @@ Press play, or drag `step` at the bottom.
 A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely ones.
 
 {described(patrol, *columns)}
-{_constraints(patrol)}
-{_team(patrol)}
+{_more(patrol)}
 {made_with(spec)}"""
 
 
-def _constraints(patrol: GraphPatrol) -> str:
-    """A table of the constraints on a walk."""
-    if patrol.bounds is None:
-        return ""
-    return f"""
-## Constraints
-
-{described(patrol.bounds, "constraint", "least", "value", "most", "active", "saves")}
-"""
-
-
-def _team(patrol: GraphPatrol) -> str:
-    """What is known of several robots, of seconds, and of other patrols."""
+def _more(patrol: GraphPatrol) -> str:
+    """What is known of constraints, of several robots, of seconds, and of other patrols."""
+    columns: Sequence[str]
     parts = []
+    if patrol.bounds is not None:
+        columns = "constraint", "least", "value", "most", "active", "saves"
+        parts.append(f"## Constraints\n\n{described(patrol.bounds, *columns)}")
     if patrol.timed is not None:
         parts.append(f"Edges take time:\n\n{numbers(patrol.timed)}")
     if patrol.division is not None:
-        columns = ["division", "mean_idleness", "worst_idleness"]
-        columns += [] if patrol.division.least_capture is None else ["least_capture"]
+        columns = "division", "mean_idleness", "worst_idleness", "least_capture"
         parts.append(
             f"Robots that share the graph, and that divide it:\n\n"
             f"{described(patrol.division, *columns)}"
@@ -322,8 +312,7 @@ def _team(patrol: GraphPatrol) -> str:
     if patrol.charged is not None:
         parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
     if patrol.idleness is not None:
-        columns = ["patrol", "mean", "worst", "longest"]
-        columns += [] if patrol.idleness.least_capture is None else ["least_capture"]
+        columns = "patrol", "mean", "worst", "longest", "least_capture"
         parts.append(
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "
             f"where nobody was for longest:\n\n{described(patrol.idleness, *columns)}"
