@@ -8,7 +8,7 @@ from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_text
 from ..canvas.palette import KNOWN, PLAIN, ROBOT, cycle_color
-from ..canvas.prose import Spec, bouncing, counted, made_with, table
+from ..canvas.prose import Spec, bouncing, counted, described, made_with
 from ..canvas.stream import pace, send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
@@ -69,6 +69,7 @@ def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -
 def _text(found: Localized, drawing: Drawing, spec: Spec) -> str:
     """What the recording of a localization shows."""
     run = found.run
+    colors = {"colour": [f"{one} ({cycle_color(one)[0]})" for one in found.cycle_color.tolist()]}
     return f"""# Where is the robot?
 
 {bouncing(found.bounce)} It has a map, a bump sensor and a clock. This run
@@ -89,7 +90,7 @@ The tab **Groups** shows where all cells lead in the end, over the slider `direc
 A dot is a set of cells, violet where the filter is, vermilion where it was.
 {_drawn(found.filter, drawing)} A coloured loop is a *knowledge cycle*, which nothing leaves:
 
-{_cycles(found)}
+{described(found, "cycle_uncertainty", "cycle_length", first=colors, most=_MAX_ROWS)}
 
 {made_with(spec, found.cells)}"""
 
@@ -114,15 +115,3 @@ def _drawn(filter: Filter, drawing: Drawing) -> str:
         f"There are {len(filter.transition):,}, too many to draw: these are the last of this run, "
         f"in the rows at the top, and knowledge cycles{left_out}."
     )
-
-
-def _cycles(found: Localized) -> str:
-    cycles = found.filter.cycles
-    rows: list[tuple[object, ...]] = [
-        (f"{one.color} ({cycle_color(one.color)[0]})", one.uncertainty, len(one.states))
-        for one in cycles[:_MAX_ROWS]
-    ]
-    doubt = found.cycle_uncertainty[_MAX_ROWS:]
-    if doubt.size:
-        rows.append((f"{doubt.size:,} more", f"{doubt.min()} to {doubt.max()}", ""))
-    return table(("colour", "uncertainty (cells)", "length"), rows)
