@@ -9,6 +9,7 @@ from typing import Any
 
 from ..base.bundled import found
 from ..base.memory import LIMIT, read_size
+from . import studies
 from .demo import Demo
 from .export import Export
 from .help import overview, parsed, unknown
@@ -21,18 +22,6 @@ from .robot.replay import RobotReplay
 from .robot.run import RobotRun
 from .robot.sketch import RobotSketch
 from .run import Run
-from .studies import (
-    Cover,
-    Drift,
-    Drifters,
-    Dynamics,
-    Groups,
-    Localize,
-    Navigate,
-    PatrolGraph,
-    PatrolMap,
-    Team,
-)
 from .sweep.indices import SweepIndices
 from .sweep.merge import SweepMerge
 from .sweep.run import Sweep, SweepState
@@ -42,19 +31,19 @@ from .view import View
 
 
 COMMANDS = {
-    "cover": Cover,
+    "cover": studies.Cover,
     "demo": Demo,
-    "drift": Drift,
-    "drifters": Drifters,
-    "dynamics": Dynamics,
+    "drift": studies.Drift,
+    "drifters": studies.Drifters,
+    "dynamics": studies.Dynamics,
     "export": Export,
-    "groups": Groups,
+    "groups": studies.Groups,
     "info": Info,
-    "localize": Localize,
+    "localize": studies.Localize,
     "maps": Maps,
-    "navigate": Navigate,
-    "patrol graph": PatrolGraph,
-    "patrol map": PatrolMap,
+    "navigate": studies.Navigate,
+    "patrol graph": studies.PatrolGraph,
+    "patrol map": studies.PatrolMap,
     "robot calibrate": RobotCalibrate,
     "robot check": RobotCheck,
     "robot replay": RobotReplay,
@@ -67,7 +56,7 @@ COMMANDS = {
     "sweep status": SweepState,
     "sweep verify": SweepVerify,
     "sweep view": SweepView,
-    "team": Team,
+    "team": studies.Team,
     "view": View,
 }
 

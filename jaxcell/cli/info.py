@@ -116,7 +116,17 @@ def _netcdf(path: Path) -> dict[str, Any]:
             # The other library may look for ages for what a damaged header promises.
             netcdf_file(path).close()
         with netCDF4.Dataset(path) as file:
-            return _contents(file)
+            # Values are not read: there may be very many.
+            every = (file, *file.variables.values())
+            named = [str(one.__dict__.get("coordinates", "")) for one in every]
+            coordinates = {*file.dimensions, *" ".join(named).split()}
+            variables = {
+                name: (one.dimensions, one.__dict__)
+                for name, one in file.variables.items()
+                if name not in coordinates
+            }
+            sizes = {name: len(one) for name, one in file.dimensions.items()}
+            return _contents(sizes, variables, file.__dict__)
     except Exception as error:  # what a damaged file makes the library raise is not written
         message = " ".join(str(error).split())[:500] or type(error).__name__
         raise ValueError(f"{path}: not a NetCDF file that can be read: {message}") from None
@@ -126,44 +136,27 @@ def _zarr(path: Path) -> dict[str, Any]:
     import xarray as xr
 
     with xr.open_zarr(path) as found:
-        attributes = {name: str(value) for name, value in found.attrs.items()}
-        title = attributes.pop("title", "without a title")
-        return {
-            "what": f"a result of jaxcell: {title}",
-            "dimensions": dict(found.sizes),
-            "variables": {
-                name: _variable(one.dims, one.attrs) for name, one in found.data_vars.items()
-            },
-            **attributes,
-        }
+        variables = {name: (one.dims, one.attrs) for name, one in found.data_vars.items()}
+        return _contents(dict(found.sizes), variables, found.attrs)
 
 
-def _contents(file: Any) -> dict[str, Any]:
-    """What is in an open NetCDF file, whose values are not read: there may be very many."""
-    everything = dict(file.__dict__)
+def _contents(
+    sizes: dict[Any, int],
+    variables: dict[Any, tuple[tuple[Any, ...], dict[str, Any]]],
+    everything: dict[str, Any],
+) -> dict[str, Any]:
+    """What is in a file of labelled arrays, by their dimensions and attributes, and its own."""
     ours = "jaxcell_version" in everything
     attributes = {name: str(value) for name, value in everything.items() if ours or name == "title"}
     title = attributes.pop("title", "without a title")
     attributes.pop("coordinates", None)
-    coordinates = set(file.dimensions)
-    for one in (file, *file.variables.values()):
-        coordinates.update(str(one.__dict__.get("coordinates", "")).split())
-    return {
-        "what": f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}",
-        "dimensions": {name: len(one) for name, one in file.dimensions.items()},
-        "variables": {
-            name: _variable(one.dimensions, one.__dict__)
-            for name, one in file.variables.items()
-            if name not in coordinates
-        },
-        **attributes,
-    }
-
-
-def _variable(dimensions: tuple[str, ...], attributes: dict[str, Any]) -> str:
-    units = f", {attributes['units']}" if "units" in attributes else ""
-    meaning = f": {attributes['long_name']}" if "long_name" in attributes else ""
-    return f"({', '.join(dimensions)}){units}{meaning}"
+    shown = {}
+    for name, (dimensions, about) in variables.items():
+        units = f", {about['units']}" if "units" in about else ""
+        meaning = f": {about['long_name']}" if "long_name" in about else ""
+        shown[name] = f"({', '.join(dimensions)}){units}{meaning}"
+    what = f"a result of jaxcell: {title}" if ours else f"a NetCDF file: {title}"
+    return {"what": what, "dimensions": sizes, "variables": shown, **attributes}
 
 
 def _recording(path: Path) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """The recording of a result that has none of its own, from the descriptions of its quantities."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from ..base.quantities import Quantity, Result, values
 from .canvas.curves import curve_view, log_curve
 from .canvas.map import CellMap
 from .canvas.page import log_legend, log_tab
-from .canvas.prose import made_with, numbers
+from .canvas.prose import Spec, made_with, numbers
 from .canvas.scale import Scale
 from .canvas.stream import send_blueprint
 from .data.summary import cells_of
@@ -21,7 +20,7 @@ from .data.summary import cells_of
 _ON_A_MAP = ("position",), ("direction", "position")
 
 
-def log_result(stream: rr.RecordingStream, result: Result, spec: Mapping[str, Any]) -> None:
+def log_result(stream: rr.RecordingStream, result: Result, spec: Spec) -> None:
     """Log maps and curves of whatever quantities a result has."""
     cells, quantities = cells_of(result), values(result)
     maps = {name: one for name, one in quantities.items() if one[0].dims in _ON_A_MAP}

@@ -13,10 +13,6 @@ from ..base.revision import git_revision
 from ..space import CellSpace
 
 
-def angle_attributes(meaning: str) -> dict[str, str]:
-    return {"long_name": meaning, "units": "rad", "sense": "counter-clockwise"}
-
-
 def cell_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
     return {**direction_coordinates(cells), **place_coordinates(cells, slice(0, cells.positions))}
 
@@ -24,7 +20,8 @@ def cell_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
 def direction_coordinates(cells: CellSpace) -> dict[str, tuple[Any, ...]]:
     direction = np.arange(cells.directions)
     _, _, theta = cells.centre(direction * cells.positions)
-    heading = angle_attributes("heading, from the x axis (East)")
+    heading = {"long_name": "heading, from the x axis (East)", "units": "rad"}
+    heading["sense"] = "counter-clockwise"
     return {
         "direction": ("direction", direction.astype(np.int32), {"long_name": "index of heading"}),
         "theta": ("direction", theta, heading),

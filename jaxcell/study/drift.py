@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import tyro
 
-from ..base.quantities import Result
-from .study import Metres, Say, Seconds, Study, refuse, require, silent
+from .study import Metres, Say, Seconds, Study, about, numbers, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -16,6 +15,10 @@ if TYPE_CHECKING:
 
     from ..drift import SeaDrift, Water
     from ..verify import Comparison
+
+
+_DEEP = '"lon,lat,depth" in degrees and metres'
+_PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -96,8 +99,8 @@ class Drift(Study):
         require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
         require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
         require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
-        _numbers("start", self.start, 2, '"lon,lat" in degrees')
-        _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
+        self._place("start")
+        self._place("goal")
         # Which is the spread of the method "drifters".
         if (self.spread or self.method) in ("sampled", "drifters"):
             refuse(self, "for a spread that is sampled", "rho")
@@ -182,13 +185,12 @@ class Drift(Study):
         say(f"finding the way to the goal from {found.cells:,} cells")
         return found.towards(goal, self.discount)
 
-    def spec(self, result: Result) -> dict[str, Any]:
-        found: SeaDrift = result  # type: ignore[assignment]
+    def spec(self, result: Any) -> dict[str, Any]:
         rules = {name: self._rules()[name] for name in ("spread", "edge")}
         rules["current"] = "mean" if self._mean else "changing"
         asked = super().spec(result)
         chosen = {"file": " ".join(asked["file"]), **rules}
-        return {**asked, **chosen, "depths_m": found.depths, "duration_s": found.step}
+        return {**asked, **chosen, "depths_m": result.depths, "duration_s": result.step}
 
     def heading(self, spec: dict[str, Any]) -> str:
         return str(spec["file"])
@@ -216,16 +218,19 @@ class Drift(Study):
         """Whether maps are by the mean of the records."""
         return (self.current or ("mean" if self.method == "source" else "changing")) == "mean"
 
+    def _place(self, end: Literal["start", "goal"]) -> list[float] | None:
+        text = getattr(self, end)
+        return None if text is None else numbers(end, text, *_PLACES[end])
+
     def _start(self, water: "Water") -> int | None:
-        place = _numbers("start", self.start, 2, '"lon,lat" in degrees')
-        if place is None:
+        if (place := self._place("start")) is None:
             return None
-        return int(_named(f"start {self.start}", lambda: water.cell(*place)))
+        with about(f"start {self.start}"):
+            return int(water.cell(*place))
 
     def _goal(self, waters: "list[Water]") -> int | None:
         """The number of the goal among the cells of all layers."""
-        place = _numbers("goal", self.goal, 3, '"lon,lat,depth" in degrees and metres')
-        if place is None:
+        if (place := self._place("goal")) is None:
             return None
         lon, lat, depth = place
         depths = [water.depth for water in waters]
@@ -235,8 +240,9 @@ class Drift(Study):
             raise ValueError(
                 f"goal {self.goal}: expected one of the depths {listed} m, got {depth:g}"
             )
-        cell = _named(f"goal {self.goal}", lambda: waters[near[0]].cell(lon, lat))
-        return int(cell) + sum(water.cells for water in waters[: near[0]])
+        with about(f"goal {self.goal}"):
+            cell = int(waters[near[0]].cell(lon, lat))
+        return cell + sum(water.cells for water in waters[: near[0]])
 
 
 # The currents are read once for the members of a sweep.
@@ -271,27 +277,3 @@ def _currents(
         if time is not None:
             raise
         return read(mean=True)
-
-
-def _numbers(parameter: str, text: str | None, count: int, expected: str) -> list[float] | None:
-    """The numbers of a place.
-
-    **Raises:** `ValueError` that names the parameter.
-    """
-    if text is None:
-        return None
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if len(found) != count or not all(map(math.isfinite, found)):
-        raise ValueError(f"{parameter} {text!r}: expected {expected}")
-    return found
-
-
-def _named(parameter: str, function: Any) -> Any:
-    """Call a function whose complaints are about a parameter."""
-    try:
-        return function()
-    except ValueError as error:
-        raise ValueError(f"{parameter}: {error}") from None

@@ -2,18 +2,21 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import tyro
 
 from ..base import memory
-from ..base.quantities import Result
-from .study import Metres, Study, require
+from .study import Metres, Study, about, numbers, require
 
 
 if TYPE_CHECKING:
     from ..space import CellSpace, Workspace
     from ..space.extent import Extent
+
+
+# A map, the side of a cell, the directions, and the radius of the robot.
+_Cut: TypeAlias = tuple[Path, float | None, int | None, float | None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,7 +50,7 @@ class CellStudy(Study):
         from ..space import estimates
         from ..space.extent import Extent
 
-        extent = Extent.about(*_chosen(*self._cut))
+        extent = Extent.about(*_chosen(self._cut))
         if extent is None:
             return 0
         about = self.name, getattr(self, "step", None), self.smaller
@@ -68,21 +71,16 @@ class CellStudy(Study):
         **Raises:** `MemoryError` if the answer needs more than is free.
         """
         self.memory()
-        return _cells(*self._cut)
+        return _cells(self._cut)
 
     @property
-    def _cut(self) -> tuple[Path, float | None, int | None, float | None]:
+    def _cut(self) -> _Cut:
         return self.map, self.cell, None, None
 
-    def spec(self, result: Result) -> dict[str, Any]:
-        cells: CellSpace = result.cells  # type: ignore[attr-defined]
-        assert cells.workspace is not None
-        return {
-            **super().spec(result),
-            "name": cells.workspace.name,
-            "cell_m": cells.cell,
-            "positions": cells.positions,
-        }
+    def spec(self, result: Any) -> dict[str, Any]:
+        cells = result.cells
+        about = {"name": cells.workspace.name, "cell_m": cells.cell, "positions": cells.positions}
+        return {**super().spec(result), **about}
 
     def heading(self, spec: dict[str, Any]) -> str:
         return f"{spec['name'] or spec['map']}: {spec['positions']:,} cells"
@@ -108,7 +106,7 @@ class MapStudy(CellStudy):
         require("directions", self.directions, "at least 1", lambda x: x >= 1)
 
     @property
-    def _cut(self) -> tuple[Path, float | None, int | None, float | None]:
+    def _cut(self) -> _Cut:
         return self.map, self.cell, self.directions, self.robot_radius
 
     @property
@@ -116,9 +114,8 @@ class MapStudy(CellStudy):
         """How the robot moves, for the functions of `jaxcell.bounce`."""
         return {"step": self.step, "collision": self.collision}
 
-    def spec(self, result: Result) -> dict[str, Any]:
-        cells: CellSpace = result.cells  # type: ignore[attr-defined]
-        assert cells.workspace is not None
+    def spec(self, result: Any) -> dict[str, Any]:
+        cells = result.cells
         return {
             **super().spec(result),
             "robot_radius_m": cells.workspace.robot_radius,
@@ -142,39 +139,26 @@ def cell_at(cells: "CellSpace", text: str, parameter: str) -> int:
 
     **Raises:** `ValueError` that names the parameter, if there is no such cell or pose.
     """
-    pose: list[float] | int
-    try:
-        pose = [float(part) for part in text.split(",")] if "," in text else int(text)
-        if isinstance(pose, list) and len(pose) != 3:
-            raise ValueError
-    except ValueError:
-        raise ValueError(
-            f'{parameter} {text!r}: expected "x,y,heading" in metres and degrees, or a cell number'
-        ) from None
-    try:
-        if isinstance(pose, list):
-            x, y, heading = pose
-            return int(cells.index(x, y, math.radians(heading)))
-        cells.centre(pose)
-        return pose
-    except ValueError as error:
-        raise ValueError(f"{parameter} {text!r}: {error}") from None
+    if text.removeprefix("-").isdecimal():
+        with about(f"{parameter} {text!r}"):
+            cells.centre(int(text))
+        return int(text)
+    expected = '"x,y,heading" in metres and degrees, or a cell number'
+    x, y, heading = numbers(parameter, text, 3, expected)
+    with about(f"{parameter} {text!r}"):
+        return int(cells.index(x, y, math.radians(heading)))
 
 
 @functools.lru_cache(maxsize=8)
-def _chosen(
-    path: Path, cell: float | None, directions: int | None, robot_radius: float | None
-) -> "tuple[Workspace, float, int]":
+def _chosen(cut: _Cut) -> "tuple[Workspace, float, int]":
     from ..space.cells import suggested
 
-    return suggested(path, cell, directions, robot_radius)
+    return suggested(*cut)
 
 
 # The cells of a map keep what has been found out about them, for the members of a sweep.
 @functools.lru_cache(maxsize=8)
-def _cells(
-    path: Path, cell: float | None, directions: int | None, robot_radius: float | None
-) -> "CellSpace":
+def _cells(cut: _Cut) -> "CellSpace":
     from ..space import CellSpace
 
-    return CellSpace.of(*_chosen(path, cell, directions, robot_radius))
+    return CellSpace.of(*_chosen(cut))

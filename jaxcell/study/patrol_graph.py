@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..base.limits import MAX_VERTICES
 from .graph_study import GraphStudy
-from .study import Say, refuse, require, silent
+from .study import Say, about, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -198,10 +198,8 @@ class PatrolGraph(GraphStudy):
 
         if self.division is None:
             return self._walk(graph, names, emphasis, self.robots)
-        try:
+        with about("robots"):
             region = patrol.divide_graph(graph, self.robots)
-        except ValueError as error:
-            raise ValueError(f"robots: {error}") from None
         parts, matrices = [], []
         for robot in range(self.robots):
             say(f"seeking a walk on part {robot + 1} of {self.robots}")

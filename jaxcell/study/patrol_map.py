@@ -4,9 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from ..base.limits import MAX_CELLS, MAX_VERTICES
-from ..base.quantities import Result
 from .map_study import CellStudy
-from .study import Metres, Say, refuse, require, silent
+from .study import Metres, Say, about, numbers, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -177,6 +176,8 @@ class PatrolMap(CellStudy):
         """The policies of as many robots as are asked for, or as the wanted capture takes."""
         import numpy as np
 
+        from .. import patrol
+
         most = min(_MAX_ROBOTS, graph.vertices) if self.robots == "auto" else self.robots
         made = {}
         if self.strategy != "capture":
@@ -187,7 +188,18 @@ class PatrolMap(CellStudy):
                 some = {share: policies[:robots] for share, policies in made.items()}
                 found, least = self._chosen(graph, visible, some, regions)
             else:
-                found, least = self._searched(graph, visible, robots, say)
+                say(f"searching for the patrol of {robots} robots that captures most")
+                search = patrol.capture_policies(
+                    graph,
+                    visible,
+                    robots,
+                    self.attack_times[0],
+                    randomness=self.randomness,
+                    start=self.start,
+                    starts=self.starts,
+                    seed=self.seed,
+                )
+                found, least = {"policies": search.policies, "search": search}, search.value
             reached.append(least)
             if self.capture is not None:
                 say(f"a team of {robots} captures {least:.3f} at least")
@@ -196,25 +208,6 @@ class PatrolMap(CellStudy):
         if self.capture is not None:
             found |= {"size_capture": np.array(reached), "wanted": self.capture}
         return found
-
-    def _searched(
-        self, graph: "Graph", visible: "np.ndarray", robots: int, say: Say
-    ) -> tuple[dict[str, Any], float]:
-        """The policies that capture most, and the least probability of capture."""
-        from .. import patrol
-
-        say(f"searching for the patrol of {robots} robots that captures most")
-        search = patrol.capture_policies(
-            graph,
-            visible,
-            robots,
-            self.attack_times[0],
-            randomness=self.randomness,
-            start=self.start,
-            starts=self.starts,
-            seed=self.seed,
-        )
-        return {"policies": search.policies, "search": search}, search.value
 
     def _emphasised(
         self,
@@ -271,12 +264,12 @@ class PatrolMap(CellStudy):
         }
         return found, float(least[best])
 
-    def spec(self, result: Result) -> dict[str, Any]:
+    def spec(self, result: Any) -> dict[str, Any]:
         spec = super().spec(result)
         if self.base is not None and self.base_range is None:
             spec["base_range_m"] = self.range
         if self.target is None:
-            x, y = result.xy[result.attack.target]  # type: ignore[attr-defined]
+            x, y = result.xy[result.attack.target]
             spec["target"] = f"{x:g},{y:g}"
         return spec
 
@@ -342,11 +335,9 @@ class PatrolMap(CellStudy):
             return None
         seen = visible_cells(cells, self.range if self.base_range is None else self.base_range)
         base = None if self.base == "auto" else _position(cells, self.base, "base")
-        try:
+        with about("base"):
             base = base_station(graph, seen) if base is None else base
             return angular_regions(graph, base, seen[base], int(self.robots))
-        except ValueError as error:
-            raise ValueError(f"base: {error}") from None
 
     def _target(
         self,
@@ -376,11 +367,6 @@ class PatrolMap(CellStudy):
 
 def _position(cells: "CellSpace", text: str, parameter: str) -> int:
     """The position that a parameter names, as "x,y" in metres."""
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f'{parameter} {text!r}: expected "x,y" in metres') from None
-    try:
+    x, y = numbers(parameter, text, 2, '"x,y" in metres')
+    with about(f"{parameter} {text!r}"):
         return int(cells.index(x, y)) % cells.positions
-    except ValueError as error:
-        raise ValueError(f"{parameter} {text!r}: {error}") from None

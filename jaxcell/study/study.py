@@ -1,6 +1,7 @@
+import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, get_type_hints
 
@@ -125,6 +126,27 @@ def require(
     """
     if value is not None and not (math.isfinite(value) and holds(value)):
         raise ValueError(f"{parameter}: expected {expected}, got {value:g}")
+
+
+@contextlib.contextmanager
+def about(parameter: str) -> Iterator[None]:
+    """Begin the errors of the block with a parameter: they are about it."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{parameter}: {error}") from None
+
+
+def numbers(parameter: str, text: str, count: int, expected: str) -> list[float]:
+    """The finite numbers of a parameter that is a text, with commas between them.
+
+    **Raises:** `ValueError` that says what was expected, unless there are so many.
+    """
+    with contextlib.suppress(ValueError):
+        found = [float(part) for part in text.split(",")]
+        if len(found) == count and all(map(math.isfinite, found)):
+            return found
+    raise ValueError(f"{parameter} {text!r}: expected {expected}")
 
 
 def refuse(study: Study, where: str, *names: str) -> None:

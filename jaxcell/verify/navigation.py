@@ -27,7 +27,8 @@ def compare_plan(plan: Plan, **motion: Any) -> list[Comparison]:
     - `motion`: its `step` and `collision`, as for [`jaxcell.bounce.plan`][].
     """
     straight, images = compare_straight(plan.cells, np.unique(plan.visited), **motion)
-    turns, size = _turns(plan, plan.roadmap.bounces), plan.cells.size
+    directions, size = plan.cells.directions, plan.cells.size
+    turns = np.rint(plan.roadmap.bounces * directions / (2 * np.pi)).astype(int) % directions
     if (turns.size + 1) * size > _MAX_STATES:
         return [images, Comparison.omitted(_SEARCH, f"more than {_MAX_STATES:,} states")]
     image, bumped = np.asarray(straight.image, np.int64), np.asarray(straight.bumped)
@@ -46,12 +47,6 @@ def compare_plan(plan: Plan, **motion: Any) -> list[Comparison]:
             size,
         ),
     ]
-
-
-def _turns(plan: Plan, angles: np.ndarray) -> Int[np.ndarray, "angles"]:
-    """Angles as numbers of directions."""
-    directions = plan.cells.directions
-    return np.rint(angles * directions / (2 * np.pi)).astype(int) % directions
 
 
 def _graph(

@@ -368,7 +368,8 @@ def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read):
     found = read(tmp_path / "search.rrd")
     assert len(found.static("/frontier/curve/floors", "Points2D:positions")) == 2
     text = found.static("/frontier/text", "TextDocument:text")[0]
-    assert f"| 60% | {frontier.entropy[1]:.3f} nats | {frontier.least_capture[1]:.4f} |" in text
+    caught = 100 * frontier.least_capture[1]
+    assert f"| 60% | {frontier.entropy[1]:.6g} nats | {caught:.4g} % |" in text
     assert "local optimum" in found.static("/policies/text", "TextDocument:text")[0]
 
 

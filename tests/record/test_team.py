@@ -127,7 +127,9 @@ def test_the_text_says_what_came_out(team, recorded):
     text = recorded.static("/text", "TextDocument:text")[0]
     assert "| positions that are visited | 19 |" in text
     assert f"| steps | {len(team.cell) - 1} |" in text
-    assert "| 0 | vermilion | x = " in text
+    x, y, theta = map(float, team.cells.centre(int(team.starts[0])))
+    pose = f"{team.starts[0]} ({x:g} m, {y:g} m, {np.rad2deg(theta):g}°)"
+    assert f"| 0 | vermilion | {pose} |" in text
     assert "| seed | 0 |" in text
 
 

@@ -1,6 +1,4 @@
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -21,7 +19,7 @@ from ..canvas.palette import (
     mix,
     ranks,
 )
-from ..canvas.prose import counted, described, made_with, numbers
+from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 
@@ -36,9 +34,7 @@ _NONE, _LITTLE = "no time at all", "less than 1/16 of an even share"
 _PALE: Color = (149, 154, 184)
 
 
-def log_coverage(
-    stream: rr.RecordingStream, policy: CoveragePolicy, spec: Mapping[str, Any]
-) -> None:
+def log_coverage(stream: rr.RecordingStream, policy: CoveragePolicy, spec: Spec) -> None:
     """Log a mixture of bouncing policies.
 
     Heat maps of the coverage by each angle, by the mixture, and of the target, side by side, with
@@ -155,7 +151,7 @@ def _group_kinds(
     return np.where(group < 0, 1, 2 + place[group]).astype(np.uint8)
 
 
-def _text(policy: CoveragePolicy, shown: int, spec: Mapping[str, Any]) -> str:
+def _text(policy: CoveragePolicy, shown: int, spec: Spec) -> str:
     """What the heat maps of a mixture show."""
     angles, cells = len(policy.bounce), policy.cells
     if angles == 1:

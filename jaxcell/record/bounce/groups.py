@@ -1,7 +1,5 @@
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -9,12 +7,11 @@ import rerun.blueprint as rrb
 from jaxtyping import Int, UInt8
 
 from ...bounce import BounceGroups
-from ...space import CellSpace
 from ..canvas import palette
 from ..canvas.map import CellMap, Directions, directions_shown
 from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import bouncing, made_with
+from ..canvas.prose import Spec, bouncing, made_with
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint, send_changing
 
@@ -27,7 +24,7 @@ _ON_GROUP = "on a group"
 _EMPTY = "", palette.CLEAR
 
 
-def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[str, Any]) -> None:
+def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Spec) -> None:
     """Log periodic groups.
 
     For each bouncing angle, over the timeline `direction`: the group that every cell leads to, the
@@ -42,12 +39,7 @@ def log_groups(stream: rr.RecordingStream, groups: BounceGroups, spec: Mapping[s
 
 
 def log_group_tab(
-    map: CellMap,
-    groups: BounceGroups,
-    angle: int,
-    title: str,
-    shown: Directions,
-    spec: Mapping[str, Any],
+    map: CellMap, groups: BounceGroups, angle: int, title: str, shown: Directions, spec: Spec
 ) -> rrb.Container:
     """Log the pictures, the legend and the text of one bouncing angle, and lay them out.
 
@@ -57,7 +49,8 @@ def log_group_tab(
     - `title`: what the tab is called.
     - `shown`: when which direction is shown.
     """
-    stream, one = map.stream, _OfAngle(groups, angle)
+    stream, period = map.stream, groups.group_period[angle]
+    one = _OfAngle(groups.group[angle], groups.step[angle], period)
     name = f"bounce_{groups.bounce_deg[angle]:.6g}"
     views = []
     for about, kind, classes, cells in one.pictures():
@@ -85,40 +78,25 @@ class _OfAngle:
     a bounce by 90 of 360 degrees has 90 such families, and no picture shows two of them.
     """
 
-    groups: BounceGroups
-    angle: int
-
-    @property
-    def _cells(self) -> CellSpace:
-        return self.groups.cells
+    group: Int[np.ndarray, "directions positions"]
+    step: Int[np.ndarray, "directions positions"]
+    period: Int[np.ndarray, "groups"]
 
     @functools.cached_property
-    def _count(self) -> int:
-        return int(self._group.max()) + 1
-
-    @property
-    def _step(self) -> Int[np.ndarray, "directions positions"]:
-        return self.groups.step[self.angle]
-
-    @property
-    def _group(self) -> Int[np.ndarray, "directions positions"]:
-        return self.groups.group[self.angle]
-
-    @property
     def _basin(self) -> Int[np.ndarray, "groups"]:
-        return self.groups.group_basin[self.angle, : self._count]
+        return np.bincount(self.group.ravel())
 
     @functools.cached_property
     def _direction(self) -> Int[np.ndarray, "groups"]:
         """The lowest direction of the cells of each group, which all of its family have."""
-        direction = np.zeros(self._count, np.int32)
-        for k, group in reversed(list(enumerate(self._group))):
+        direction = np.zeros(self._basin.size, np.int32)
+        for k, group in reversed(list(enumerate(self.group))):
             direction[group] = k
         return direction
 
     @functools.cached_property
     def _family(self) -> Int[np.ndarray, "directions"]:
-        return self._direction[self._group[:, 0]]
+        return self._direction[self.group[:, 0]]
 
     @functools.cached_property
     def _rank(self) -> Int[np.ndarray, "groups"]:
@@ -131,20 +109,20 @@ class _OfAngle:
 
     @functools.cached_property
     def _steps(self) -> Scale:
-        longest, special = int(self._step.max()), {_ON_GROUP: palette.ON_GROUP}
+        longest, special = int(self.step.max()), {_ON_GROUP: palette.ON_GROUP}
         return Scale.counting(1, longest, _mappings, special=special)
 
     def pictures(self) -> list[tuple[str, str, list[PictureClass], UInt8[np.ndarray, "_ _"]]]:
         """The title and the name of each kind of picture, its classes, and those of the cells."""
-        on_group = self._step == 0
-        kind = (palette.group_class(self._rank)[self._group] + on_group).astype(np.uint8)
+        on_group = self.step == 0
+        kind = (palette.group_class(self._rank)[self.group] + on_group).astype(np.uint8)
         passing = np.where(on_group, kind, np.uint8(_NO_GROUP))
         cycles = np.empty_like(passing)
         for one in np.unique(self._family):
             # Larger basins have smaller classes: the largest group that passes a square shows.
             cycles[self._family == one] = passing[self._family == one].min(axis=0)
         groups, none = palette.GROUP_CLASSES, PictureClass("on no such group", palette.FREE)
-        away = self._steps.levels(self._step, {_ON_GROUP: on_group})
+        away = self._steps.levels(self.step, {_ON_GROUP: on_group})
         return [
             ("The group that each cell leads to", "groups", groups, kind),
             ("The mappings that it takes", "steps", self._steps.classes, away),
@@ -155,7 +133,7 @@ class _OfAngle:
         """What the colours mean, for each direction."""
         scale = self._steps.legend()
         of_family = {one: self._legend(one) for one in np.unique(self._family).tolist()}
-        spacing = 360 / self._cells.directions
+        spacing = 360 / len(self.group)
         # An arrow is drawn in the place of this swatch.
         return [
             [*of_family[one], (f"heading {k * spacing:.6g}°", palette.CLEAR), _EMPTY, *scale]
@@ -168,10 +146,9 @@ class _OfAngle:
         members = members[np.argsort(self._rank[members])]
         basin = self._basin[members]
         shares = 100 * basin / basin.sum()
-        period = self.groups.group_period[self.angle]
         named = zip(members, shares, palette.CATEGORIES.values(), strict=False)
         entries = [
-            (f"group {group}: period {period[group]}, {share:.3g} % of cells", color)
+            (f"group {group}: period {self.period[group]}, {share:.3g} % of cells", color)
             for group, share, color in named
         ]
         more = members.size - len(entries)
@@ -186,7 +163,7 @@ def _mappings(count: str) -> str:
     return f"{count} mapping{'s' * (count != '1')} to a group"
 
 
-def _text(groups: BounceGroups, i: int, spec: Mapping[str, Any]) -> str:
+def _text(groups: BounceGroups, i: int, spec: Spec) -> str:
     """What the pictures of one bouncing angle show."""
     cells, count = groups.cells, groups.count[i]
     shortest, longest = groups.shortest_period[i], groups.longest_period[i]

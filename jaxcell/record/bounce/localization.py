@@ -1,54 +1,43 @@
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from ...automata import Filter
 from ...bounce import Localized
-from ..canvas.belief import log_beliefs
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_text
 from ..canvas.palette import KNOWN, PLAIN, ROBOT, cycle_color
-from ..canvas.prose import bouncing, counted, made_with, table
+from ..canvas.prose import Spec, bouncing, counted, described, made_with
 from ..canvas.stream import pace, send_blueprint
 from .filter_drawing import Drawing, draw_filter
 from .groups import log_group_tab
-from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, observed
+from .run import SEEN, log_localized, log_states, observed
 
 
 _MAX_ROWS = 12
 
 
-def log_localization(stream: rr.RecordingStream, found: Localized, spec: Mapping[str, Any]) -> None:
+def log_localization(stream: rr.RecordingStream, found: Localized, spec: Spec) -> None:
     """Log a robot that is localized by its bumps.
 
     Over the timeline `step`: the robot and its trail, the cells where it may be, how many they
     are, and the path through the filter, drawn as a graph. The periodic groups are there too, for
     the heading of the robot on `step`, and over the timeline `direction`.
     """
-    cells = found.cells
     drawing = draw_filter(found.filter, found.run.states)
-    map = CellMap(stream, cells)
-    log_beliefs(stream, cells, found.beliefs)
-    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
-    log_end(map, found.run)
-    marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth"]
-    maps = rrb.Vertical(
-        map.view("Where the robot is, and where it may be", marks),
-        _log_numbers(stream, found),
-        row_shares=[7, 3],
-    )
+    map, colors = CellMap(stream, found.cells), found.belief_color
+    log_curve(stream, "filter/color", colors, color=KNOWN, shape="StepBefore")
+    last, most = colors.size - 1, int(colors.max())
+    color = curve_view("filter/color", "Filter's colour", last, most)
+    maps = log_localized(map, found, "filter", curves=[color])
+    shown = directions_shown(found.cells, found.run.path)
     text = log_text(stream, "text", _text(found, drawing, spec))
     graph = _log_graph(stream, found, drawing)
     beside = rrb.Vertical(text, graph, row_shares=[1, 1])
     tabs = [
         rrb.Horizontal(maps, beside, column_shares=[3, 2], name="Localization"),
-        log_group_tab(
-            map, found.groups, 0, "Groups", directions_shown(cells, found.run.path), spec
-        ),
+        log_group_tab(map, found.groups, 0, "Groups", shown, spec),
     ]
     send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
@@ -77,22 +66,10 @@ def _log_graph(stream: rr.RecordingStream, found: Localized, drawing: Drawing) -
     return log_states(stream, path, title, names, drawing.position, edges, size, colors, visited)
 
 
-def _log_numbers(stream: rr.RecordingStream, found: Localized) -> rrb.Container:
-    """Log the numbers that change along the run."""
-    observations, colors = found.run.observations, found.belief_color
-    sizes = log_sizes(stream, "filter", found.belief_size)
-    log_curve(stream, "filter/color", colors, color=KNOWN, shape="StepBefore")
-    last, most = observations.size, int(colors.max())
-    return rrb.Horizontal(
-        *sizes,
-        log_bumps(stream, observations),
-        curve_view("filter/color", "Filter's colour", last, most),
-    )
-
-
-def _text(found: Localized, drawing: Drawing, spec: Mapping[str, Any]) -> str:
+def _text(found: Localized, drawing: Drawing, spec: Spec) -> str:
     """What the recording of a localization shows."""
     run = found.run
+    colors = {"colour": [f"{one} ({cycle_color(one)[0]})" for one in found.cycle_color.tolist()]}
     return f"""# Where is the robot?
 
 {bouncing(found.bounce)} It has a map, a bump sensor and a clock. This run
@@ -113,7 +90,7 @@ The tab **Groups** shows where all cells lead in the end, over the slider `direc
 A dot is a set of cells, violet where the filter is, vermilion where it was.
 {_drawn(found.filter, drawing)} A coloured loop is a *knowledge cycle*, which nothing leaves:
 
-{_cycles(found)}
+{described(found, "cycle_uncertainty", "cycle_length", first=colors, most=_MAX_ROWS)}
 
 {made_with(spec, found.cells)}"""
 
@@ -138,15 +115,3 @@ def _drawn(filter: Filter, drawing: Drawing) -> str:
         f"There are {len(filter.transition):,}, too many to draw: these are the last of this run, "
         f"in the rows at the top, and knowledge cycles{left_out}."
     )
-
-
-def _cycles(found: Localized) -> str:
-    cycles = found.filter.cycles
-    rows: list[tuple[object, ...]] = [
-        (f"{one.color} ({cycle_color(one.color)[0]})", one.uncertainty, len(one.states))
-        for one in cycles[:_MAX_ROWS]
-    ]
-    doubt = found.cycle_uncertainty[_MAX_ROWS:]
-    if doubt.size:
-        rows.append((f"{doubt.size:,} more", f"{doubt.min()} to {doubt.max()}", ""))
-    return table(("colour", "uncertainty (cells)", "length"), rows)

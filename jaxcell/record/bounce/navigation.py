@@ -1,29 +1,21 @@
 import itertools
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
+from ...base.written import configuration
 from ...bounce import CostSummary, Plan
 from ...space import CellSpace
 from ..canvas import palette
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap, directions_shown
-from ..canvas.marks import (
-    log_arrows,
-    log_dots,
-    log_frame,
-    log_labels,
-    log_robot,
-    points,
-)
+from ..canvas.marks import log_arrows, log_dots, log_frame, log_labels, log_robot, points
 from ..canvas.page import log_legends, log_tab
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import degrees, made_with, numbers, pose, times
+from ..canvas.prose import Spec, degrees, made_with, numbers, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
 from .run import log_turns
@@ -40,9 +32,7 @@ _MAX_ACTIONS = 60
 _ENDS = ["start/**", "goal/**"]
 
 
-def log_navigation(
-    stream: rr.RecordingStream, found: Plan | CostSummary, spec: Mapping[str, Any]
-) -> None:
+def log_navigation(stream: rr.RecordingStream, found: Plan | CostSummary, spec: Spec) -> None:
     """Log a plan of a bouncing robot, or the costliest plan of all.
 
     Over the timeline `step`: the robot, and the angle it turns by at each bump. The whole plan is
@@ -191,7 +181,7 @@ _REACHING = """- **Above**: in how many headings it can set out from each square
 - **Below**: whether it can in one, that of `direction`, or of the robot at `step`."""
 
 
-def _text(plan: Plan, spec: Mapping[str, Any]) -> str:
+def _text(plan: Plan, spec: Spec) -> str:
     """What the recording shows."""
     look = _HOW_TO_LOOK if plan.actions.size else ""
     slider = "" if plan.found else _REACHING
@@ -215,7 +205,7 @@ def _reaching_text(plan: Plan) -> str:
     return f"""# From where the goal can be reached
 
 From **{plan.cells_that_reach_the_goal:,} of {plan.cells.size:,} cells** the robot can get to the
-goal ({pose(plan.cells, plan.goal)}) with its bouncing angles.
+goal, {configuration(plan.cells, plan.goal)}, with its bouncing angles.
 
 {_REACHING}
 """

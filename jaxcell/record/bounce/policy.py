@@ -1,5 +1,4 @@
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import networkx as nx
 import numpy as np
@@ -9,14 +8,13 @@ from jaxtyping import Float
 
 from ...automata import Policy
 from ...bounce import AdaptivelyLocalized
-from ..canvas.belief import log_beliefs
 from ..canvas.map import CellMap, directions_shown
 from ..canvas.page import log_tab, log_text
 from ..canvas.palette import CATEGORIES, CURRENT, KNOWN, PLAIN, Color
-from ..canvas.prose import counted, degrees, made_with, table, times
+from ..canvas.prose import Spec, counted, degrees, made_with, numbers, table, times
 from ..canvas.scale import Scale
 from ..canvas.stream import pace, send_blueprint
-from .run import SEEN, log_bumps, log_end, log_run, log_sizes, log_states, log_turns
+from .run import SEEN, log_localized, log_states, log_turns
 
 
 # Without the colours of the robot, and of what is known in the end.
@@ -28,7 +26,7 @@ _ACROSS, _DOWN = 26.0, 30.0
 
 
 def log_localization_policy(
-    stream: rr.RecordingStream, found: AdaptivelyLocalized, spec: Mapping[str, Any]
+    stream: rr.RecordingStream, found: AdaptivelyLocalized, spec: Spec
 ) -> None:
     """Log a robot that is localized by its choice of angles.
 
@@ -41,22 +39,10 @@ def log_localization_policy(
     send_blueprint(stream, tabs, "step", pace(found.run.path.size))
 
 
-def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Mapping[str, Any]) -> rrb.Container:
+def _log_run(map: CellMap, found: AdaptivelyLocalized, spec: Spec) -> rrb.Container:
     stream, turns = map.stream, found.turned_by[found.turned_by >= 0]
-    log_beliefs(stream, found.cells, found.beliefs)
-    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
-    log_end(map, found.run)
+    left = log_localized(map, found, "policy", ["turn"])
     log_turns(map, map.xy(found.run.path), found.turned_by >= 0, found.bounces[turns].tolist())
-    marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", "turn"]
-    numbers = (
-        *log_sizes(stream, "policy", found.belief_size),
-        log_bumps(stream, found.run.observations),
-    )
-    left = rrb.Vertical(
-        map.view("Where the robot is, and where it may be", marks),
-        rrb.Horizontal(*numbers),
-        row_shares=[7, 3],
-    )
     drawn = _drawn(found.policy, found.run.states.tolist())
     tree = _log_tree(stream, found, drawn)
     legend = [
@@ -159,8 +145,7 @@ def _needed_text(found: AdaptivelyLocalized) -> str:
     rows = list(zip(bumps.tolist(), (f"{n:,}" for n in starts.tolist()), strict=True))
     return f"""# How long it takes
 
-From each cell, how many bumps it takes until the robot knows where it is: **{found.worst_bumps} at
-worst**, and {found.mean_bumps:.3g} in the mean.
+From each cell, how many bumps it takes until the robot knows where it is.
 
 - **Above**: from the worst heading on each square.
 - **Below**: from one heading, that of `direction` at the bottom, or of the robot at `step`.
@@ -169,17 +154,12 @@ worst**, and {found.mean_bumps:.3g} in the mean.
 """
 
 
-def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Mapping[str, Any]) -> str:
+def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Spec) -> str:
     """What the recording shows."""
     angles = ", ".join(degrees(one) for one in found.bounces)
     end = found.run.candidates.size
     where = "**one cell**" if end == 1 else f"one of **{end:,} cells**"
     fixed = ", ".join(f"{one:g}°" for one in found.fixed_turns_deg.tolist())
-    best = (
-        f"No policy needs fewer {'at worst' if found.aim == 'worst' else 'in the mean'}."
-        if found.optimal
-        else f"Whether one needs fewer is not known; none needs less than {found.least:.4g}."
-    )
     part = (
         ""
         if len(drawn) == found.policy.turn.size
@@ -189,9 +169,6 @@ def _text(found: AdaptivelyLocalized, drawn: list[int], spec: Mapping[str, Any])
 
 A robot runs straight and counts its steps. Where it bumps the *policy* says by which of its angles,
 {angles}, it turns. This run bumps {times(found.run.bumps)}; then it is in {where}.
-
-From all cells it takes **{counted(found.worst_bumps, "bump")} at worst** and \
-{found.mean_bumps:.3g} in the mean. {best}
 
 ## How to look
 
@@ -204,9 +181,8 @@ The tab **Bumps needed** shows how long it takes from everywhere.
 The start is at the top, and each row is a bump. A dot is a set of cells where the robot may be, in
 the colour of the angle that it turns by.{part}
 
-These angles can tell {found.classes:,} classes of cells apart. One sequence of turns for all
-starts takes {counted(found.fixed_bumps, "bump")}:
+{numbers(found)}
 
-`{fixed or "none"}`
+One sequence of turns for all starts is `{fixed or "none"}`.
 
 {made_with(spec, found.cells)}"""

@@ -7,11 +7,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Bool, Float, Int, Integer, UInt8
 
-from ...bounce import Localization
-from ..canvas.belief import MAX_ARROWS, robot_length
+from ...bounce.localization.result import RunOnMap
+from ..canvas.belief import MAX_ARROWS, log_beliefs, robot_length
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import log_robot, points, send_labels
+from ..canvas.marks import Poses, log_robot, send_labels
 from ..canvas.palette import CURRENT, KNOWN, ROBOT, TRAIL
 from ..canvas.prose import degrees
 from ..canvas.stream import send_changing
@@ -35,13 +35,7 @@ def observed(word: str) -> str:
     return (word[:_MAX_OBSERVATIONS] + "..." * (len(word) > _MAX_OBSERVATIONS)) or "none"
 
 
-def log_run(
-    map: CellMap,
-    poses: tuple[
-        Float[np.ndarray, "times"], Float[np.ndarray, "times"], Float[np.ndarray, "times"]
-    ],
-    order: float = 18.0,
-) -> None:
+def log_run(map: CellMap, poses: Poses, order: float = 18.0) -> None:
     """Log the true robot, by default below the arrows of the belief, of which one lies on it."""
     log_robot(
         map.stream,
@@ -59,26 +53,44 @@ def log_run(
 
 def log_candidates(map: CellMap, cells: Int[np.ndarray, "candidates"], time: int) -> None:
     """Log frames around the cells that are left in the end, if they are few."""
-    squares = map.xy(cells[:MAX_ARROWS])
-    send_changing(
-        map.stream,
-        "map/candidates",
-        rr.Boxes2D,
-        np.array([time]),
-        [len(squares)],
-        style={"colors": KNOWN, "radii": points(2.5), "draw_order": 30},
-        centers=squares,
-        half_sizes=np.full(squares.shape, map.frame),
-    )
+    few = cells[:MAX_ARROWS]
+    map.frames("candidates", few, KNOWN, np.array([time]), [few.size])
 
 
-def log_end(map: CellMap, run: Localization) -> None:
-    """Mark, at the last step, the cells that are left, and the truth."""
+def log_localized(
+    map: CellMap,
+    found: RunOnMap,
+    path: str,
+    also: Sequence[str] = (),
+    curves: Sequence[rrb.View] = (),
+) -> rrb.Container:
+    """Log a robot that is localized, with the cells where it may be and how many they are.
+
+    **Arguments:**
+
+    - `path`: the entity of their numbers.
+    - `also`: further entities on the map.
+    - `curves`: further numbers.
+    """
+    run, stream, size = found.run, map.stream, found.belief_size
+    log_beliefs(stream, found.cells, found.beliefs)
+    log_run(map, (found.robot_x, found.robot_y, found.robot_theta))
     last = run.observations.size
     log_candidates(map, run.candidates, last)
     at, ground = map.below(map.xy(run.path[-1:])[0], map.frame)
     end, labels = np.array([last]), ["the truth"]
-    send_labels(map.stream, "map/truth", labels, end, ground=ground, positions=at[None])
+    send_labels(stream, "map/truth", labels, end, ground=ground, positions=at[None])
+    log_curve(stream, f"{path}/uncertainty", size, shape="Linear")
+    log_curve(stream, f"{path}/bits", np.log2(np.maximum(size, 1)), shape="Linear")
+    marks = ["grid/belief", "belief", "trail", "robot", "candidates", "truth", *also]
+    numbers = (
+        curve_view(f"{path}/uncertainty", "Cells left", last, int(size.max())),
+        curve_view(f"{path}/bits", "The same, log2", last),
+        log_bumps(stream, run.observations),
+        *curves,
+    )
+    seen = map.view("Where the robot is, and where it may be", marks)
+    return rrb.Vertical(seen, rrb.Horizontal(*numbers), row_shares=[7, 3])
 
 
 def log_turns(
@@ -92,19 +104,6 @@ def log_turns(
     labels = [f"bump {i}: turn by {degrees(angle)}" for i, angle in enumerate(angles, 1)]
     times, shown = np.arange(turns.size), turns.astype(int)
     send_labels(map.stream, "map/turn", labels, times, shown, positions=xy[bumps])
-
-
-def log_sizes(
-    stream: rr.RecordingStream, path: str, size: Int[np.ndarray, "times"]
-) -> list[rrb.View]:
-    """Log how many cells are left."""
-    log_curve(stream, f"{path}/uncertainty", size, shape="Linear")
-    log_curve(stream, f"{path}/bits", np.log2(np.maximum(size, 1)), shape="Linear")
-    last = size.size - 1
-    return [
-        curve_view(f"{path}/uncertainty", "Cells left", last, int(size.max())),
-        curve_view(f"{path}/bits", "The same, log2", last),
-    ]
 
 
 def log_bumps(stream: rr.RecordingStream, observations: Int[np.ndarray, "steps"]) -> rrb.View:

@@ -1,6 +1,3 @@
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -9,15 +6,14 @@ from ...bounce import Slipped
 from ..canvas.belief import arrows, belief_length, heat, heat_scale, log_belief_style
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import points
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES
-from ..canvas.prose import bouncing, counted, degrees, made_with
+from ..canvas.prose import Spec, bouncing, counted, degrees, made_with
 from ..canvas.stream import pace, send_blueprint, send_changing
 from .run import log_bumps, log_candidates, log_run, log_turns, observed
 
 
-def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Mapping[str, Any]) -> None:
+def log_slip(stream: rr.RecordingStream, found: Slipped, spec: Spec) -> None:
     """Log a robot that slips and is localized by a belief.
 
     Over the timeline `step`: the robot and its trail, how probable each position is, the likeliest
@@ -52,10 +48,7 @@ def _log_likeliest(map: CellMap, found: Slipped) -> None:
     stream, cells = map.stream, found.cells
     known = np.flatnonzero(found.likeliest >= 0)
     where = found.likeliest[known]
-    frame = {"colors": CATEGORIES["pink"], "radii": points(2.0), "draw_order": 28}
-    half = np.full((where.size, 2), map.frame)
-    boxes = {"centers": map.xy(where), "half_sizes": half}
-    send_changing(stream, "map/likeliest", rr.Boxes2D, known, style=frame, **boxes)
+    map.frames("likeliest", where, CATEGORIES["pink"], known, width=2.0, order=28.0)
     origins, vectors = arrows(cells, where, belief_length(cells))
     send_changing(stream, "map/belief", rr.Arrows2D, known, origins=origins, vectors=vectors)
     log_belief_style(stream, cells)
@@ -81,7 +74,7 @@ def _turning(found: Slipped) -> str:
     )
 
 
-def _text(found: Slipped, spec: Mapping[str, Any]) -> str:
+def _text(found: Slipped, spec: Spec) -> str:
     if found.is_nowhere:
         end = "The belief says that the robot is **nowhere on this map**."
     else:

@@ -1,6 +1,3 @@
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -9,11 +6,11 @@ from jaxtyping import Int
 from ...bounce import TeamTrajectory
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.map import CellMap
-from ..canvas.marks import log_robot, points
+from ..canvas.marks import log_robot
 from ..canvas.page import log_tab
 from ..canvas.palette import CLEAR, ROBOTS, Color, PictureClass, mix, robot_color, tint
-from ..canvas.prose import counted, made_with, numbers, pose, table
-from ..canvas.stream import send_blueprint, send_changing
+from ..canvas.prose import Spec, counted, described, made_with, numbers
+from ..canvas.stream import send_blueprint
 
 
 _MARK: Color = (0, 0, 0)
@@ -22,7 +19,7 @@ _MAX_TIMES = 20_000
 _MAX_PICTURES = 500
 
 
-def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Mapping[str, Any]) -> None:
+def log_team(stream: rr.RecordingStream, team: TeamTrajectory, spec: Spec) -> None:
     """Log a joint trajectory of several robots.
 
     Over the timeline `step`: the robots with the last corners of their trails, the positions that
@@ -69,19 +66,9 @@ def _log_robots(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "time
 def _log_collisions(map: CellMap, team: TeamTrajectory, times: Int[np.ndarray, "times"]) -> None:
     """Mark the robots that collided since the time before."""
     move, robot = np.nonzero(team.collided)
-    centers = map.xy(team.cell[move, robot])
     # What happens in a move is seen when it has been made.
     marks = np.bincount(np.searchsorted(times, move + 1), minlength=times.size)
-    send_changing(
-        map.stream,
-        "map/collisions",
-        rr.Boxes2D,
-        times,
-        marks,
-        style={"colors": _MARK, "radii": points(2.5), "draw_order": 40},
-        centers=centers,
-        half_sizes=np.full(centers.shape, map.frame),
-    )
+    map.frames("collisions", team.cell[move, robot], _MARK, times, marks, order=40.0)
 
 
 def _log_curves(
@@ -101,14 +88,12 @@ def _log_curves(
     return rrb.Horizontal(*views, column_shares=[2, 1, 1])
 
 
-def _text(team: TeamTrajectory, stride: int, spec: Mapping[str, Any]) -> str:
+def _text(team: TeamTrajectory, stride: int, spec: Spec) -> str:
     """What the recording shows."""
-    rows = [
-        (robot, robot_color(robot)[0], pose(team.cells, z))
-        for robot, z in enumerate(team.starts.tolist())
-    ]
+    robots = range(team.starts.size)
+    who = {"robot": robots, "colour": [robot_color(robot)[0] for robot in robots]}
     every = f" Of so many steps every {stride:,}th is shown." if stride > 1 else ""
-    return f"""# {counted(len(rows), "bouncing robot")}
+    return f"""# {counted(len(robots), "bouncing robot")}
 
 Each runs straight. Where it bumps, into a wall or another robot, it stays and turns by its
 bouncing angle, and runs on.
@@ -126,6 +111,6 @@ Press play, or drag `step` at the bottom.{every}
 
 {numbers(team)}
 
-{table(("robot", "colour", "starts at"), rows)}
+{described(team, "starts", first=who)}
 
 {made_with(spec, team.cells)}"""

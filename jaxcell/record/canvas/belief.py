@@ -65,9 +65,7 @@ def shades(
 
 
 def log_beliefs(
-    stream: rr.RecordingStream,
-    cells: CellSpace,
-    beliefs: Sequence[Integer[np.ndarray, "_"]],
+    stream: rr.RecordingStream, cells: CellSpace, beliefs: Sequence[Integer[np.ndarray, "_"]]
 ) -> None:
     """Log where a robot may be at each step: arrows, or shaded squares while there are too many."""
     size = np.array([where.size for where in beliefs])

@@ -11,15 +11,16 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 import shapely
 from jaxtyping import Float, Int, Integer, UInt8
 
 from ...space import CellSpace
-from .marks import log_lines
+from .marks import log_lines, points
 from .palette import FREE, MARGIN, OBSTACLE, WALL, Color, PictureClass
-from .stream import plane
+from .stream import plane, send_changing
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -117,6 +118,22 @@ class CellMap:
         for timeline, (times, directions) in shown.items():
             send_pictures(self.stream, path, pictures[directions], timeline, times)
         return f"grid/{name}"
+
+    def frames(
+        self,
+        name: str,
+        cells: Int[np.ndarray, "frames"],
+        color: Color,
+        times: Int[np.ndarray, "times"],
+        lengths: npt.ArrayLike | None = None,
+        width: float = 2.5,
+        order: float = 30.0,
+    ) -> None:
+        """Log frames around squares over the timeline `step`, as [`send_changing`][] does."""
+        centers = self.xy(cells)
+        boxes = {"centers": centers, "half_sizes": np.full(centers.shape, self.frame)}
+        style = {"colors": color, "radii": points(width), "draw_order": order}
+        send_changing(self.stream, f"map/{name}", rr.Boxes2D, times, lengths, style=style, **boxes)
 
     def view(self, title: str, contents: Sequence[str]) -> rrb.Spatial2DView:
         """A view of entities on the map, with a margin around it."""

@@ -4,7 +4,7 @@ Marks lie over pictures; their `order` says which lies over which.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,9 @@ from .stream import send_changing
 # Corners of the trail behind a robot; all of them would hide the map.
 _CORNERS = 6
 _LAST_STEPS = 4
+_Numbers: TypeAlias = Float[np.ndarray, "states"]
+Poses: TypeAlias = tuple[_Numbers, _Numbers, _Numbers]
+"""x, y and heading of each state of a robot, in metres and radians."""
 LABEL: dict[str, Any] = {"colors": TEXT, "radii": 0.001, "show_labels": True}
 """The style of points of which one sees their labels only, which stand on black."""
 
@@ -115,7 +118,6 @@ def log_shares(
     ends: Float[np.ndarray, "lines 2 2"],
     level: Float[np.ndarray, "lines"],
     width: float,
-    order: float = 15.0,
 ) -> None:
     """Log lines that are wide and yellow where a number is near 1, and thin and grey where it is 0.
 
@@ -124,8 +126,7 @@ def log_shares(
     - `width`: half that of the widest, in units of the plane.
     """
     colors, radii = share_colors(level, PLAIN), width * (0.1 + 0.9 * level)
-    lines = rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=order)
-    stream.log(path, lines, static=True)
+    stream.log(path, rr.LineStrips2D(ends, colors=colors, radii=radii, draw_order=15), static=True)
 
 
 def log_arrows(
@@ -145,9 +146,7 @@ def log_arrows(
 def log_robot(
     stream: rr.RecordingStream,
     path: str,
-    poses: tuple[
-        Float[np.ndarray, "states"], Float[np.ndarray, "states"], Float[np.ndarray, "states"]
-    ],
+    poses: Poses,
     length: float,
     color: Color,
     trail: str,
@@ -163,7 +162,7 @@ def log_robot(
     **Arguments:**
 
     - `path`: the entity of the robot.
-    - `poses`: x, y and heading of each state, in metres and radians.
+    - `poses`: those of each state.
     - `length`: of the arrow.
     - `trail`: the entity of the trail.
     - `times`: the states that are shown; by default all.

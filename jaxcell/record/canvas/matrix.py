@@ -47,7 +47,12 @@ def log_matrix(
     levels = scale.levels(np.where(known, values, scale.bounds[0]), {"none": ~known})
     classes = scale.classes
     log_pictures(stream, f"{path}/heat", classes, levels)
-    _log_names(stream, f"{path}/labels", rows, columns, margin)
+    names: list[tuple[str, float, float]] = []
+    if len(rows) <= _MAX_NAMES:
+        names += [(name, -margin / 2, row + _HANG) for row, name in enumerate(rows)]
+    if len(columns) <= _MAX_NAMES:
+        names += [(name, column + 0.5, _HANG - 0.8) for column, name in enumerate(columns)]
+    log_labels(stream, f"{path}/labels", names, order=10.0)
     if known.sum() <= _MAX_NUMBERS:
         at = np.argwhere(known).tolist()
         numbers = [(f"{values[row, column]:.3g}", column + 0.5, row + _HANG) for row, column in at]
@@ -62,19 +67,3 @@ def matrix_view(
     """A view of a heat map with so many rows and columns."""
     rows, columns = shape
     return plane(path, name, (-margin, -1, columns + 0.3, rows + 0.3))
-
-
-def _log_names(
-    stream: rr.RecordingStream,
-    path: str,
-    rows: Sequence[str],
-    columns: Sequence[str],
-    margin: float,
-) -> None:
-    """Log names, where there is space for them."""
-    labels: list[tuple[str, float, float]] = []
-    if len(rows) <= _MAX_NAMES:
-        labels += [(name, -margin / 2, row) for row, name in enumerate(rows)]
-    if len(columns) <= _MAX_NAMES:
-        labels += [(name, column + 0.5, -0.8) for column, name in enumerate(columns)]
-    log_labels(stream, path, [(text, x, y + _HANG) for text, x, y in labels], order=10.0)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 from ...base.quantities import Result, quantities, values
 from ...base.written import written
@@ -13,6 +13,9 @@ from ..data.summary import cells_of
 _MAX_ROWS = 60
 # Letters of the heads of columns, beyond which their names stand for their meanings.
 _MAX_HEAD = 72
+
+Spec: TypeAlias = Mapping[str, Any]
+"""What was asked for, by the names of parameters."""
 
 
 def describe(cells: CellSpace) -> str:
@@ -41,13 +44,7 @@ def degrees(angle: float) -> str:
     return f"{math.degrees(angle):.6g}°"
 
 
-def pose(cells: CellSpace, cell: int) -> str:
-    """Where a robot is, and its heading."""
-    x, y, theta = (float(value) for value in cells.centre(cell))
-    return f"x = {x:.4g} m, y = {y:.4g} m, heading {degrees(theta)}"
-
-
-def made_with(spec: Mapping[str, Any], cells: CellSpace | None = None) -> str:
+def made_with(spec: Spec, cells: CellSpace | None = None) -> str:
     """The parameters of a recording, and the map that it is on, as its last section."""
     given = [(key, value) for key, value in spec.items() if value is not None]
     parts = [] if cells is None else [describe(cells)]
@@ -88,17 +85,18 @@ def described(
 
     - `results`: one result, with a row for each place along the dimension of the quantities; or
         several of one kind, with a row for each.
-    - `names`: the quantities.
+    - `names`: the quantities; those that no result has are left out.
     - `first`: columns before them, by their heads.
     - `most`: how many rows are shown.
     """
     several = [results] if isinstance(results, Result) else results
     about, cells = quantities(type(several[0])), cells_of(several[0])
     columns: dict[str, Sequence[object]] = dict(first or {})
-    heads = {name: about[name].meaning for name in names}
+    known = [name for name in names if any(getattr(one, name) is not None for one in several)]
+    heads = {name: about[name].meaning for name in known}
     if sum(map(len, heads.values())) > _MAX_HEAD:
-        of = several[0].tables.get(" ".join(about[names[0]].dims), "")
-        heads = {name: name.removeprefix(f"{of}_").replace("_", " ") for name in names}
+        of = several[0].tables.get(" ".join(about[known[0]].dims), "")
+        heads = {name: name.removeprefix(f"{of}_").replace("_", " ") for name in known}
     for name, head in heads.items():
         column = [getattr(one, name) for one in several]
         column = list(column[0]) if isinstance(results, Result) else column

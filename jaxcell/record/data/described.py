@@ -8,14 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ...base.quantities import (
-    PROBABILITY,
-    Checks,
-    Quantity,
-    Result,
-    parts,
-    values,
-)
+from ...base.quantities import PROBABILITY, Checks, Quantity, Result, parts, values
 from ...space import CellSpace
 from ..provenance import cell_coordinates, provenance
 from .summary import cells_of

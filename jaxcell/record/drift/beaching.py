@@ -20,11 +20,7 @@ def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
     here = 100 * map.water.cells * found.on_beach[row, column]
     chance = 100 * found.chance[row, column]
     at = Scale.over(
-        here,
-        "{} % of one cell".format,
-        least=0.0,
-        ground="land",
-        special={_NO_BEACH: FREE},
+        here, "{} % of one cell".format, least=0.0, ground="land", special={_NO_BEACH: FREE}
     )
     never = np.isnan(here)
     kind = at.levels(np.where(never, 0, here), {_NO_BEACH: never})
@@ -40,11 +36,7 @@ def log_beaching(map: SeaMap, found: Stranded) -> rrb.Container:
         map.numbers("strands", "From where they get there", of, chance),
         plot.view("How many are ashore"),
     ]
-    legend = [
-        *at.legend(),
-        ("by where they were released", CLEAR),
-        *of.legend(),
-    ]
+    legend = [*at.legend(), ("by where they were released", CLEAR), *of.legend()]
     return map.tab("beaching", "Beaches", views, _text(found), legend)
 
 

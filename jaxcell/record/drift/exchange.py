@@ -31,7 +31,8 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
         labels.append((f"{name}: {_hours(hours)}", x, y))
     log_labels(map.stream, "map/region_names", labels, [FREE])
     longest = max(len(name) for name in names)
-    ends = 100 * np.column_stack([exchange.share, _elsewhere(exchange), exchange.left])
+    elsewhere = exchange.after @ ~exchange.inside.any(axis=0)
+    ends = 100 * np.column_stack([exchange.share, elsewhere, exchange.left])
     columns, margin = [*names, "elsewhere", "off the map"], 0.4 + _LETTER * longest
     path = "exchange/matrix"
     legend = log_matrix(map.stream, path, ends, names, columns, "%", margin)
@@ -41,12 +42,6 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
         matrix_view(path, title, ends.shape, margin),
     ]
     return map.tab("exchange", "Regions", views, _text(exchange), legend)
-
-
-def _elsewhere(exchange: Exchange) -> np.ndarray:
-    """The share of the drifters of each region that are on the map and in no region then."""
-    outside = ~exchange.inside.any(axis=0)
-    return exchange.after @ outside
 
 
 def _hours(hours: float) -> str:

@@ -1,7 +1,6 @@
 """Where drifters end up: persistent groups, and the cells that lead to them."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import rerun.blueprint as rrb
@@ -11,7 +10,7 @@ from ...drift import Layer, SeaDrift
 from ...drift.ends import LayerEnds
 from ..canvas.marks import log_labels
 from ..canvas.palette import CATEGORIES, CLEAR, FREE, Color, PictureClass, mix, tint
-from ..canvas.prose import counted, described, made_with
+from ..canvas.prose import Spec, counted, described, made_with
 from .currents import currents_of
 from .map import DRIFTER, SeaMap
 
@@ -123,7 +122,7 @@ leaves, or off the map.
 - **White**: it may end in several. Hover over a cell to read in which."""
 
 
-def groups_text(drift: SeaDrift, spec: Mapping[str, Any]) -> str:
+def groups_text(drift: SeaDrift, spec: Spec) -> str:
     """The text beside the groups in a current."""
     columns = "depth", "cells", "persistent_groups", "groups_cells"
     domiciles = "single_domicile_cells", "multiple_domicile_cells"

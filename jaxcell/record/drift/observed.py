@@ -1,8 +1,6 @@
 """What observed drifters say: where they were, where they end up, and how sure that is."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -13,7 +11,7 @@ from ...drift import ObservedDrift
 from ...drift.currents.sphere import EARTH_RADIUS
 from ..canvas.marks import log_lines
 from ..canvas.palette import CLEAR, Color
-from ..canvas.prose import described, made_with
+from ..canvas.prose import Spec, described, made_with
 from ..canvas.scale import Scale
 from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
@@ -35,9 +33,7 @@ class ObservedMap(SeaMap):
     drift: ObservedDrift
 
 
-def log_observed_drift(
-    stream: rr.RecordingStream, found: ObservedDrift, spec: Mapping[str, Any]
-) -> None:
+def log_observed_drift(stream: rr.RecordingStream, found: ObservedDrift, spec: Spec) -> None:
     """Log what becomes of drifters that were observed.
 
     Without time: the persistent groups, nearly closed sets, how long it takes to the end, how sure
@@ -74,23 +70,16 @@ def _log_errors(map: ObservedMap) -> rrb.Container:
     share = 100 * _of_cells(map, found.persistent_share)
     hours = _of_cells(map, found.absorption_time_error)
     more = map.water.cells * _of_cells(map, found.distribution_error)
-    scales = {
-        "In a persistent group": Scale.over(share, "{} % of draws".format, least=0, most=100),
-        "Error of the time to the end": Scale.over(
-            hours, "{} h".format, least=0, most=_most(hours), open=True
-        ),
-        "Error of how many come to be there": Scale.over(
-            more, "{} x".format, least=0, most=_most(more), open=True
-        ),
-    }
-    values = zip(scales.items(), (share, hours, more), strict=True)
-    views = [
-        map.numbers(f"errors_{k}", title, scale, one)
-        for k, ((title, scale), one) in enumerate(values)
-    ]
+    views: list[rrb.View] = []
     legend: list[tuple[str, Color]] = []
-    for name, scale in scales.items():
-        legend += [(name, CLEAR), *scale.legend(3)]
+    for title, label, values, most in (
+        ("In a persistent group", "{} % of draws".format, share, 100.0),
+        ("Error of the time to the end", "{} h".format, hours, _most(hours)),
+        ("Error of how many come to be there", "{} x".format, more, _most(more)),
+    ):
+        scale = Scale.over(values, label, least=0, most=most, open=values is not share)
+        views.append(map.numbers(f"errors_{len(views)}", title, scale, values))
+        legend += [(title, CLEAR), *scale.legend(3)]
     text = f"""# How sure is that?
 
 As many drifters are drawn with replacement from those that were observed, again and again, each
@@ -137,7 +126,7 @@ answers are not sure.
     return map.tab("observations", "Observations", views, text, legend)
 
 
-def _text(found: ObservedDrift, spec: Mapping[str, Any]) -> str:
+def _text(found: ObservedDrift, spec: Spec) -> str:
     return f"""# Where observed drifters end up
 
 {GROUPS_SEEN}

@@ -1,9 +1,7 @@
-from collections.abc import Mapping
-from typing import Any
-
 import rerun as rr
 
 from ...drift import SeaDrift
+from ..canvas.prose import Spec
 from ..canvas.stream import send_blueprint
 from .absorption import log_absorption
 from .beaching import log_beaching
@@ -18,7 +16,7 @@ from .reach import log_reach
 from .voyage import log_voyage
 
 
-def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Mapping[str, Any]) -> None:
+def log_drift(stream: rr.RecordingStream, drift: SeaDrift, spec: Spec) -> None:
     """Log what becomes of drifters in a sea.
 
     Over a timeline of hours, minutes or seconds from the first record: the current of each layer as

@@ -1,6 +1,3 @@
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -12,7 +9,7 @@ from ..canvas.map import log_pictures
 from ..canvas.marks import log_labels
 from ..canvas.page import log_tab
 from ..canvas.palette import CATEGORIES, MARGIN, OBSTACLE, PLAIN, Color, PictureClass, mix, tint
-from ..canvas.prose import described, made_with, numbers
+from ..canvas.prose import Spec, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import plane, send_blueprint
 
@@ -26,7 +23,7 @@ _SEEN = """Cells of one colour lead to the same attractor, which has a dark shad
 out of the box. A period is in mappings, 0 where an orbit does not come back."""
 
 
-def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any]) -> None:
+def log_basins(stream: rr.RecordingStream, found: Basins, spec: Spec) -> None:
     """Log attractors and basins.
 
     The first two axes are drawn. Of a box with more, the timeline `slice` goes through the third,
@@ -38,7 +35,7 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any
     basins = _pictures(found, names, times)
     log_pictures(stream, "box/basins", _classes(found.attractors), basins, "slice", times)
     scale = Scale.counting(0, int(found.step.max()), "{} mappings".format, ground="out of the box")
-    steps = np.stack([_steps(found, scale, k) for k in range(count)])
+    steps = _slices(found, np.where(found.basin < 0, 0, scale.levels(found.step)), times)
     log_pictures(stream, "box/steps", scale.classes, steps, "slice", times)
     _log_ends(stream, found)
     views: list[rrb.View] = [_view("Basins", "basins"), _view("Mappings to the attractor", "steps")]
@@ -54,9 +51,7 @@ def log_basins(stream: rr.RecordingStream, found: Basins, spec: Mapping[str, Any
     send_blueprint(stream, [tab], "slice", speed=10.0)
 
 
-def log_continuation(
-    stream: rr.RecordingStream, found: Continuation, spec: Mapping[str, Any]
-) -> None:
+def log_continuation(stream: rr.RecordingStream, found: Continuation, spec: Spec) -> None:
     """Log attractors and basins along parameters, over the timeline `member`."""
     times = np.arange(len(found.members))
     each = zip(found.members, found.label, strict=True)
@@ -100,14 +95,17 @@ def _legend(attractors: int) -> list[tuple[str, Color]]:
     return [*named, *other, ("out of the box", _OUT)]
 
 
-def _slice(found: Basins, values: np.ndarray, third: int) -> np.ndarray:
-    """Values over the first two axes, rows along the second; the others are cut."""
+def _slices(
+    found: Basins, classes: np.ndarray, thirds: Int[np.ndarray, "slices"]
+) -> UInt8[np.ndarray, "slices rows columns"]:
+    """The classes of cells over the first two axes, rows along the second, for each of some
+    coordinates along the third; the others are cut.
+    """
     box = found.box
-    if box.dimensions == 1:
-        return values[None]
-    cut = [third, *(n // 2 for n in box.cells[3:])] if _deep(found) else []
-    values = values.reshape(*box.cells[:2], -1)
-    return values[..., int(np.ravel_multi_index(cut, box.cells[2:])) if cut else 0].T
+    rest = [n // 2 for n in box.cells[3:]]
+    cuts = [np.ravel_multi_index([k, *rest], box.cells[2:]) if _deep(found) else 0 for k in thirds]
+    first, second = (*box.cells[:2], 1)[:2]
+    return classes.astype(np.uint8).reshape(first, second, -1)[..., cuts].T
 
 
 def _cut(found: Basins, timeline: str = "") -> str:
@@ -137,13 +135,7 @@ def _pictures(
     kind = kinds[found.basin]
     for k, cells in zip(names, found.attractor_cells, strict=True):
         kind[cells] = min(2 + 2 * k, 255)
-    return np.stack([_slice(found, kind, third) for third in thirds.tolist()])
-
-
-def _steps(found: Basins, scale: Scale, third: int) -> UInt8[np.ndarray, "rows columns"]:
-    inside = _slice(found, found.basin, third) >= 0
-    levels = scale.levels(_slice(found, found.step, third))
-    return np.where(inside, levels, 0).astype(np.uint8)
+    return _slices(found, kind, thirds)
 
 
 def _log_orbits(stream: rr.RecordingStream, found: Basins) -> None:

@@ -1,8 +1,6 @@
 """Robots that patrol a map, and an adversary that attacks one cell of it again and again."""
 
 import builtins
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -16,7 +14,7 @@ from ..canvas.map import CellMap
 from ..canvas.marks import log_frame, log_walker, send_labels
 from ..canvas.page import log_tab
 from ..canvas.palette import Color, PictureClass
-from ..canvas.prose import made_with, numbers
+from ..canvas.prose import Spec, made_with, numbers
 from ..canvas.stream import send_changing
 from .sight import BASE_VIEW, log_sight, place
 
@@ -30,7 +28,7 @@ _STATES: dict[AttackState, tuple[str, Color]] = {
 _SEVERAL = palette.tint(palette.PLAIN, 0.3)
 
 
-def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Mapping[str, Any]) -> rrb.Container:
+def log_attacks(map: CellMap, patrol: PatrolledMap, spec: Spec) -> rrb.Container:
     """Log the tab of the patrol: the robots with what they see, the target, the attacks so far."""
     attacks = simulate_attacks(patrol, patrol.seed)
     stream, times = map.stream, np.arange(len(attacks.place))
@@ -79,10 +77,7 @@ def _log_target(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
 def _log_seen(map: CellMap, patrol: PatrolledMap, attacks: Attacks) -> None:
     """Log which robot sees each square."""
     colors = min(patrol.robots, len(palette.ROBOTS))
-    classes = [
-        palette.NOT_FREE,
-        PictureClass("nobody sees it", palette.FREE),
-    ]
+    classes = [palette.NOT_FREE, PictureClass("nobody sees it", palette.FREE)]
     for robot in range(colors):
         name, color = palette.robot_color(robot)
         classes.append(PictureClass(f"robot {robot} ({name}) sees it", palette.tint(color, 0.6)))
@@ -108,7 +103,7 @@ def _legend(patrol: PatrolledMap) -> list[tuple[str, Color]]:
     return [*legend, *_STATES.values()]
 
 
-def _text(patrol: PatrolledMap, attacks: Attacks, spec: Mapping[str, Any]) -> str:
+def _text(patrol: PatrolledMap, attacks: Attacks, spec: Spec) -> str:
     attack = patrol.attack
     caught, done = int(attacks.caught[-1]), int(attacks.caught[-1] + attacks.succeeded[-1])
     who = "A robot patrols" if patrol.robots == 1 else f"{patrol.robots} robots patrol"

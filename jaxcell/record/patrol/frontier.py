@@ -9,7 +9,7 @@ from ..canvas.marks import log_dots
 from ..canvas.page import log_tab
 from ..canvas.palette import BELIEF, KNOWN
 from ..canvas.plot import Plot, ticks
-from ..canvas.prose import table
+from ..canvas.prose import described
 
 
 def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Container:
@@ -37,17 +37,12 @@ def log_frontier(stream: rr.RecordingStream, frontier: Frontier) -> rrb.Containe
 
 
 def _text(frontier: Frontier) -> str:
-    rows = [
-        (f"{floor:.0%}", f"{entropy:.3f} nats", f"{caught:.4f}")
-        for floor, entropy, caught in zip(
-            frontier.floor, frontier.entropy, frontier.least_capture, strict=True
-        )
-    ]
+    chance = {"chance, at least": [f"{floor:.0%}" for floor in frontier.floor]}
     return f"""# Capture against entropy
 
 A patrol that captures most is nearly a tour, which an adversary can learn. Robots that go to any
 neighbour alike in some share of their steps are harder to predict, and capture less. Each row is a
 local optimum.
 
-{table(("chance, at least", "entropy of a step", "least capture"), rows)}
+{described(frontier, "entropy", "least_capture", first=chance)}
 """

@@ -1,5 +1,5 @@
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import networkx as nx
@@ -28,7 +28,7 @@ from ..canvas.palette import (
     share_colors,
 )
 from ..canvas.plot import Plot, ticks
-from ..canvas.prose import counted, described, made_with, numbers
+from ..canvas.prose import Spec, counted, described, made_with, numbers
 from ..canvas.scale import Scale
 from ..canvas.stream import plane, send_blueprint, send_changing
 from .game import log_game
@@ -41,9 +41,7 @@ _MAX_NAMES = 80
 _MAX_CHANCES = 60
 
 
-def log_patrol_graph(
-    stream: rr.RecordingStream, patrol: GraphPatrol, spec: Mapping[str, Any]
-) -> None:
+def log_patrol_graph(stream: rr.RecordingStream, patrol: GraphPatrol, spec: Spec) -> None:
     """Log a patroller's random walk on a graph.
 
     Over the timeline `step`: patrollers that walk, from places drawn from the stationary
@@ -115,7 +113,7 @@ class _Drawing:
         log_shares(self.stream, f"graph/{name}", ends, level, 0.45 * self.mark)
 
 
-def _log_walk(drawing: _Drawing, spec: Mapping[str, Any]) -> rrb.Container:
+def _log_walk(drawing: _Drawing, spec: Spec) -> rrb.Container:
     """Log the edges by the share of steps, the vertices by that of time, and the patrollers."""
     patrol, stream, walks = drawing.patrol, drawing.stream, _walks(drawing.patrol)
     most, robots = float(patrol.weight.max()), patrol.robots
@@ -262,13 +260,12 @@ def _scale(most: float, unit: str) -> Scale:
     return Scale.over(np.array([0.0, most]), f"{{}} {unit}".format)
 
 
-def _text(patrol: GraphPatrol, spec: Mapping[str, Any]) -> str:
+def _text(patrol: GraphPatrol, spec: Spec) -> str:
     """What the recording of a walk shows."""
     robots = patrol.robots
     who = "A patroller walks" if robots == 1 else f"{robots} patrollers walk, each by itself,"
     edges = counted(len(patrol.graph.edges), "edge")
-    shown = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
-    columns = [name for name in shown if getattr(patrol, name) is not None]
+    columns = "vertex", "stationary", "mean_time_to", "first_arrival", "captured"
     return f"""# A random patrol
 
 {who} on a graph of {patrol.graph.vertices:,} vertices and {edges}. At each vertex the
@@ -290,30 +287,21 @@ Press play, or drag `step` at the bottom.
 A step is as hard to guess as one of {math.exp(patrol.entropy_rate_nats):.3g} equally likely ones.
 
 {described(patrol, *columns)}
-{_constraints(patrol)}
-{_team(patrol)}
+{_more(patrol)}
 {made_with(spec)}"""
 
 
-def _constraints(patrol: GraphPatrol) -> str:
-    """A table of the constraints on a walk."""
-    if patrol.bounds is None:
-        return ""
-    return f"""
-## Constraints
-
-{described(patrol.bounds, "constraint", "least", "value", "most", "active", "saves")}
-"""
-
-
-def _team(patrol: GraphPatrol) -> str:
-    """What is known of several robots, of seconds, and of other patrols."""
+def _more(patrol: GraphPatrol) -> str:
+    """What is known of constraints, of several robots, of seconds, and of other patrols."""
+    columns: Sequence[str]
     parts = []
+    if patrol.bounds is not None:
+        columns = "constraint", "least", "value", "most", "active", "saves"
+        parts.append(f"## Constraints\n\n{described(patrol.bounds, *columns)}")
     if patrol.timed is not None:
         parts.append(f"Edges take time:\n\n{numbers(patrol.timed)}")
     if patrol.division is not None:
-        columns = ["division", "mean_idleness", "worst_idleness"]
-        columns += [] if patrol.division.least_capture is None else ["least_capture"]
+        columns = "division", "mean_idleness", "worst_idleness", "least_capture"
         parts.append(
             f"Robots that share the graph, and that divide it:\n\n"
             f"{described(patrol.division, *columns)}"
@@ -324,8 +312,7 @@ def _team(patrol: GraphPatrol) -> str:
     if patrol.charged is not None:
         parts.append(f"Kept near enough to the charger:\n\n{numbers(patrol.charged)}")
     if patrol.idleness is not None:
-        columns = ["patrol", "mean", "worst", "longest"]
-        columns += [] if patrol.idleness.least_capture is None else ["least_capture"]
+        columns = "patrol", "mean", "worst", "longest", "least_capture"
         parts.append(
             "By simulation, beside robots on a tour, those that go anywhere, and those that go "
             f"where nobody was for longest:\n\n{described(patrol.idleness, *columns)}"

@@ -1,12 +1,10 @@
 """The recording of robots that patrol a map with limited visibility: one tab for each question."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import rerun as rr
 
 from ...patrol import PatrolledMap
 from ..canvas.map import CellMap
+from ..canvas.prose import Spec
 from ..canvas.stream import send_blueprint
 from .attacks import log_attacks
 from .cover import log_covers
@@ -17,9 +15,7 @@ from .target import log_target
 from .vulnerability import log_vulnerability
 
 
-def log_patrol_map(
-    stream: rr.RecordingStream, patrol: PatrolledMap, spec: Mapping[str, Any]
-) -> None:
+def log_patrol_map(stream: rr.RecordingStream, patrol: PatrolledMap, spec: Spec) -> None:
     """Log robots that patrol a map with limited visibility.
 
     Over the timeline `step`: the robots with what they see, and an adversary that attacks one cell

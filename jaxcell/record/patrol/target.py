@@ -97,11 +97,7 @@ def _text(patrol: PatrolledMap) -> str:
     if fit is None:
         about = f"No generalized lambda distribution was fitted: {attack.failure}."
     else:
-        lambdas = ", ".join(f"{x:.4g}" for x in (fit.l1, fit.l2, fit.l3, fit.l4))
-        about = (
-            f"A generalized lambda distribution ({lambdas}), fitted to these, is up to "
-            f"{fit.distance:.4f} away from them."
-        )
+        about = f"A generalized lambda distribution was fitted to these:\n\n{numbers(fit)}"
     return f"""# How soon a robot sees the target
 
 The robots begin anywhere out of view of the cell at {place(patrol, attack.target)}. The first

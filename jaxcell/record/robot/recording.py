@@ -4,7 +4,6 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -98,16 +97,14 @@ class RobotRecording:
             raise FileNotFoundError(f"{path}: there is no folder {path.parent}")
         if not robots:
             raise ValueError("robots: expected one or more, got none")
-        self._has_belief = False
-        if filter is not None and cells is not None and filter_of_cells:
-            self._has_belief = True
-            if filter.uncertainty[0] != cells.size:
-                raise ValueError(
-                    f"filter: it is of {filter.uncertainty[0]} cells, and the map has {cells.size}"
-                )
-        self._heat: BeliefHeat | None = None
-        if belief is not None and cells is not None and filter_of_cells:
-            self._heat = BeliefHeat(belief, cells)
+        # The cells of what the robot localizes itself by.
+        known = cells if filter_of_cells else None
+        self._of_filter = None if filter is None else known
+        if filter is not None and known is not None and filter.uncertainty[0] != known.size:
+            raise ValueError(
+                f"filter: it is of {filter.uncertainty[0]} cells, and the map has {known.size}"
+            )
+        self._heat = None if belief is None or known is None else BeliefHeat(belief, known)
         self._path, self._cells, self._filter = path, cells, filter
         self._map: CellMap | None = None
         self._spec = dict(spec or {})
@@ -136,7 +133,8 @@ class RobotRecording:
         self._log_styles()
         self._set_time(0.0, 0)
         if self._filter is not None:
-            self._log_filter(self._robots[0], 0, self._filter.uncertainty[0], self._filter.color[0])
+            size, color = int(self._filter.uncertainty[0]), int(self._filter.color[0])
+            self._log_filter(self._robots[0], 0, size, color)
         if self._heat is not None:
             self._heat.log(self._stream)
         for robot in self._robots:
@@ -144,12 +142,7 @@ class RobotRecording:
         self._watcher.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._closing.set()
         self._watcher.join()
         self._follow_all()
@@ -183,7 +176,8 @@ class RobotRecording:
             values = [str(fields[key]) for key in fields if key not in ("seconds", "robot")]
             level = "INFO" if fields.get("result") in _DONE else "WARN"
             self._log_line(robot, ": ".join([name, *values]), level)
-            if fields.get("result") == "localized" and self._map is not None and self._has_belief:
+            localized = fields.get("result") == "localized" and self._of_filter is not None
+            if localized and self._map is not None:
                 xy = self._map.xy(robot.cells[:MAX_ARROWS])
                 half = np.full(xy.shape, self._map.frame)
                 self._stream.log("map/candidates", rr.Boxes2D(centers=xy, half_sizes=half))
@@ -233,23 +227,16 @@ class RobotRecording:
                 self._heat.observe(self._stream, bumped)
         self._log_line(robot, text, "INFO")
 
-    def _log_filter(
-        self,
-        robot: Track,
-        state: int | None,
-        uncertainty: int | np.integer,
-        color: int | np.integer,
-    ) -> None:
+    def _log_filter(self, robot: Track, state: int | None, size: int, color: int) -> None:
         """Log a state of the filter, `None` if it is refuted, and its cells."""
-        self._log_scalar(robot, "filter/uncertainty", int(uncertainty))
-        self._log_scalar(robot, "filter/color", int(color))
+        self._log_scalar(robot, "filter/uncertainty", size)
+        self._log_scalar(robot, "filter/color", color)
         if self._filter is None:
             return
         robot.cells = NOWHERE if state is None else self._filter.cells(state)
-        if self._map is None or not self._has_belief:
+        if (cells := self._of_filter) is None:
             return
         few = robot.cells if robot.cells.size <= MAX_ARROWS else NOWHERE
-        cells = self._map.cells
         origins, vectors = arrows(cells, few, belief_length(cells))
         self._stream.log("map/belief", rr.Arrows2D(origins=origins, vectors=vectors))
         picture = on_squares(cells, shades(cells, robot.cells))
@@ -265,8 +252,8 @@ class RobotRecording:
     def _log_styles(self) -> None:
         """Log what does not change: how marks and curves look."""
         styles: dict[str, rr.AsComponents] = {"odometry": rr.Transform3D(scale=[1, -1, 1])}
-        if self._map is not None and self._has_belief:
-            log_belief_style(self._stream, self._map.cells)
+        if self._of_filter is not None:
+            log_belief_style(self._stream, self._of_filter)
             log_shades(self._stream)
             frame = rr.Boxes2D.from_fields(colors=KNOWN, radii=points(2.5), draw_order=30)
             styles["map/candidates"] = frame
@@ -286,10 +273,10 @@ class RobotRecording:
             log_curve_style(self._stream, f"robot/{name}/bumped", robot.color)
         for path, style in styles.items():
             self._stream.log(path, style, static=True)
-        log_curve_style(self._stream, "filter/uncertainty", BELIEF)
-        log_curve_style(self._stream, "filter/color", KNOWN)
-        log_curve_style(self._stream, "belief/credible", BELIEF)
-        log_curve_style(self._stream, "belief/nowhere", _ESTIMATE)
+        curves = {"filter/uncertainty": BELIEF, "filter/color": KNOWN}
+        curves |= {"belief/credible": BELIEF, "belief/nowhere": _ESTIMATE}
+        for path, color in curves.items():
+            log_curve_style(self._stream, path, color)
         if self._heat is not None:
             self._heat.log_style(self._stream)
 
@@ -332,20 +319,17 @@ class RobotRecording:
         if any(self._frame(robot) == "odometry" for robot in self._robots):
             title = "Where its wheels say it is"
             views.append(rrb.Spatial2DView(origin="odometry", name=title, background=OBSTACLE))
-        curves = [curve_view("robot", "Bumps (1) and steps (0)", None)]
-        if self._heat is not None:
-            curves = [
-                curve_view("belief/credible", "Cells of the credible set, 95 %", None),
-                curve_view("belief/nowhere", "Probability that it is nowhere", None, 1.0),
-                *curves,
-            ]
+        curves: list[rrb.View] = []
         if self._filter is not None:
             colors = int(self._filter.color.max())
-            curves = [
-                curve_view("filter/uncertainty", "Cells where it may be", None),
-                curve_view("filter/color", "Colour of the filter", None, colors),
-                *curves,
-            ]
+            curves.append(curve_view("filter/uncertainty", "Cells where it may be", None))
+            curves.append(curve_view("filter/color", "Colour of the filter", None, colors))
+        if self._heat is not None:
+            credible = "Cells of the credible set, 95 %"
+            curves.append(curve_view("belief/credible", credible, None))
+            nowhere = "Probability that it is nowhere"
+            curves.append(curve_view("belief/nowhere", nowhere, None, 1.0))
+        curves.append(curve_view("robot", "Bumps (1) and steps (0)", None))
         observed = rrb.TextLogView(origin="log", name="What it observed")
         return rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views), rrb.Horizontal(*curves), row_shares=[7, 3]),
@@ -358,7 +342,7 @@ class RobotRecording:
         marks = ["- **Pink**: where the encoders of its wheels say that it is."]
         if any(robot.about.trace is not None for robot in self._robots):
             marks.insert(0, "- **Arrow and line**: where the emulated robot truly is, and was.")
-        if self._has_belief:
+        if self._of_filter is not None:
             by = "filter"
             if isinstance(self._filter, Policy):
                 by = "policy, at each bump and before it turns"

@@ -76,10 +76,7 @@ def pairs(some: list[Axis], most: int) -> list[tuple[Axis, Axis]]:
 
 
 def statistics(
-    values: Float[np.ndarray, "*sizes"],
-    known: Bool[np.ndarray, "*sizes"],
-    place: int,
-    axis: Axis,
+    values: Float[np.ndarray, "*sizes"], known: Bool[np.ndarray, "*sizes"], place: int, axis: Axis
 ) -> tuple[Int[np.ndarray, "shown"], Float[np.ndarray, "quantiles shown"], bool]:
     """Quantiles of the members of each step of an axis.
 
