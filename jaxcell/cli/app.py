@@ -11,8 +11,9 @@ from ..base.bundled import found
 from ..base.memory import LIMIT, read_size
 from . import studies
 from .demo import Demo
+from .docs import Docs
 from .export import Export
-from .help import overview, parsed, unknown
+from .help import option, overview, parsed, unknown
 from .info import Info
 from .maps import Maps
 from .options import check_out
@@ -33,6 +34,7 @@ from .view import View
 COMMANDS = {
     "cover": studies.Cover,
     "demo": Demo,
+    "docs": Docs,
     "drift": studies.Drift,
     "drifters": studies.Drifters,
     "dynamics": studies.Dynamics,
@@ -152,11 +154,11 @@ def _name(words: Sequence[str]) -> str:
 
 
 def _as_options(message: str, command: Any) -> str:
-    """A message that begins with the name of a parameter, with that of its option."""
+    """A message that begins with the name of a parameter, with what it is called in the usage."""
     name = re.split("[: ]", message, maxsplit=1)[0]
     if not any(field.name == name for field in dataclasses.fields(command)):
         return message
-    said = f"--{name.replace('_', '-')}{message[len(name) :]}"
+    said = f"{option(type(command), name)}{message[len(name) :]}"
     if "is not a whole number of the" in message and (wanted := _directions(command)):
         said += f"; --directions {wanted} would do"
     return said

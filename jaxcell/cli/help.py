@@ -23,6 +23,7 @@ from ..study.study import unit
 _EXAMPLES = {
     "cover": "@complex --bounces 30 75 315 --error 5 --reliability 0.8",
     "demo": "",
+    "docs": "",
     "drift": "@gyres --depths 0 --out runs/drift",
     "drifters": "@drifters --nearly-closed 2 --out runs/drifters",
     "dynamics": "pendulum --params T=0.1:0.9:17",
@@ -105,6 +106,13 @@ def parsed(kind: type, name: str, words: Sequence[str]) -> Any:
             )
     finally:
         print(re.sub(r"\Ausage: .*", lambda _: _usage(shown, name), page.getvalue()), end="")
+
+
+def option(kind: type, parameter: str) -> str:
+    """What a parameter of a command is called in its usage."""
+    if _is_positional(get_type_hints(kind, include_extras=True)[parameter]):
+        return parameter.upper()
+    return f"--{parameter.replace('_', '-')}"
 
 
 def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:

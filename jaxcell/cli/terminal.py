@@ -10,10 +10,12 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from rich.console import Console
 from rich.table import Table
+
+from ..base.extras import has_module
 
 
 # Seconds until the first line and between others, away from a terminal.
@@ -89,8 +91,9 @@ def duration(seconds: float) -> str:
 
 
 def note_results(results: Path) -> None:
-    """Print where the results are, and how to look at them from this shell."""
-    note(f"Results are in {results}; to look at them: {own_command('jaxcell')} view {results}")
+    """Print where the results are, and how to look at them from this shell if that can be."""
+    look = f"; to look at them: {own_command('jaxcell')} view {results}"
+    note(f"Results are in {results}{look if has_module('rerun') else '.'}")
 
 
 def own_command(name: str) -> str:
@@ -135,7 +138,9 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
     grid = Table(title=title, title_justify="left", title_style="bold")
     for i, column in enumerate(columns):
         numeric = all(row[i].replace(",", "").replace(".", "").isdigit() for row in body)
-        grid.add_column(column, justify="right" if body and numeric else "left")
+        # Numbers that are cut are others.
+        justify: Literal["right", "left"] = "right" if body and numeric else "left"
+        grid.add_column(column, justify=justify, overflow="fold")
     for row in body:
         grid.add_row(*row)
     Console().print(grid)

@@ -12,6 +12,7 @@ import tyro
 
 from ..base.display import has_display
 from ..base.extras import has_module, missing_module
+from ..base.signals import end_by_signals, leave_signals
 from .terminal import note, own_command
 
 
@@ -58,15 +59,20 @@ def _serve(viewer: list[str], recordings: list[str]) -> int:
     address = f"http://{_HERE}:{page}?url={served}"
     command = [*viewer, "--bind", _HERE, *ports, "--serve-web", *recordings]
     # Its log has addresses too, of which one does not work and one is for another viewer.
+    handled = end_by_signals()
     with subprocess.Popen(command, env={"RUST_LOG": "error", **os.environ}) as server:
-        until = time.monotonic() + _MAX_WAIT
-        while server.poll() is None and not _answers(page) and time.monotonic() < until:
-            time.sleep(0.1)
-        if server.poll() is None:
-            note(address)
-            if has_display():
-                webbrowser.open(address)
-        return server.wait()
+        try:
+            until = time.monotonic() + _MAX_WAIT
+            while server.poll() is None and not _answers(page) and time.monotonic() < until:
+                time.sleep(0.1)
+            if server.poll() is None:
+                note(address)
+                if has_display():
+                    webbrowser.open(address)
+            return server.wait()
+        finally:
+            server.terminate()
+            leave_signals(handled)
 
 
 def _free_port(wanted: int) -> int:

@@ -91,6 +91,8 @@ class Drift(Study):
     """Seed of the drifters that are recorded."""
 
     def __post_init__(self) -> None:
+        if not self.file:
+            raise ValueError("file: expected one or more, got none")
         require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
         for name in ("duration", "after", "beaching", "resuspension", "search"):
             require(name, getattr(self, name), "more than 0 seconds", lambda x: x > 0)

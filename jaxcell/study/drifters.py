@@ -48,6 +48,8 @@ class Drifters(Study):
     """Seed of these draws."""
 
     def __post_init__(self) -> None:
+        if not self.file:
+            raise ValueError("file: expected one or more, got none")
         require("lag", self.lag, "more than 0 days", lambda x: x > 0)
         longest = _MAX_MOVES * self.lag
         expected = f"more than 0 and at most {longest:g} days, {_MAX_MOVES:,} times the lag"

@@ -1,3 +1,4 @@
+import os
 import socket
 import subprocess
 import sys
@@ -33,10 +34,12 @@ def test_all_recordings_of_a_directory_are_opened(results, calls, monkeypatch):
 
 
 SERVER = """
-import socket, sys
+import socket, sys, time
 place = (sys.argv[sys.argv.index(one) + 1] for one in ("--bind", "--web-viewer-port"))
 with socket.create_server((next(place), int(next(place)))) as server:
     server.accept()
+# Whoever connects looks whether it goes on.
+time.sleep(0.3)
 """
 
 
@@ -67,6 +70,34 @@ def test_a_browser_is_opened_at_the_one_address_that_is_printed(
         f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
     ]
     assert opened == said.split() * display
+
+
+WAITING = """
+import sys, time
+print("ready", flush=True)
+time.sleep(60)
+"""
+VIEWING = """
+import subprocess, sys
+from jaxcell.cli import main, view
+popen = subprocess.Popen
+def start(command, **options):
+    server = popen([sys.executable, "-c", sys.argv[2]], **options)
+    print(server.pid, flush=True)
+    return server
+subprocess.Popen = start
+main(["view", "--web", sys.argv[1]])
+"""
+
+
+def test_the_server_ends_with_the_command(results):
+    viewing = [sys.executable, "-c", VIEWING, str(results / "b.rrd"), WAITING]
+    with subprocess.Popen(viewing, stdout=subprocess.PIPE, text=True) as command:
+        said = [command.stdout.readline().strip() for _ in range(2)]
+        command.terminate()
+    said.remove("ready")
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(said[0]), 0)
 
 
 def test_without_a_display_it_says_how(results, calls, monkeypatch, capsys):

@@ -12,6 +12,7 @@ import tyro
 
 from ...base.extras import has_module, missing_module
 from ...base.files import name_in_results
+from ...study.study import Degrees
 from ..options import Printing, direction_at, write_text
 from ..terminal import note, note_results, say, status
 from .emulation import emulate
@@ -61,7 +62,7 @@ class RobotRun(Printing):
     start: str | None = None
     """Start of the emulated robot, and of any that patrols: "x,y,heading" in m and degrees, or a
     cell; by default that of what is run, or random."""
-    heading: float | None = None
+    heading: Degrees | None = None
     """Heading of the robot at the start in degrees, where steps in some directions are longer than
     in others; the filter is not told. By default that of what is run or the emulated robot; without
     any, all steps are of one length."""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import tyro
 
+from ...study.study import Degrees, Metres
 from ..options import direction_at, write_text
 from ..terminal import note
 
@@ -16,11 +17,11 @@ class RobotSketch:
 
     file: tyro.conf.Positional[Path | None] = None
     """What to run: the filter.jxf or policy.jxf of `jaxcell localize --out`."""
-    bounce: float | None = None
+    bounce: Degrees | None = None
     """Instead of a file: the angle in degrees to turn by at each bump."""
-    step: float | None = None
+    step: Metres | None = None
     """With --bounce: length of a step in metres."""
-    heading: float | None = None
+    heading: Degrees | None = None
     """Heading of the robot at the start in degrees, where steps in some directions are longer than
     in others; the filter does not know it. Without it all steps are of one length."""
     minimal: bool = False

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
+from ...base.signals import end_by_signals, leave_signals
 from .line import Port as Port, open_line, plain
 from .open_interface import (
     SAFE,
@@ -19,7 +20,6 @@ from .open_interface import (
 )
 from .packets import Mode
 from .reading import STREAM, Reading
-from .signals import end_by_signals, leave_signals
 from .speeds import wheel_speeds
 from .strain import Strain
 from .watchdog import Watchdog

@@ -2,11 +2,11 @@ import math
 import time
 from collections.abc import Callable
 
+from ...base.signals import end_by_signals
 from ..create.driver import TICK
 from ..create.motion import Create
 from ..create.open_interface import STREAM_PERIOD, StreamParser
 from ..create.reading import STREAM
-from ..create.signals import end_by_signals
 from .body import Body
 from .emulator import Emulator
 

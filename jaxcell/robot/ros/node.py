@@ -11,9 +11,9 @@ from types import TracebackType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from ...base.extras import import_module
+from ...base.signals import end_by_signals, leave_signals
 from ..create.driver import TICK, RobotStopped
 from ..create.motion import Moved
-from ..create.signals import end_by_signals, leave_signals
 from ..create.watchdog import Watchdog
 
 
