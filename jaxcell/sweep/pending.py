@@ -161,9 +161,14 @@ class Pending:
     def _write(self, taken: _Taken) -> None:
         """Write the results, and when they are on the disk the states."""
         store = self._store
-        # Where this is killed, no chunk of a box is taken for half written.
-        new = [one for one in taken.states if not store.file("status", one[1]).exists()]
-        self._put([(name, box, np.full_like(states, TO_DO)) for name, box, states in new])
+        # Where this is killed, no chunk that was to do is taken for half written.
+        self._put(
+            [
+                (name, box, np.full_like(states, TO_DO))
+                for name, box, states in taken.states
+                if (states == TO_DO).any() and not store.file(name, box).exists()
+            ]
+        )
         self._put(taken.values)
         self._put(taken.states)
         for number in taken.ended:

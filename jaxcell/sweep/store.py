@@ -170,7 +170,7 @@ class SweepStore(States):
     def _unreadable(self, box: Chunk, members: np.ndarray) -> list[str]:
         files = self.files(box)
         if not self.file("status", box).exists():
-            # It is written before them, so it was lost.
+            # It was lost, or a run was killed, which leaves some that are whole half written.
             return ["status"] * any(map(os.path.exists, files.values()))
         if (members == DAMAGED).any():
             return ["status"]

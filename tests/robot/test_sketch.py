@@ -534,30 +534,6 @@ def test_no_damage_makes_it_hang(seed, rate):
         assert stands_still(robot)
 
 
-@pytest.mark.slow
-@needs_compiler
-def test_it_runs_on_the_emulated_line():
-    # In real time: on a busy machine the sketch may find that the robot is silent, and give up.
-    assert any(len(_observed_on_the_line(cell=9)) == 3 for _ in range(5))
-
-
-def _observed_on_the_line(cell):
-    observed = ""
-    with Emulator(body_in(ROOM, cell), line=Line(speedup=2.0)) as robot:
-        with subprocess.Popen([compiled(BOUNCE), robot.port, "2"], stdout=subprocess.PIPE) as board:
-            assert board.stdout is not None
-            told = b""
-            while len(observed) < 3 and b"end" not in told:
-                told += os.read(board.stdout.fileno(), 4096)
-                observed = b"".join(re.findall(rb"T\x01\x00([01])", told)).decode()
-            board.terminate()
-        assert robot.mode is Mode.SAFE or b"end" in told
-    for bumped in observed:
-        assert int(bumped) == ROOM_BUMPED[cell]
-        cell = int(ROOM_IMAGE[cell])
-    return observed
-
-
 def test_the_tables_are_those_of_the_header():
     rng = np.random.default_rng(0)
     for states in (100, 255, 256, 2000):

@@ -6,7 +6,7 @@ import pytest
 from wheels import map_cells
 
 from jaxcell.robot.emulation.body import Body
-from jaxcell.robot.emulation.simulated import SimulatedCreate
+from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.run_log import RunLog, read_log
 from jaxcell.robot.tasks.files import load_task
 from jaxcell.robot.team import Member, member_actions, run_member, save_team
@@ -70,7 +70,6 @@ def team_file(tmp_path):
     return file, path, bumped
 
 
-@pytest.mark.slow
 def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
     file, path, bumped = team_file
     there = free_steps(LAB, 1.0, "swept")
@@ -82,7 +81,7 @@ def test_each_robot_goes_the_way_of_the_trajectory_alone(team_file, tmp_path):
         met += task.actions.count("2")
         body = Body(LAB.workspace, task.start)
         walker = Walker(
-            SimulatedCreate(body),
+            DirectBody(body),
             1.0,
             strides=task.strides,
             direction=int(path[0, robot]) // LAB.positions,

@@ -1,13 +1,10 @@
 /* A board for the sketch in SKETCH, with a robot on its port.
  *
- * Without arguments the robot is at the other end of stdin and stdout, and time is that of the
- * board: it passes where the sketch waits or sends, so that a run is the same on every machine.
+ * The robot is at the other end of stdin and stdout, and time is that of the board: it passes where
+ * the sketch waits or sends, so that a run is the same on every machine.
  * Messages to the test: 'X' microseconds, count, bytes: what the sketch has sent the robot until
  * then, answered by count, bytes: what the robot has sent; 'T' count, text: of the USB port;
  * 'B' baud: of the port to the robot; 'P' pin, value; 'R': the watchdog resets the board.
- *
- * With a device and a speedup the robot is there, in so many seconds a second. While it owes an
- * answer the board's time all but stands still, so that a busy machine does not break a run.
  *
  * HANG_AT: microseconds at which the sketch hangs, once. */
 #include <Arduino.h>
@@ -16,10 +13,7 @@
 #include SKETCH
 
 #include <deque>
-#include <fcntl.h>
-#include <poll.h>
 #include <string>
-#include <termios.h>
 #include <unistd.h>
 #include <vector>
 
@@ -35,8 +29,6 @@ uint64_t byte_time = 0;
 int asked = 0;           /* how often in a row for a byte that is not there */
 std::vector<uint8_t> out;
 std::deque<std::pair<uint64_t, uint8_t>> in;
-int port = -1;
-double speedup = 1;
 char **arguments;
 
 void put(const void *bytes, size_t count) {
@@ -76,28 +68,21 @@ void reset() {
 void receive(const uint8_t *bytes, size_t count) {
     for (size_t i = 0; i < count; i++) {
         if (last_byte < now) last_byte = now;
-        if (port < 0) last_byte += byte_time;
+        last_byte += byte_time;
         in.push_back({last_byte, bytes[i]});
     }
 }
 
 void exchange() {
     const uint16_t count = uint16_t(out.size());
-    if (port < 0) {
-        tell('X', &now, sizeof now);
-        put(&count, sizeof count);
-        put(out.data(), count);
-        uint16_t back;
-        get(&back, sizeof back);
-        std::vector<uint8_t> bytes(back);
-        get(bytes.data(), back);
-        receive(bytes.data(), back);
-    } else {
-        if (count > 0 && ::write(port, out.data(), count) != count) _exit(5);
-        uint8_t bytes[256];
-        const ssize_t done = ::read(port, bytes, sizeof bytes);
-        if (done > 0) receive(bytes, size_t(done));
-    }
+    tell('X', &now, sizeof now);
+    put(&count, sizeof count);
+    put(out.data(), count);
+    uint16_t back;
+    get(&back, sizeof back);
+    std::vector<uint8_t> bytes(back);
+    get(bytes.data(), back);
+    receive(bytes.data(), back);
     out.clear();
     told = now;
 }
@@ -105,22 +90,20 @@ void exchange() {
 void pass(uint64_t microseconds) {
     const uint64_t end = now + microseconds;
     while (now < end) {
-        const uint64_t before = now;
         now = end - now > 15000 ? now + 15000 : end;
-        if (port >= 0) usleep(useconds_t(double(now - before) / speedup));
         exchange();
         if (patience > 0 && now - fed > patience) reset();
     }
 }
 
 void wait_for_byte() {
-    if (!out.empty() || port >= 0) exchange();
-    if (!in.empty() && port < 0) {
-        if (in.front().first > now) now = in.front().first;
-        if (now - told > 15000) exchange();
-    } else if (in.empty()) {
+    if (!out.empty()) exchange();
+    if (in.empty()) {
         pass(1000);
+        return;
     }
+    if (in.front().first > now) now = in.front().first;
+    if (now - told > 15000) exchange();
 }
 
 } // namespace board
@@ -203,25 +186,15 @@ size_t RobotSerial::write(uint8_t byte) { return write(&byte, 1); }
 size_t RobotSerial::write(const uint8_t *bytes, size_t count) {
     board::asked = 0;
     board::out.insert(board::out.end(), bytes, bytes + count);
-    const uint64_t takes = board::byte_time * count;
-    board::now += takes;
-    if (board::port >= 0) usleep(useconds_t(double(takes) / board::speedup));
+    board::now += board::byte_time * count;
     return count;
 }
 
-int main(int count, char **arguments) {
+int main(int, char **arguments) {
     board::arguments = arguments;
     if (const char *now = getenv("NOW")) board::now = strtoull(now, nullptr, 10);
     if (const char *kept = getenv("NOINIT")) driving = uint32_t(strtoul(kept, nullptr, 10));
     if (const char *when = getenv("HANG_AT")) board::hang_at = strtoull(when, nullptr, 10);
-    if (count == 3) {
-        board::port = open(arguments[1], O_RDWR | O_NOCTTY | O_NONBLOCK);
-        board::speedup = atof(arguments[2]);
-        termios raw;
-        if (board::port < 0 || tcgetattr(board::port, &raw) != 0) return 5;
-        cfmakeraw(&raw);
-        tcsetattr(board::port, TCSANOW, &raw);
-    }
     setup();
     for (;;) loop();
 }
