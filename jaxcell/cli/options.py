@@ -11,11 +11,7 @@ from typing import Annotated
 import tyro
 
 from ..base.files import replacing
-from .terminal import note, status
-
-
-# Bytes above which the need is printed.
-_MUCH = 1e9
+from .terminal import status
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -24,14 +20,6 @@ class Printing:
 
     json: Annotated[bool, tyro.conf.arg(name="json")] = False
     """Print one JSON object and nothing else."""
-
-
-def say_memory(needed: float | int, doing: str) -> None:
-    """Print how much memory something needs, if it is much."""
-    from ..base.memory import gigabytes
-
-    if needed > _MUCH:
-        note(f"{doing} needs about {gigabytes(needed)} of memory")
 
 
 @contextlib.contextmanager

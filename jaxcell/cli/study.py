@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..base.extras import has_module, missing_module
+from ..base.memory import gigabytes
 from ..study import Study
 from ..study.study import Say, silent
-from .options import Printing, say_memory, starting, write_text
+from .options import Printing, starting, write_text
 from .terminal import (
     note,
     note_results,
@@ -24,6 +25,10 @@ from .terminal import (
 
 if TYPE_CHECKING:
     from ..base.quantities import Result
+
+
+# Bytes above which the need is printed.
+_MUCH = 1e9
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -75,7 +80,9 @@ class Command(Printing):
         asked = self.asked
         try:
             with status(f"reading for {self.called}"):
-                say_memory(asked.memory(written=self.out is not None), self.called)
+                needed = asked.memory(written=self.out is not None)
+                if needed > _MUCH:
+                    note(f"{self.called} needs about {gigabytes(needed)} of memory")
             with starting():
                 from .. import record  # noqa: F401
             with stdout_on_stderr(), progress(self.called) as say, noting_warnings() as noted:

@@ -158,34 +158,34 @@ class Drift(Study):
             rho=self.rho,
             **self._rules(),
         )
-        if self.range is not None:
-            say("choosing where to see the sea bed")
-            _ = found.views
+        surface = found.layers[0].behaviour
+        more: dict[str, Any] = {}
         if regions is not None:
             say("following drifters between regions")
-            exchange = Exchange.of(found.layers[0].behaviour, *regions, self.after)
-            found = dataclasses.replace(found, exchange=exchange)
+            more["exchange"] = Exchange.of(surface, *regions, self.after)
         if self.beaching is not None:
             say("stranding drifters")
             halves = {"afloat": self.beaching, "stranded": self.resuspension or math.inf}
-            behaviour = found.layers[0].behaviour
-            beaches = Stranded.of(waters[0], behaviour, self.after, **halves)
-            found = dataclasses.replace(found, beaching=beaches)
+            more["beaching"] = Stranded.of(waters[0], surface, self.after, **halves)
             if found.step > self.beaching:
                 rough = (
                     f"A step takes {found.step:g} s, and those that pass a coast meanwhile do not "
                     f"strand; give a --duration below the {self.beaching:g} s of beaching."
                 )
-                found = dataclasses.replace(found, notices=(*found.notices, rough))
+                more["notices"] = (*found.notices, rough)
         if (count := self.nearly_closed) is not None:
             say("finding nearly closed sets")
             chains = [layer.behaviour.chain for layer in found.layers]
-            of_layers = found.waters, chains, found.step, count
-            found = dataclasses.replace(found, nearly_closed_sets=ClosedSets.of(*of_layers))
-        if goal is None:
-            return found
-        say(f"finding the way to the goal from {found.cells:,} cells")
-        return found.towards(goal, self.discount)
+            more["nearly_closed_sets"] = ClosedSets.of(found.waters, chains, found.step, count)
+        found = dataclasses.replace(found, **more)
+        if goal is not None:
+            say(f"finding the way to the goal from {found.cells:,} cells")
+            found = found.towards(goal, self.discount)
+        if self.range is not None:
+            say("choosing where to see the sea bed")
+            # Kept by the result, so last.
+            _ = found.views
+        return found
 
     def spec(self, result: Any) -> dict[str, Any]:
         rules = {name: self._rules()[name] for name in ("spread", "edge")}

@@ -90,7 +90,7 @@ def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
 
 
 def test_much_memory_is_told_and_json_stays_clean(capsys, monkeypatch):
-    monkeypatch.setattr("jaxcell.cli.options._MUCH", 1e4)
+    monkeypatch.setattr("jaxcell.cli.study._MUCH", 1e4)
     assert main(["groups", str(LAB), "--bounce", "45", "--json"]) == 0
     told = capsys.readouterr()
     assert json.loads(told.out)["positions"] == 19

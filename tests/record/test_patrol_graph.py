@@ -342,7 +342,8 @@ def test_a_matrix_of_one_number(tmp_path, read):
     from jaxcell.record.canvas.stream import recording
 
     with recording(tmp_path / "one.rrd", "test") as stream:
-        legend = log_matrix(stream, "m", np.array([[2.0, np.nan]]), ["a"], ["b", "c"], "steps")
+        values = np.array([[2.0, np.nan]])
+        _, legend = log_matrix(stream, "m", "times", values, ["a"], ["b", "c"], "steps")
     assert [label for label, _ in legend] == ["2 steps"]
     found = read(tmp_path / "one.rrd")
     assert found.static("/m/labels", "Points2D:labels") == ["a", "b", "c"]

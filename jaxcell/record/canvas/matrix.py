@@ -25,12 +25,13 @@ _HANG = 0.25
 def log_matrix(
     stream: rr.RecordingStream,
     path: str,
+    title: str,
     values: Float[np.ndarray, "rows columns"],
     rows: Sequence[str],
     columns: Sequence[str],
     unit: str,
     margin: float = 1.0,
-) -> list[tuple[str, Color]]:
+) -> tuple[rrb.Spatial2DView, list[tuple[str, Color]]]:
     """Log a heat map.
 
     **Arguments:**
@@ -40,7 +41,7 @@ def log_matrix(
     - `unit`: what the numbers count; empty for nothing.
     - `margin`: how much space the names of rows have, in squares.
 
-    **Returns:** what the colours mean.
+    **Returns:** a view of it, and what the colours mean.
     """
     scale = Scale.over(values, f"{{}} {unit}".rstrip().format, special={"none": PLAIN})
     known = ~np.isnan(values)
@@ -58,12 +59,5 @@ def log_matrix(
         numbers = [(f"{values[row, column]:.3g}", column + 0.5, row + _HANG) for row, column in at]
         grounds = [classes[level].color for level in levels[known].tolist()]
         log_labels(stream, f"{path}/numbers", numbers, grounds, order=10.0)
-    return scale.legend(shown=[])
-
-
-def matrix_view(
-    path: str, name: str, shape: tuple[int, int], margin: float = 1.0
-) -> rrb.Spatial2DView:
-    """A view of a heat map with so many rows and columns."""
-    rows, columns = shape
-    return plane(path, name, (-margin, -1, columns + 0.3, rows + 0.3))
+    view = plane(path, title, (-margin, -1, len(columns) + 0.3, len(rows) + 0.3))
+    return view, scale.legend(shown=[])

@@ -5,7 +5,7 @@ import rerun.blueprint as rrb
 
 from ...drift import Exchange
 from ..canvas.marks import log_labels
-from ..canvas.matrix import log_matrix, matrix_view
+from ..canvas.matrix import log_matrix
 from ..canvas.palette import CATEGORIES, CLEAR, FREE, PictureClass, tint
 from ..canvas.prose import described
 from .map import SeaMap
@@ -34,13 +34,11 @@ def log_exchange(map: SeaMap, exchange: Exchange) -> rrb.Container:
     elsewhere = exchange.after @ ~exchange.inside.any(axis=0)
     ends = 100 * np.column_stack([exchange.share, elsewhere, exchange.left])
     columns, margin = [*names, "elsewhere", "off the map"], 0.4 + _LETTER * longest
-    path = "exchange/matrix"
-    legend = log_matrix(map.stream, path, ends, names, columns, "%", margin)
     title = f"Of 100 drifters from a row, after {_hours(exchange.after_hours)}"
-    views = [
-        map.view("Regions, and how long drifters stay in them", [picture, "region_names"]),
-        matrix_view(path, title, ends.shape, margin),
-    ]
+    matrix = "exchange/matrix", title, ends, names, columns
+    shares, legend = log_matrix(map.stream, *matrix, "%", margin)
+    seen = "Regions, and how long drifters stay in them"
+    views = [map.view(seen, [picture, "region_names"]), shares]
     return map.tab("exchange", "Regions", views, _text(exchange), legend)
 
 

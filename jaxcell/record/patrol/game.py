@@ -3,7 +3,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...patrol import StrategyGame
-from ..canvas.matrix import log_matrix, matrix_view
+from ..canvas.matrix import log_matrix
 from ..canvas.page import log_tab
 from ..canvas.palette import CLEAR, Color
 from ..canvas.prose import numbers, table
@@ -20,9 +20,10 @@ def log_game(stream: rr.RecordingStream, game: StrategyGame) -> rrb.Container:
     legend: list[tuple[str, Color]] = []
     payoffs = {"patroller": game.patroller_payoff, "adversary": game.adversary_payoff}
     for who, payoff in payoffs.items():
-        path, title, names = f"game/{who}", f"What the {who} is paid", game.names
-        colors = log_matrix(stream, path, payoff, game.strategy, names, "", _STRATEGY_MARGIN)
-        views.append(matrix_view(path, title, payoff.shape, _STRATEGY_MARGIN))
+        path, title = f"game/{who}", f"What the {who} is paid"
+        named = payoff, game.strategy, game.names
+        view, colors = log_matrix(stream, path, title, *named, "", _STRATEGY_MARGIN)
+        views.append(view)
         # A row between them, so that two colour bars are not one.
         legend += [(title, CLEAR), *colors]
     beside = rrb.Horizontal(*views)

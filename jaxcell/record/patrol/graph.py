@@ -13,7 +13,7 @@ from ...markov import sample_walks
 from ...patrol import GraphPatrol, steps_between_visits
 from ..canvas.curves import curve_view, log_curve
 from ..canvas.marks import LABEL, log_lines, log_shares, log_walker
-from ..canvas.matrix import log_matrix, matrix_view
+from ..canvas.matrix import log_matrix
 from ..canvas.page import log_tab
 from ..canvas.palette import (
     BELIEF,
@@ -250,8 +250,8 @@ def _log_times(stream: rr.RecordingStream, patrol: GraphPatrol) -> rrb.Container
     np.fill_diagonal(times, np.nan)
     matrix = np.concatenate([times, patrol.mean_time_to[None]])
     rows = [*patrol.names, "mean"]
-    legend = log_matrix(stream, "times/matrix", matrix, rows, patrol.names, "steps")
-    view = matrix_view("times/matrix", "Expected steps from a row to a column", matrix.shape)
+    title, columns = "Expected steps from a row to a column", patrol.names
+    view, legend = log_matrix(stream, "times/matrix", title, matrix, rows, columns, "steps")
     return log_tab(stream, "times", "Hitting times", view, "", legend, shares=(3, 1))
 
 
