@@ -1,6 +1,7 @@
 import math
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -11,7 +12,7 @@ from jaxcell.patrol.files.graph_files import load_graph
 from jaxcell.space import CellSpace, Workspace
 from jaxcell.space.maps.random_rooms import place, random_room
 from jaxcell.sweep.tasks import TASKS
-from jaxcell.sweep.workers.work import find_task, study_of
+from jaxcell.sweep.workers.work import Job, compute, find_task, study_of
 
 
 DATA = Path(__file__).parents[2] / "data"
@@ -19,6 +20,32 @@ LAB = str(DATA / "maps" / "lab_a.json")
 LINE = str(DATA / "graphs" / "eight.json")
 GYRES = str(DATA / "ocean" / "gyres.nc")
 DRIFTERS = str(DATA / "ocean" / "drifters.nc")
+
+
+WIDTH = """
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+def width(batch, fixed, seed):
+    bits = np.full(batch["a"].size, jnp.zeros(()).dtype.itemsize * 8)
+    return xr.Dataset({"bits": ("member", bits)})
+"""
+
+
+@pytest.mark.parametrize("wide", [True, False])
+def test_a_worker_computes_as_widely_as_the_process_that_asks(wide, tmp_path, monkeypatch):
+    monkeypatch.setenv("JAX_ENABLE_X64", "")
+    path = tmp_path / "own.py"
+    path.write_text(WIDTH)
+    before = jax.config.jax_enable_x64
+    try:
+        jax.config.update("jax_enable_x64", not wide)
+        job = Job(0, np.arange(2), f"{path}:width", {"a": np.arange(2.0)}, {}, 0, wide)
+        found = compute(job)
+    finally:
+        jax.config.update("jax_enable_x64", before)
+    assert found.variables["bits"].values.tolist() == [64 if wide else 32] * 2
 
 
 def task(name):
