@@ -189,6 +189,7 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
         lambda: bounce_groups(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: BounceGroups.of(CellSpace.of(LAB, 0.5, 8), math.pi),
         lambda: bounce_map(CellSpace.of(LAB, 0.2, 8), math.pi),
+        lambda: bounce_map(CellSpace.of(LAB, 0.5, 8), np.full(1000, math.pi)),
         lambda: Roadmap.of(CellSpace.of(LAB, 0.5, 8), [math.pi]),
         lambda: coverage_policy(CellSpace.of(LAB, 0.5, 8), [math.pi], 0.0, 1.0),
         lambda: visible_cells(CellSpace.of(LAB, 0.2, 8), 1.0),
