@@ -9,9 +9,6 @@ from pathlib import Path
 import pytest
 
 
-pytestmark = pytest.mark.slow
-
-
 ROOT = Path(__file__).parents[1]
 ROW = {"benchmark": "good", "what": "this", "size": "9 cells", "ours_s": 0.5}
 ROWS = [

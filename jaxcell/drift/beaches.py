@@ -99,7 +99,7 @@ def _with_beaches(
     image[-1], image[-1, cell], probability[-1, cell] = np.arange(image.shape[1]), beach, strands
     image[:, beach], probability[:, beach] = beach, 0
     image[0, beach], probability[0, beach], probability[-1, beach] = cell, floats, 1 - floats
-    return Chain(jnp.asarray(image), jnp.asarray(probability))
+    return Chain(image, probability)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

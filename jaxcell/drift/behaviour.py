@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -105,7 +105,7 @@ class LongTermBehaviour:
         home = np.array([d[0] if len(d) == 1 else -1 for d in transient.domiciles] or [-1])
         alone = home[np.asarray(transient.group)]
         group = np.asarray(self.groups.group)
-        return jnp.asarray(np.where(group >= 0, group, alone), jnp.int32)
+        return jax.device_put(np.where(group >= 0, group, alone).astype(np.int32))
 
 
 def long_term_behaviour(

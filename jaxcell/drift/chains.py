@@ -4,7 +4,6 @@ import operator
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 import scipy.special
@@ -111,8 +110,8 @@ def drift_map(
 
     def ends(right: np.ndarray, up: float) -> tuple[np.ndarray, np.ndarray]:
         """Where points of all cells drift, which are off the centres by some parts of a cell."""
-        x = jnp.asarray(water.column + right[:, None])
-        y = jnp.broadcast_to(jnp.asarray(water.row + up), x.shape)
+        x = water.column + right[:, None]
+        y = np.broadcast_to(water.row + up, x.shape)
         found = advect(flow, x, y, duration, start=float(start), method=method, steps=steps)
         return np.asarray(found[0]), np.asarray(found[1])
 

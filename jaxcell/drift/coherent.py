@@ -55,8 +55,8 @@ def ftle(
         ([0.009531, 0.009531, 0.009531], 0.009531)
     """
     duration = checked_duration(flow, water, duration, method, steps)
-    sides = jnp.asarray(np.stack([water.dx, water.dy]))
-    x, y = jnp.asarray(water.column, jnp.float64), jnp.asarray(water.row, jnp.float64)
+    sides = np.stack([water.dx, water.dy])
+    x, y = np.stack([water.column, water.row]).astype(np.float64)
 
     def end(right: float, up: float) -> tuple[Float[Array, "cells"], Float[Array, "cells"]]:
         return advect(
@@ -65,7 +65,7 @@ def ftle(
 
     east, west, north, south = end(0.5, 0.0), end(-0.5, 0.0), end(0.0, 0.5), end(0.0, -0.5)
     exponent = _exponent(sides, x, y, east, west, north, south, wraps=water.wraps)
-    return np.asarray(exponent / abs(duration))
+    return np.asarray(exponent) / abs(duration)
 
 
 @functools.partial(jax.jit, static_argnames="wraps")

@@ -2,7 +2,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
@@ -128,7 +127,7 @@ def diagnose(
     _, first = np.unique(group[group >= 0], return_index=True)
     whole = size == pieces[water.piece[group >= 0][first]]
     alone = np.flatnonzero(group >= 0)[first][(size == 1) & ~whole]
-    x, y = (jnp.asarray(v[alone], jnp.float64) for v in (water.column, water.row))
+    x, y = (v[alone].astype(np.float64) for v in (water.column, water.row))
     away = advect(
         flow, x, y, _LONG * duration, start=float(start), method="rk4", steps=4 * _LONG * steps
     )

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -110,7 +109,7 @@ def distances(
     found = []
     for counts, (chain, step) in zip(wanted, maps, strict=True):
         tide = as_sequence(chain)
-        pushed, done, of_map = jnp.asarray(begin / begin.sum()), 0, []
+        pushed, done, of_map = jax.device_put(begin / begin.sum()), 0, []
         for count in counts:
             pushed = tide.push(pushed, count - done, done)
             done = count
@@ -222,20 +221,14 @@ def _shares(
     # Half a cell at a time, and no longer than from one record to the next.
     between = np.diff(np.asarray(flow.time)).min(initial=np.inf)
     longest, found, now = _STEPS * min(crossing_time(water, flow) / 2, between), {}, 0.0
-    sides, wet = jnp.asarray(np.stack([water.dx, water.dy])), jnp.asarray(water.number >= 0)
+    sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
     key = jax.random.key(0)
     for time in times:
         moves = math.ceil((time - now) / longest)
         for start in np.linspace(now, time, moves, endpoint=False).tolist():
             on = on_grid(water.number.shape, water.wraps, x, y)
             after = advect(
-                flow,
-                jnp.asarray(x),
-                jnp.asarray(y),
-                (time - now) / moves,
-                start=start,
-                method="rk4",
-                steps=_STEPS,
+                flow, x, y, (time - now) / moves, start=start, method="rk4", steps=_STEPS
             )
             if flow.diffusivity:
                 key, drawn = jax.random.split(key)

@@ -83,17 +83,15 @@ def simulate_drifters(
         raise ValueError(
             f"expected 0 steps or more and 1 drifter or more, got {steps} and {drifters}"
         )
-    there = jnp.asarray(np.flatnonzero(cell_mask(water.cells, cells, "cells")))
-    centre = jnp.asarray(np.stack([water.column, water.row]), jnp.float64)[:, there]
-    sides = jnp.asarray(np.stack([water.dx, water.dy]))
-    wet = jnp.asarray(water.number >= 0)
-    begin = jnp.asarray(start + np.arange(steps) * duration)
+    there = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
+    centre = np.stack([water.column, water.row]).astype(np.float64)[:, there]
+    sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
+    begin = start + np.arange(steps) * duration
     choice, x, y = _release(key, centre, drifters)
     xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, float(rho), substeps)
     # A coast that a drifter ran over is the nearest water.
-    cell = water.landing(
-        np.asarray(xs), np.asarray(ys), origin=np.asarray(there)[choice], exits=True
-    )
+    origin = there[np.asarray(choice)]
+    cell = water.landing(np.asarray(xs), np.asarray(ys), origin=origin, exits=True)
     return Drifters(xs, ys, cell, duration)
 
 
@@ -223,7 +221,7 @@ def compare(
         )
     share = drifted.share(water.cells)
     halves = [_share(drifted.cell[:, k::2], water.cells) for k in (0, 1)]
-    distribution = jnp.asarray(share[0])
+    distribution = jax.device_put(share[0])
     pushed = {0: share[0]}
     for step in range(1, int(wanted.max()) + 1):
         distribution = chain.push(distribution)

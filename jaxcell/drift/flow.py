@@ -91,8 +91,8 @@ class Flow:
         along_x = (east * cos + north * sin) / water.dx
         along_y = (north * cos - east * sin) / water.dy
         since = (currents["time"].values - currents["time"].values[0]) / np.timedelta64(1, "s")
-        rate = jnp.asarray(np.stack([along_x, along_y], axis=1))
-        return cls(rate, jnp.asarray(since[taken]), water.wraps, diffusivity=float(diffusivity))
+        rate = jax.device_put(np.stack([along_x, along_y], axis=1))
+        return cls(rate, jax.device_put(since[taken]), water.wraps, diffusivity=float(diffusivity))
 
     @property
     def recorded(self) -> Float[Array, "records axes rows columns"]:
@@ -303,11 +303,9 @@ def flow_map(
         ((2, 538), 1.0)
     """
     duration = checked_duration(flow, water, duration, method, steps)
-    x, y = jnp.asarray(water.column, jnp.float64), jnp.asarray(water.row, jnp.float64)
-    end_x, end_y = advect(
-        flow, x, y, float(duration), start=float(start), method=method, steps=steps
-    )
-    return jnp.stack([end_x - x, end_y - y])
+    places = np.stack([water.column, water.row]).astype(np.float64)
+    ends = advect(flow, *places, float(duration), start=float(start), method=method, steps=steps)
+    return jnp.stack(ends) - places
 
 
 def crossing_time(water: Water, flow: Flow) -> float:
@@ -333,8 +331,9 @@ def crossing_time(water: Water, flow: Flow) -> float:
         >>> round(drift.crossing_time(water, flow) / 60)
         31
     """
-    speed = jnp.hypot(flow.recorded[:, 0], flow.recorded[:, 1])
-    mean = float(jnp.sum(speed)) / (speed.shape[0] * water.cells)
+    rate = np.asarray(flow.recorded)
+    speed = np.hypot(rate[:, 0], rate[:, 1])
+    mean = float(speed.sum()) / (len(speed) * water.cells)
     if not mean > 0:
         raise ValueError("flow: the water stands still everywhere; expected some current")
     return 1 / mean

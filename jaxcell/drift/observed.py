@@ -3,7 +3,6 @@ import itertools
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -222,4 +221,4 @@ def _leakage(
 
 
 def _pushed(chain: Chain, begin: Float[np.ndarray, "cells"], steps: int) -> np.ndarray:
-    return np.asarray(as_sequence(chain).push(jnp.asarray(begin), steps))
+    return np.asarray(as_sequence(chain).push(begin, steps))

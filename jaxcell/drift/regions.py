@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -112,9 +111,7 @@ class Exchange(Result):
     def after(self) -> Float[np.ndarray, "regions cells"]:
         """The share of the drifters of each region in each cell then."""
         sequence = as_sequence(self.chain)
-        return np.stack(
-            [np.asarray(sequence.push(jnp.asarray(one), self.steps)) for one in self._begin]
-        )
+        return np.stack([np.asarray(sequence.push(one, self.steps)) for one in self._begin])
 
 
 def read_regions(

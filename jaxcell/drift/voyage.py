@@ -104,15 +104,15 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     """
     if not 0 < discount < 1:
         raise ValueError(f"discount: expected more than 0 and less than 1, got {discount}")
-    there = jnp.asarray(_there(sea, goal))
+    there = _there(sea, goal)
     chains, allowed = _actions(sea)
     # From the goal everything goes to the sink.
-    ended = [Chain(chain.image, jnp.where(there[None], 0, chain.probability)) for chain in chains]
-    arrives = jnp.stack([chain.pull(there.astype(jnp.float64)) for chain in chains])
-    lost = jnp.stack([chain.leaving for chain in chains])
+    ended = [Chain(chain.image, np.where(there, 0, chain.probability)) for chain in chains]
+    arrives = np.stack([chain.pull(there.astype(np.float64)) for chain in chains])
+    lost = np.stack([chain.leaving for chain in chains])
     reward = _STEP_REWARD + (_ARRIVAL_REWARD - _STEP_REWARD) * arrives
     reward = reward + _STEP_REWARD * discount / (1 - discount) * lost
-    return DecisionModel.of(ended, jnp.where(there[None], 0, reward), allowed)
+    return DecisionModel.of(ended, np.where(there, 0, reward), allowed)
 
 
 def discounted_voyage(
@@ -223,11 +223,11 @@ def simulate_voyages(
         raise ValueError(f"drifters: expected 1 or more, got {drifters}")
     cells = voyage.goal.size
     chosen = np.pad(start_distribution(cells, start), (0, voyage.chain.cells - cells))
-    cell = _drift(key, voyage.chain, jnp.asarray(chosen), drifters, steps)
-    cell = jnp.where(cell < 0, jnp.int32(-1), cell % cells)
-    there = jnp.asarray(voyage.goal)[cell] & (cell >= 0)
-    first = jnp.argmax(there, axis=0).astype(jnp.float64)
-    return Tracks(cell, jnp.where(jnp.any(there, axis=0), first, jnp.inf))
+    cell = np.asarray(_drift(key, voyage.chain, chosen, drifters, steps))
+    cell = np.where(cell < 0, np.int32(-1), cell % cells)
+    there = np.asarray(voyage.goal)[cell] & (cell >= 0)
+    time = np.where(there.any(axis=0), there.argmax(axis=0), np.inf)
+    return Tracks(jax.device_put(cell), jax.device_put(time))
 
 
 @functools.partial(jax.jit, static_argnames=("drifters", "steps"))
@@ -276,12 +276,13 @@ def _voyage(
 ) -> Voyage:
     there = _there(sea, goal)
     chains, allowed = _actions(sea)
-    policy = jnp.where(jnp.asarray(there), 0, policy)
-    loop = policy_chain(DecisionModel.of(chains, np.zeros(allowed.shape), allowed), policy)
-    stay = jnp.arange(loop.image.shape[0])[:, None] == 0
+    taken = np.where(there, np.int32(0), policy)
+    model = DecisionModel.of(chains, np.zeros(allowed.shape), allowed)
+    loop = policy_chain(model, jax.device_put(taken))
+    stay = np.arange(loop.image.shape[0])[:, None] == 0
     chain = Chain(
-        jnp.where(there[None], jnp.arange(there.size, dtype=jnp.int32)[None], loop.image),
-        jnp.where(there[None], stay.astype(jnp.float64), loop.probability),
+        np.where(there, np.arange(there.size, dtype=np.int32), loop.image),
+        np.where(there, stay.astype(np.float64), loop.probability),
     )
     begins = slice(0, sea.cells)
     probability = arrival_probabilities(chain, there, throw=False).value[begins]
@@ -289,10 +290,10 @@ def _voyage(
     conditional = arrival.value[begins]
     return Voyage(
         there[begins],
-        jnp.asarray(ACTIONS, jnp.int32)[policy].reshape(sea.phases, sea.cells),
+        jax.device_put(np.array(ACTIONS, np.int32)[taken].reshape(sea.phases, sea.cells)),
         chain,
         probability,
-        jnp.where(probability == 1, conditional, jnp.inf),
+        jax.device_put(np.where(np.asarray(probability) == 1, conditional, np.inf)),
         conditional,
         None if value is None else value[begins],
         certificate,

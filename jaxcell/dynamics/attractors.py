@@ -248,7 +248,7 @@ def _orbits(
 ) -> Float[np.ndarray, "starts window axes"]:
     """The last mappings of orbits from points."""
     rows, size = len(start), bucket(len(start))
-    filled = (jnp.asarray(with_last(values, size)) for values in (member, start))
+    filled = (with_last(values, size) for values in (member, start))
     return np.asarray(_orbits_of(map, box, params, *filled, settle))[:rows]
 
 

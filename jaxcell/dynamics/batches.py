@@ -23,7 +23,7 @@ def with_last(rows: np.ndarray, size: int) -> np.ndarray:
 def stacked(members: Sequence[Any], dtype: Any = None) -> Any:
     """The parameters of several members as one tree, whose arrays have an axis for the members."""
     kind = jnp.zeros(()).dtype if dtype is None else dtype
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), kind), *members)
+    return jax.tree.map(lambda *leaves: np.stack(leaves).astype(kind), *members)
 
 
 def params_of(params: Any, member: Any) -> Any:

@@ -72,8 +72,7 @@ def chain(
     torn_axes(map, box, [params])
     key = jax.random.key(0) if key is None else key
     nodes, weights = _nodes(deviation, quadrature) if quadrature else (None, np.ones(1))
-    added = None if nodes is None else jnp.asarray(nodes)
-    image = _sampled(map, box, params, jnp.asarray(deviation), key, samples, added)
+    image = _sampled(map, box, params, deviation, key, samples, nodes)
     inside = image < box.size
     # What left the box is missing from the probabilities of its cell.
     cells = np.arange(box.size, dtype=np.int32)

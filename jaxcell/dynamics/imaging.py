@@ -152,8 +152,8 @@ def torn_axes(
     for axis in (axis for axis, kind in enumerate(box.axes) if kind == "periodic"):
         ends = np.stack([points, points])
         ends[0, :, axis], ends[1, :, axis] = box.lower[axis], box.upper[axis]
-        params, each = stacked(members), jnp.arange(len(members))
-        image = np.asarray(_mapped_points(map, params, each, jnp.asarray(ends)))
+        params, each = stacked(members), np.arange(len(members))
+        image = np.asarray(_mapped_points(map, params, each, ends))
         apart = box.apart((image[:, 1] - image[:, 0]) / box.width).max(axis=-1)
         # Orbits that part anyway may differ by rounding.
         differs = np.median(apart, axis=1) > 1e-3
@@ -317,5 +317,5 @@ def _images_of(
     params, each = stacked(members, kind), np.arange(len(members))
     if isinstance(map, Flow) and map.crossing:
         return _crossing(map, box, params, each, cells, follow, kind)
-    image, time = _images(map, box, params, jnp.asarray(each), jnp.asarray(cells), follow, kind)
+    image, time = _images(map, box, params, each, cells, follow, kind)
     return np.asarray(image), None if time is None else np.asarray(time)

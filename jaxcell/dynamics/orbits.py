@@ -77,7 +77,7 @@ def orbit_ends(
     most: int = _MAX_MAPPINGS,
 ) -> tuple[Int[np.ndarray, "points"], Int[np.ndarray, "points"]]:
     """Follow points until they have visited cells of one owner as often as that, or that far."""
-    params, known = jax.tree.map(jnp.asarray, params), jnp.asarray(owner)
+    params, known = jax.tree.map(jnp.asarray, params), jax.device_put(owner)
 
     def stage(state: Any, k: int) -> Any:
         done = (k + 1) * _STAGE

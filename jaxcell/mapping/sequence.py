@@ -3,7 +3,6 @@ import functools
 from collections.abc import Iterator, Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float, Int
@@ -60,7 +59,7 @@ class ChainSequence:
         for phase, chain in enumerate(chains):
             used = chain.image.shape[0]
             image[phase, :used], probability[phase, :used] = chain.image, chain.probability
-        return cls(jnp.asarray(image), jnp.asarray(probability))
+        return cls(jax.device_put(image), jax.device_put(probability))
 
     @property
     def phases(self) -> int:
@@ -120,7 +119,7 @@ class ChainSequence:
         later = (np.arange(self.phases, dtype=np.int32) + 1) % self.phases * self.cells
         image = np.asarray(self.image) + later[:, None, None]
         both = (np.moveaxis(a, 1, 0) for a in (image, np.asarray(self.probability)))
-        fields = tuple(jnp.asarray(a.reshape(a.shape[0], -1)) for a in both)
+        fields = tuple(jax.device_put(a.reshape(a.shape[0], -1)) for a in both)
         return Chain.tree_unflatten(None, fields)
 
     def to_scipy(self) -> scipy.sparse.csr_array:

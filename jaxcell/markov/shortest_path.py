@@ -1,7 +1,7 @@
 import dataclasses
 import functools
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -103,10 +103,10 @@ def stochastic_shortest_path(
     )
     certificate.check("stochastic_shortest_path", throw)
     return ShortestPath(
-        jnp.asarray(probability),
-        jnp.asarray(np.where(sure, time, np.inf)),
-        jnp.asarray(time),
-        jnp.asarray(policy, jnp.int32),
+        jax.device_put(probability),
+        jax.device_put(np.where(sure, time, np.inf)),
+        jax.device_put(time),
+        jax.device_put(policy.astype(np.int32)),
         certificate,
     )
 

@@ -102,7 +102,7 @@ def minimum_commute_sweep(
         for problem in range(problems):
             stops = emphasis[problem % len(emphasis)]
             on_tour[problem] = _on_tour(graph, stops, allowed[problem], problem)
-    found = _solve_all(graph.vertices, jnp.asarray(graph.edges), on_tour, allowed, share, tolerance)
+    found = _solve_all(graph.vertices, graph.edges, on_tour, allowed, share, tolerance)
     worst = int(np.argmax(np.nan_to_num(np.asarray(found.gap), nan=np.inf)))
     certificate = Certificate(int(found.iterations[worst]), float(found.gap[worst]), tolerance)
     certificate.check(f"minimum_commute_sweep, problem {worst}", throw)

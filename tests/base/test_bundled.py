@@ -75,7 +75,6 @@ def test_maps_are_listed(capsys):
     assert "│  ▄▄ ▄▄▄" in said
 
 
-@pytest.mark.slow
 def test_a_wheel_has_them(tmp_path):
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)

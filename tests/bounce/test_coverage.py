@@ -47,7 +47,6 @@ def test_a_noisy_map_turns_by_all_angles_near_the_bouncing_angle(free, shift, bi
     assert not np.asarray(chain.leaving).any()
 
 
-@pytest.mark.slow
 @given(GRIDS, st.integers(1, 7))
 def test_without_error_persistent_groups_are_the_periodic_groups(free, shift):
     cells = CellSpace.of_grid(free, 8)

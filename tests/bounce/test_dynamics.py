@@ -94,9 +94,9 @@ def test_swept_moves_are_endpoint_moves():
 @pytest.mark.parametrize(
     ("cells", "collision", "length"),
     [
-        pytest.param(CellSpace.of(CURVED, 0.4, 24), "swept", 1.6, marks=pytest.mark.slow),
+        (CellSpace.of(CURVED, 0.4, 24), "swept", 1.6),
         (CellSpace.of(CURVED, 0.4, 24), "endpoint", 1.0),
-        pytest.param(CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0, marks=pytest.mark.slow),
+        (CellSpace.of_grid(np.eye(7) == 0, 24), "swept", 1.0),
         (CellSpace.of_grid(np.eye(7) == 0, 24), "endpoint", 1.6),
     ],
 )
@@ -138,7 +138,6 @@ def test_a_direction_is_followed_by_the_same_ways_as_the_one_that_leads(shift, k
     assert len({way[one :: headings.cycles].tobytes() for one in cycles}) == len(cycles)
 
 
-@pytest.mark.slow
 def test_totals_are_those_of_the_summary():
     cells = CellSpace.of_grid(np.eye(7) == 0, 24)
     turns = np.array([0, 1, 6, 9])
@@ -152,7 +151,6 @@ def test_totals_are_those_of_the_summary():
     }
 
 
-@pytest.mark.slow
 @given(GRIDS, st.integers(0, 7))
 @settings(max_examples=5)
 def test_both_routes_agree_on_random_grids(free, shift):
@@ -163,7 +161,6 @@ def test_both_routes_agree_on_random_grids(free, shift):
         np.testing.assert_array_equal(getattr(fast, name), getattr(plain, name), err_msg=name)
 
 
-@pytest.mark.slow
 def test_grids_of_one_shape_map_under_vmap():
     rng = np.random.default_rng(2)
     grids = rng.random((100, 5, 6)) > 0.25

@@ -71,7 +71,7 @@ def test_a_robot_that_does_not_slip_does_what_the_map_says(directions):
     np.testing.assert_array_equal(cells.index(*after[same].T), np.asarray(simple.image)[same])
 
 
-@pytest.mark.parametrize("direction", [0, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("direction", [0, 3])
 def test_spread_of_a_step_and_of_a_bump_is_that_of_the_emulator(direction):
     noise, count = 0.05, 250
     rng = np.random.default_rng(0)
@@ -197,7 +197,6 @@ def test_sets_of_a_robot_without_errors_leave_cells_out():
     assert 1 <= sets.estimate(state).cells.size < CELLS.size / 3
 
 
-@pytest.mark.slow
 def test_the_batch_gives_what_the_host_does(fine, hidden):
     model = ObservedChain.from_scipy(hidden.moves, hidden.bumps[0])
     runs = np.array([run_of_the_emulator(c, 0.03, 6, c)[0] for c in (3, 40)])
@@ -215,7 +214,6 @@ def test_the_batch_gives_what_the_host_does(fine, hidden):
         np.testing.assert_allclose(befores, belief.smoothed(run.tolist()), atol=1e-9)
 
 
-@pytest.mark.slow
 def test_particles_find_the_emulated_robot_on_the_host_and_in_a_batch():
     slip, held, batch = space.Slip.of(0.03, give=0.02), [], []
     cloud = Particles(CELLS, TURN, slip, count=2000)

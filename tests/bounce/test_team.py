@@ -272,7 +272,6 @@ def test_a_long_step_does_not_jump_over_a_robot():
     st.sampled_from([(20, None), (3, None), (40, 7)]),
     st.integers(0, 2**32),
 )
-@pytest.mark.slow
 def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
     max_parts, part_steps = limits
     start = states_of(cells, robots, seed, 1)[0].tolist()
@@ -302,7 +301,6 @@ def test_trajectory_follows_the_algorithm(cells, robots, step, limits, seed):
         assert count == len(visited)
 
 
-@pytest.mark.slow
 @given(spaces(), st.integers(1, 3), st.integers(0, 2**32))
 @settings(max_examples=15)
 def test_a_batch_gives_what_single_runs_give(cells, robots, seed):

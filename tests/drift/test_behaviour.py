@@ -201,7 +201,6 @@ def test_behaviour_equals_the_definition(currents, spread, edge):
     assert float(found.limiting.value.sum()) + found.limiting.leaving == pytest.approx(1)
 
 
-@pytest.mark.slow
 def test_the_double_gyre_has_a_group_in_each_gyre_and_a_border_between_them():
     currents = double_gyre(21, 42, inward=1.0)
     water, flow = Water.of(currents), Flow.of(currents)

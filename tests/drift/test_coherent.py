@@ -84,7 +84,6 @@ def test_ridges_are_crests():
     assert set(np.argwhere(water.on_grid(ridges(water, both, share=0.1), False))[:, 1]) == {4}
 
 
-@pytest.mark.slow
 def test_borders_lie_on_ridges_in_the_double_gyre():
     currents = double_gyre(21, 42)
     water, flow = Water.of(currents), Flow.of(currents)

@@ -65,7 +65,6 @@ def test_without_diffusion_the_map_is_that_of_the_current(river):
         drift.Flow.of(sea(np.ones((2, 2)), np.ones((2, 2))), diffusivity=-1)
 
 
-@pytest.mark.slow
 def test_replayed_drifters_diffuse_as_the_map_does(river):
     water, flow = river
     middle = int(water.number[SIDE // 2, SIDE // 2])

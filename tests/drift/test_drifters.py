@@ -64,7 +64,6 @@ def test_disturbed_drifters_are_turned(getkey):
     np.testing.assert_allclose(counts / 4000, [0.25, 0.5, 0.25], atol=0.03)
 
 
-@pytest.mark.slow
 def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     currents = sea(np.full((3, 40), 1.0), np.zeros((3, 40)), dx=900.0, dy=900.0)
     water, flow = Water.of(currents), Flow.of(currents)
@@ -78,7 +77,6 @@ def test_the_chain_of_a_rigid_shift_is_exact(getkey):
     assert np.isnan(found.transport[2])
 
 
-@pytest.mark.slow
 def test_distances_are_those_of_the_definitions(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)
@@ -106,7 +104,6 @@ def test_distances_are_those_of_the_definitions(getkey):
         assert found.hours[k] == pytest.approx(step * duration / 3600)
 
 
-@pytest.mark.slow
 def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)

@@ -163,7 +163,6 @@ def test_euler_is_one_step_of_the_current_at_the_centre():
     np.testing.assert_allclose(up, v * 0.6, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_time_is_interpolated_between_records():
     # The current grows by 1 m/s in an hour: after half an hour 450 m more than none.
     east = np.arange(3.0)[:, None, None] * np.ones((3, 2, 2))
@@ -206,7 +205,6 @@ def test_the_default_step_drifts_one_cell_on_average():
     np.testing.assert_array_equal(found, flow_map(water, steady, crossing_time(water, steady)))
 
 
-@pytest.mark.slow
 def test_works_under_jit_vmap_and_grad():
     flow = Flow.of(rotation(9))
     x, y = jnp.array([5.0]), jnp.array([4.0])

@@ -137,7 +137,6 @@ def test_the_nearest_water_may_be_across_the_seam():
     assert water.column[landed[0]].tolist() == [1, COLUMNS - 1, 1, COLUMNS - 1, COLUMNS - 1]
 
 
-@pytest.mark.slow
 def test_voyages_do_not_know_where_columns_begin():
     def solve(currents, place):
         waters = [drift.Water.of(currents, layer) for layer in range(2)]
@@ -220,7 +219,6 @@ def test_distances_go_the_shorter_way_round():
     assert len(sees.cover) == 3 * ROWS
 
 
-@pytest.mark.slow
 def test_lyapunov_exponents_and_ridges_are_those_of_many_copies():
     here = globe(4, dry=0, speed=0.8)
     water, flow = drift.Water.of(here), drift.Flow.of(here)

@@ -74,7 +74,6 @@ def test_an_eddy_that_holds_drifters_beyond_all_numbers():
         long_term_behaviour(found.chain, step, throw=True)
 
 
-@pytest.mark.slow
 def test_a_voyage_past_such_an_eddy():
     currents = open_currents(GYRES, time=1)
     layers = range(currents.sizes["layer"])

@@ -44,7 +44,6 @@ def test_answers_are_those_of_the_chain(pair):
     np.testing.assert_allclose([named[f"hours of set {k}"] for k in sets.rank], sets.hours)
 
 
-@pytest.mark.slow
 def test_errors_are_those_of_shares(pair):
     """By the law of large numbers, of the derivatives of times with respect to shares."""
     named = dict(zip(pair.estimates_name.tolist(), pair.estimates_error, strict=True))

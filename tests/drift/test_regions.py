@@ -48,7 +48,6 @@ def test_cells_are_in_the_polygon_of_their_centre(tmp_path, currents, turn):
     np.testing.assert_array_equal(inside[1], (water.column >= 5) & (water.column < 9))
 
 
-@pytest.mark.slow
 def test_the_exchange_is_that_of_drifters(tmp_path, currents):
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     step, steps = 3 * 3600.0, 1

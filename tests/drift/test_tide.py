@@ -48,7 +48,6 @@ def test_a_current_goes_on_from_its_last_record_to_its_first():
     assert fitted == pytest.approx([1, 4 / 3, 4, 8])
 
 
-@pytest.mark.slow
 def test_with_the_tide_it_is_nearer_to_drifters(both):
     tide, mean = both
     assert (tide.phases, tide.period_hours) == (4, 12.0)
@@ -60,7 +59,6 @@ def test_with_the_tide_it_is_nearer_to_drifters(both):
     assert tide.deployment.gained.sum() == tide.cells
 
 
-@pytest.mark.slow
 def test_what_is_said_of_cells_is_of_those_at_the_first_record(both):
     (layer,) = both[0].layers
     chain = layer.behaviour.chain
@@ -154,7 +152,6 @@ def moves(matrices):
         ]
 
 
-@pytest.mark.slow
 def test_a_voyage_decides_by_the_phase_of_the_tide(tidal_sea):
     matrices, sea = tidal_sea
     goal, discount = 4, 0.9
@@ -207,7 +204,6 @@ def test_layers_of_different_phases_are_refused():
         drift.Sea.of(waters, [still, ChainSequence.of([still, still])])
 
 
-@pytest.mark.slow
 def test_too_many_phases_are_left_for_the_mean(monkeypatch):
     monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 100)
     found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
@@ -228,7 +224,6 @@ def test_a_step_is_made_to_fit_the_period():
     assert found.remarks[0].startswith("A step takes 14400 s in place of 12960 s, to fit the 12 h")
 
 
-@pytest.mark.slow
 def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
     currents = strait(rows=6, columns=12).isel(time=slice(1))
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
@@ -243,7 +238,6 @@ def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
     assert found.cells == 72
 
 
-@pytest.mark.slow
 def test_the_other_routes_agree(both):
     found = dataclasses.replace(both[0], start=0).towards(30)
     assert all(one.agrees in (True, None) for one in verify.compare_drift(found))

@@ -93,7 +93,6 @@ def test_no_better_to_be_lost():
     assert found.action.tolist() == [1, 1, 0, 0, -1]
 
 
-@pytest.mark.slow
 @given(seeds, st.sampled_from([0.0, 0.3]))
 @settings(max_examples=15)
 def test_the_closed_loop(seed, leak):
@@ -118,7 +117,6 @@ def test_the_closed_loop(seed, leak):
         assert (np.asarray(found.time) >= np.asarray(surest.time) * (1 - 1e-9)).all()
 
 
-@pytest.mark.slow
 def test_several_goals():
     sea = random_sea(3)
     goals = np.array([2, sea.cells - 1])
@@ -134,7 +132,6 @@ def test_several_goals():
     assert np.asarray(found.probability)[goals].tolist() == [1, 1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("leak", [0.0, 0.3])
 def test_simulated_drifters_arrive_as_often_as_predicted(leak):
     sea = random_sea(11, leak=leak)
@@ -169,7 +166,6 @@ def test_simulated_drifters_arrive_as_often_as_predicted(leak):
     )
 
 
-@pytest.mark.slow
 def test_simulation_is_reproducible_and_starts_where_told():
     voyage = surest_voyage(random_sea(1), 0)
     key = jax.random.key(7)

@@ -20,8 +20,8 @@ def groups_of(name, cell, directions, turns, **motion):
     ("name", "cell", "directions", "motion"),
     [
         ("lab_a", 1.0, 8, {"step": 2.0}),
-        pytest.param("lab_a", 0.7, 6, {"collision": "endpoint"}, marks=pytest.mark.slow),
-        pytest.param("cafe", 0.6, 40, {}, marks=pytest.mark.slow),
+        ("lab_a", 0.7, 6, {"collision": "endpoint"}),
+        ("cafe", 0.9, 40, {}),
     ],
 )
 def test_a_store_has_what_is_in_memory(monkeypatch, tmp_path, name, cell, directions, motion):

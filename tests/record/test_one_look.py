@@ -1,6 +1,7 @@
 """What all recordings have in common, read back from one of each family."""
 
 import fnmatch
+import functools
 import math
 import re
 from pathlib import Path
@@ -15,9 +16,6 @@ from jaxcell.cli import main
 from jaxcell.record import RecordedRobot, RobotRecording, log_sweep
 from jaxcell.record.canvas import palette
 from jaxcell.record.canvas.palette import robot_color
-
-
-pytestmark = pytest.mark.slow
 
 
 DATA = Path(__file__).parents[2] / "data"
@@ -179,21 +177,31 @@ def record_sweep(path):
 
 @pytest.fixture(scope="module")
 def looks(tmp_path_factory, few_drifters):
+    """A function that gives the recording of a family, which it makes when first asked."""
     out = tmp_path_factory.mktemp("looks")
     room = out / "room.txt"
     room.write_text(ROOM)
-    for name, command in COMMANDS.items():
-        words = command.format(data=DATA, room=room).split()
-        assert main([*words, "--out", str(out / name)]) == (name == "no_plan"), name
-    for name, make in (("robot", record_robot), ("sweep", record_sweep)):
-        (out / name).mkdir()
-        make(out / name / "run.rrd")
-    return {name: Look(next((out / name).glob("*.rrd"))) for name in FAMILIES}
+    makers = {"robot": record_robot, "sweep": record_sweep}
+
+    @functools.cache
+    def look(family):
+        if family in COMMANDS:
+            words = COMMANDS[family].format(data=DATA, room=room).split()
+            assert main([*words, "--out", str(out / family)]) == (family == "no_plan")
+        else:
+            (out / family).mkdir()
+            makers[family](out / family / "run.rrd")
+        return Look(next((out / family).glob("*.rrd")))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxcell.bounce.slip.fine_cells._SAMPLES", 8)
+        patch.setattr("jaxcell.record.drift.currents._DRIFTERS", 20)
+        yield look
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_view_is_empty(looks, family):
-    look = looks[family]
+    look = looks(family)
     views = list(look.views())
     assert len(views) > 2
     assert look.blueprint["/viewport"]["ViewportBlueprint:auto_views"] == [False]
@@ -211,13 +219,13 @@ def test_no_view_is_empty(looks, family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_timelines_are_named_by_what_they_are(looks, family):
     expected = {"x", "y"} if family == "sweep" else TIMELINES
-    assert looks[family].timelines <= expected
-    assert looks[family].timeline in looks[family].timelines
+    assert looks(family).timelines <= expected
+    assert looks(family).timeline in looks(family).timelines
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_same_things_have_the_same_colors(looks, family):
-    look = looks[family]
+    look = looks(family)
     for entity, color in THINGS.get(family, {}).items():
         (name,) = (n for e, n in look.static if e == entity and n.endswith(":colors"))
         assert look.static[entity, name] == [number(color)], entity
@@ -234,7 +242,7 @@ def test_the_same_things_have_the_same_colors(looks, family):
 
 @pytest.mark.parametrize("family", COMMANDS)
 def test_nothing_says_where_files_are_kept(looks, family):
-    look = looks[family]
+    look = looks(family)
     told = [str(value) for (_, name), value in look.static.items() if "TextDocument" in name]
     for path in look.folder.glob("*.nc"):
         with xr.open_dataset(path) as dataset:
@@ -248,7 +256,7 @@ def test_nothing_says_where_files_are_kept(looks, family):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_texts_beside_views_are_short(looks, family):
-    texts = [value for (_, name), value in looks[family].static.items() if "TextDocument:t" in name]
+    texts = [value for (_, name), value in looks(family).static.items() if "TextDocument:t" in name]
     assert texts
     for (text,) in texts:
         prose = " ".join(line for line in text.splitlines() if line[:1] not in ("#", "|", "`"))
@@ -257,7 +265,7 @@ def test_texts_beside_views_are_short(looks, family):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_y_is_up(looks, family):
-    look = looks[family]
+    look = looks(family)
     planes = {entity.split("/")[1] for entity, _ in look.times} & {"map", "graph", "odometry"}
     assert planes or family == "sweep"
     for plane in planes:
@@ -268,7 +276,7 @@ def test_y_is_up(looks, family):
 def test_no_recording_is_shown_by_the_blueprint_of_another(looks, tmp_path):
     """The viewer keeps one blueprint for each application."""
     record_sweep(tmp_path / "again.rrd")
-    names = [look.application for look in looks.values()] + [
+    names = [look.application for look in map(looks, FAMILIES)] + [
         Look(tmp_path / "again.rrd").application
     ]
     assert len(set(names)) == len(names)

@@ -355,8 +355,9 @@ def test_an_emphasis_that_lowers_capture_is_remarked(alone):
     assert dataclasses.replace(alone, chosen_share=0.0).remarks == ()
 
 
-@pytest.mark.slow
-def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read):
+def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, monkeypatch):
+    for steps in ("_TRIAL", "_STEPS"):
+        monkeypatch.setattr(f"jaxcell.patrol.map.capture.{steps}", 25)
     problem = alone.graph, alone.visible, 2, TIMES[0]
     search = capture_policies(*problem, starts=1)
     frontier = capture_frontier(*problem, [0.0, 0.6])

@@ -182,7 +182,6 @@ def test_a_real_robot_without_a_map(tmp_path):
     assert "/map/belief" not in entities
 
 
-@pytest.mark.slow
 def test_what_a_killed_process_recorded_can_be_read(tmp_path):
     program = """
 import os, signal, sys, time
