@@ -51,17 +51,6 @@ def chatty(batch, fixed, seed):
     return stub(batch, fixed, seed)
 
 
-def dies_twice(batch, fixed, seed):
-    """Each member kills its process twice."""
-    (x,) = batch["x"]
-    for time_of in ("first", "second"):
-        path = Path(fixed["folder"], f"{x}-{time_of}")
-        if not path.exists():
-            path.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-    return xr.Dataset({"x2": ("member", np.asarray(batch["x"]) ** 2)})
-
-
 def who(batch, fixed, seed):
     """The name of the worker of Dask that computes it."""
     from distributed import get_worker

@@ -268,11 +268,13 @@ def test_a_sweep_of_a_file_for_each_chunk_goes_on_so(stub_spec, tmp_path, monkey
     assert tree(out) == tree(tmp_path / "whole")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("most", "seconds"), [("1048576", "1"), ("1048576", "0"), ("300", "0")])
-def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, most, seconds):
+@pytest.mark.parametrize(
+    ("most", "seconds", "kills"),
+    [("1048576", "1", "12"), ("1048576", "0", "24"), ("300", "0", "24")],
+)
+def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, most, seconds, kills):
     spec = stub_spec()
-    script = [sys.executable, Path(sweep_kills.__file__), spec.path, tmp_path, "local", "60", "1"]
+    script = [sys.executable, Path(sweep_kills.__file__), spec.path, tmp_path, "local", kills, "1"]
     found = subprocess.run(
         script,
         env={**os.environ, "SWEEP_FILE_BYTES": most, "SWEEP_SECONDS": seconds},
@@ -282,4 +284,7 @@ def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, most, seconds):
         timeout=300,
     )
     assert found.returncode == 0, found.stderr
-    assert json.loads(found.stdout)["kills"] >= 60
+    told = json.loads(found.stdout)
+    assert told["kills"] >= int(kills)
+    # Some were in the middle of it.
+    assert told["partial"] > 0

@@ -114,7 +114,6 @@ def test_metadata_is_mended(out, sound):
     assert verify_sweep(out).damaged == ()
 
 
-@pytest.mark.slow
 def test_any_bit_of_metadata_is_mended(stub_spec, tmp_path):
     rng = random.Random(5)
     sound, out = tmp_path / "sound", tmp_path / "out"

@@ -124,7 +124,6 @@ def test_walks_are_those_of_minimum_commute():
     np.testing.assert_allclose(even.mean_commute_time, float(expected.commute_time), rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_drift_is_that_of_group_counts():
     currents = drift.open_currents(GYRES)
     water, flow = drift.Water.of(currents, 0), drift.Flow.of(currents, 0).mean()
