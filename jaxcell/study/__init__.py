@@ -31,11 +31,14 @@ from .patrol_graph import PatrolGraph as PatrolGraph
 from .patrol_map import PatrolMap as PatrolMap
 from .rooms import Rooms as Rooms
 from .study import (
+    AtLeastOne as AtLeastOne,
     Days as Days,
     Degrees as Degrees,
+    Limit as Limit,
     Metres as Metres,
     Seconds as Seconds,
     Study as Study,
+    WholeNumber as WholeNumber,
     parameters as parameters,
     refuse as refuse,
     require as require,

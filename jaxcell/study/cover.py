@@ -1,10 +1,10 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from .map_study import MapStudy
-from .study import Degrees, Say, require, silent
+from .study import AtLeastOne, Degrees, Limit, Say, silent
 
 
 if TYPE_CHECKING:
@@ -21,21 +21,16 @@ class Cover(MapStudy):
 
     bounces: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
-    error: Degrees
+    error: Annotated[Degrees, Limit("a whole number of directions", lambda x: x >= 0)]
     """Largest error of a turn in degrees, a whole number of directions."""
-    reliability: float
+    reliability: Annotated[float, Limit("above 0 and at most 1", lambda x: 0 < x <= 1)]
     """Probability of a turn without error, above 0 and at most 1."""
     target: str = "uniform"
     """What to cover: uniform, an image whose bright parts are worth more, or FILE.nc:VARIABLE."""
     weights: Literal["basin", "size"] = "basin"
     """What persistent groups of an angle weigh: the chance of ending there, or their cells."""
-    directions: int | None = 360
+    directions: AtLeastOne | None = 360
     """Number of directions."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require("error", self.error, "a whole number of directions", lambda x: x >= 0)
-        require("reliability", self.reliability, "above 0 and at most 1", lambda x: 0 < x <= 1)
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates

@@ -3,11 +3,11 @@ import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 import tyro
 
-from .study import Metres, Say, Seconds, Study, about, numbers, refuse, require, silent
+from .study import Limit, Metres, Say, Seconds, Study, about, numbers, refuse, require, silent
 
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
 _PLACES = {"start": (2, '"lon,lat" in degrees'), "goal": (3, _DEEP)}
+_Duration: TypeAlias = Annotated[Seconds, Limit("more than 0 seconds", lambda x: x > 0)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,17 +44,17 @@ class Drift(Study):
     """West, south, east and north of the part to read, in degrees."""
     variables: tuple[str, str] | None = None
     """Names of the velocities towards the East and North, where the file leaves it open."""
-    windage: float = 0.0
+    windage: Annotated[float, Limit("a share from 0 to 1", lambda x: 0 <= x <= 1)] = 0.0
     """Share of the speed of the wind that drifters at the surface have too, of a file with wind."""
     stokes: bool = False
     """Whether they have the Stokes drift of waves too, of a file that has it."""
-    duration: Seconds | None = None
+    duration: _Duration | None = None
     """Seconds that a step takes; by default what brings the map nearest to drifters, or for the
     source the time in which they drift by one cell on average in the slowest layer."""
     method: Literal["drifters", "source"] = "drifters"
     """How cells are mapped: as points in them drift, which may leave the map (drifters); or by the
     rules of the dissertation, with turned disturbances and a closed edge (source)."""
-    rho: float = 0.8
+    rho: Annotated[float, Limit("a probability from 0 to 1", lambda x: 0 <= x <= 1)] = 0.8
     """Probability that a step goes where the current says, for --spread turned or all."""
     spread: Literal["turned", "all", "sampled"] | None = None
     """Where a step may go instead: along the current turned by 45 degrees to either side; to all
@@ -62,7 +63,7 @@ class Drift(Study):
     edge: Literal["uniform", "exit"] | None = None
     """Whether drifters at a coast or the edge of the map go on to any cell beside them, as in the
     dissertation, or drift like others and may leave the map. By default that of --method."""
-    diffusivity: float = 0.0
+    diffusivity: Annotated[float, Limit("0 m2/s or more", lambda x: x >= 0)] = 0.0
     """Horizontal diffusivity in m2/s, of what the current does not resolve."""
     backward: bool = False
     """Whether drifters go back in time, from the last record on: where do they come from?"""
@@ -72,35 +73,28 @@ class Drift(Study):
     """Where it is to be, "lon,lat,depth" in degrees and metres; it may go up and down."""
     regions: Path | None = None
     """GeoJSON file of polygons: how do drifters at the surface go from one to another?"""
-    after: Seconds = 432_000.0
+    after: _Duration = 432_000.0
     """Seconds after which it is asked in which of the regions they are, and how many on beaches."""
-    beaching: Seconds | None = None
+    beaching: _Duration | None = None
     """Seconds in which half of the drifters in a cell at a coast strand, at the surface."""
-    resuspension: Seconds | None = None
+    resuspension: _Duration | None = None
     """Seconds in which half of those on a beach are afloat again; by default they stay there."""
-    range: Metres | None = None
+    range: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)] | None = None
     """How far a drifter that looks at the sea bed sees, in metres."""
-    search: Seconds | None = None
+    search: _Duration | None = None
     """Seconds to look for the fewest of these views; by default they are chosen greedily."""
-    nearly_closed: int | None = None
+    nearly_closed: Annotated[int, Limit("1 or more", lambda n: n >= 1)] | None = None
     """How many parts of the water to find in each layer that drifters hardly leave in a day; they
     change less with the duration of a step than persistent groups."""
-    discount: float = 0.99
+    discount: Annotated[float, Limit("more than 0 and less than 1", lambda x: 0 < x < 1)] = 0.99
     """What a step later is worth, for the way to the goal."""
     seed: int = 0
     """Seed of the drifters that are recorded."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.file:
             raise ValueError("file: expected one or more, got none")
-        require("rho", self.rho, "a probability from 0 to 1", lambda x: 0 <= x <= 1)
-        for name in ("duration", "after", "beaching", "resuspension", "search"):
-            require(name, getattr(self, name), "more than 0 seconds", lambda x: x > 0)
-        require("discount", self.discount, "more than 0 and less than 1", lambda x: 0 < x < 1)
-        require("range", self.range, "more than 0 m", lambda x: x > 0)
-        require("windage", self.windage, "a share from 0 to 1", lambda x: 0 <= x <= 1)
-        require("diffusivity", self.diffusivity, "0 m2/s or more", lambda x: x >= 0)
-        require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
         self._place("start")
         self._place("goal")
         # Which is the spread of the method "drifters".

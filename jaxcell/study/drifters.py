@@ -1,10 +1,10 @@
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
 import tyro
 
-from .study import Days, Degrees, Say, Study, require, silent
+from .study import Days, Degrees, Limit, Say, Study, WholeNumber, require, silent
 
 
 if TYPE_CHECKING:
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 _DAY = 86_400.0
 # Later is the long run, which is the default.
 _MAX_MOVES = 10_000
+_Side: TypeAlias = Annotated[
+    Degrees, Limit("more than 0 and at most 90 degrees", lambda x: 0 < x <= 90)
+]
+_Count: TypeAlias = Annotated[int, Limit("1 or more", lambda n: n >= 1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -29,36 +33,31 @@ class Drifters(Study):
     file: tyro.conf.Positional[tuple[Path, ...]]
     """Trajectories of the Global Drifter Program, OpenDrift, Parcels or any CF file of them, a
     pattern, a Zarr store, an address of OPeNDAP, or @drifters."""
-    lag: Days = 5.0
+    lag: Annotated[Days, Limit("more than 0 days", lambda x: x > 0)] = 5.0
     """Days that a move takes."""
-    cell: Degrees = 1.0
+    cell: _Side = 1.0
     """Side of a cell of longitude and latitude."""
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north of the part to cut into cells, in degrees; drifters may go
     through the date line."""
-    least: int = 1
+    least: _Count = 1
     """Moves that must be known from a cell; cells of fewer are off the map."""
     after: Days | None = None
     """Days after which it is asked where drifters are; by default in the long run."""
-    nearly_closed: int | None = None
+    nearly_closed: _Count | None = None
     """How many parts of the water to find that drifters hardly leave."""
-    samples: int = 100
+    samples: Annotated[int, Limit("2 or more", lambda n: n >= 2)] = 100
     """How often drifters are drawn anew, with replacement, for the errors."""
-    seed: int = 0
+    seed: WholeNumber = 0
     """Seed of these draws."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.file:
             raise ValueError("file: expected one or more, got none")
-        require("lag", self.lag, "more than 0 days", lambda x: x > 0)
         longest = _MAX_MOVES * self.lag
         expected = f"more than 0 and at most {longest:g} days, {_MAX_MOVES:,} times the lag"
         require("after", self.after, expected, lambda x: 0 < x <= longest)
-        require("cell", self.cell, "more than 0 and at most 90 degrees", lambda x: 0 < x <= 90)
-        require("least", self.least, "1 or more", lambda n: n >= 1)
-        require("nearly_closed", self.nearly_closed, "1 or more", lambda n: n >= 1)
-        require("samples", self.samples, "2 or more", lambda n: n >= 2)
-        require("seed", self.seed, "a whole number from 0", lambda n: n >= 0)
 
     def run(self, say: Say = silent) -> "ObservedDrift":
         from ..base import memory

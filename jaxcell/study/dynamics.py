@@ -6,7 +6,7 @@ import tyro
 
 from ..base import memory
 from .loading import load_module
-from .study import Say, Study, require, silent
+from .study import Say, Study, WholeNumber, silent
 
 
 if TYPE_CHECKING:
@@ -33,17 +33,13 @@ class Dynamics(Study):
     17 values."""
     cells: tuple[int, ...] = ()
     """Cells along each axis, or along all of them; the system's own by default."""
-    follow: int = 0
+    follow: WholeNumber = 0
     """How often the image of a point outside the box is mapped on before it counts as lost."""
     by: Literal["cells", "orbits"] = "cells"
     """What takes a cell to its attractor: the map of the cells, or the orbit of its centre, which
     takes longer and is right where cells are too coarse."""
-    seed: int = 0
+    seed: WholeNumber = 0
     """Seed of the points from which attractors are found."""
-
-    def __post_init__(self) -> None:
-        require("follow", self.follow, "a whole number from 0", lambda x: x >= 0)
-        require("seed", self.seed, "a whole number from 0", lambda x: x >= 0)
 
     @functools.cached_property
     def asked(self) -> "System":

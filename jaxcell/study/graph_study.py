@@ -1,16 +1,19 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from .study import Say, Study, refuse, require
+from .study import AtLeastOne, Limit, Say, Study, refuse
 
 
 if TYPE_CHECKING:
     from ..optimize import Graph
     from ..patrol import GraphPatrol
+
+
+_Positive: TypeAlias = Annotated[float, Limit("more than 0, and finite", lambda x: x > 0)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -23,14 +26,14 @@ class GraphStudy(Study):
     edges are then alike."""
     attack_time: int | None = None
     """Steps that an attack takes, or seconds with a speed, for "capture", which is by all."""
-    robots: int = 1
+    robots: AtLeastOne = 1
     """How many patrollers walk, each by itself."""
     division: Literal["shared", "partition"] | None = None
     """Whether robots share the graph or have a part of it each; both are then compared. Without it
     they share it."""
-    speed: float | None = None
+    speed: _Positive | None = None
     """Metres a second, by which edges take as long as their lengths say; without it, a step."""
-    time_unit: float = 1.0
+    time_unit: _Positive = 1.0
     """Seconds to which the times of edges are rounded."""
     base: str | None = None
     """A vertex where robots tell what they saw; how old news are there."""
@@ -46,9 +49,7 @@ class GraphStudy(Study):
     """Seed of the walk that is recorded, and of simulations."""
 
     def __post_init__(self) -> None:
-        require("robots", self.robots, "at least 1", lambda x: x >= 1)
-        for name in ("speed", "time_unit"):
-            require(name, getattr(self, name), "more than 0, and finite", lambda x: x > 0)
+        super().__post_init__()
         if (self.charger is None) != (self.every is None):
             raise ValueError("every: expected with a charger, and only then")
         if self.speed is not None:

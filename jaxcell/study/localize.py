@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from .map_study import MapStudy, cell_at
-from .study import Degrees, Say, refuse, require, silent
+from .map_study import MapStudy, Slip, cell_at
+from .study import Degrees, Say, refuse, silent
 
 
 if TYPE_CHECKING:
@@ -39,13 +39,12 @@ class Localize(MapStudy):
     """Seed of the random start."""
     open_world: bool = False
     """Give the filter a trap for observations that cannot occur on the map."""
-    slip: float | None = None
+    slip: Slip | None = None
     """How much the robot slips: the relative error of its steps and turns, and its veer in radians
     a metre. Then a belief localizes it, in place of a filter."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require("slip", self.slip, "a number from 0 to 1", lambda x: 0 <= x <= 1)
         if self.slip is not None and self.collision != "swept":
             raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
         if (self.bounce is None) == (not self.bounces):

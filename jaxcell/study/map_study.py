@@ -2,12 +2,12 @@ import dataclasses
 import functools
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
 from ..base import memory
-from .study import Metres, Study, about, numbers, require
+from .study import AtLeastOne, Limit, Metres, Study, about, numbers
 
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 # A map, the side of a cell, the directions, and the radius of the robot.
 _Cut: TypeAlias = tuple[Path, float | None, int | None, float | None]
+Slip: TypeAlias = Annotated[float, Limit("a number from 0 to 1", lambda x: 0 <= x <= 1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -25,11 +26,8 @@ class CellStudy(Study):
 
     map: tyro.conf.Positional[Path]
     """Map: our .json, a ROS map_server .yaml, an ASCII grid .txt, or a name such as @lab_a."""
-    cell: Metres | None = None
+    cell: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)] | None = None
     """Side of a cell in metres; by default what the map suggests."""
-
-    def __post_init__(self) -> None:
-        require("cell", self.cell, "more than 0 m", lambda x: x > 0)
 
     def needed(self, extent: "Extent") -> float | int:
         """The bytes that the answer takes on cells of such an extent."""
@@ -90,20 +88,14 @@ class CellStudy(Study):
 class MapStudy(CellStudy):
     """A question about a robot on a map: what the cells and their images depend on."""
 
-    directions: int | None = None
+    directions: AtLeastOne | None = None
     """Number of directions; by default what the map suggests, or 8."""
-    robot_radius: Metres | None = None
+    robot_radius: Annotated[Metres, Limit("0 m or more", lambda x: x >= 0)] | None = None
     """Radius of a disc robot in metres; by default what the map says."""
-    step: Metres | None = None
+    step: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)] | None = None
     """Length of a step in metres; by default one cell."""
     collision: Literal["swept", "endpoint"] = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require("robot_radius", self.robot_radius, "0 m or more", lambda x: x >= 0)
-        require("step", self.step, "more than 0 m", lambda x: x > 0)
-        require("directions", self.directions, "at least 1", lambda x: x >= 1)
 
     @property
     def _cut(self) -> _Cut:

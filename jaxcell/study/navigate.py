@@ -1,15 +1,18 @@
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
-from .map_study import MapStudy, cell_at
-from .study import Degrees, Say, require, silent
+from .map_study import MapStudy, Slip, cell_at
+from .study import Degrees, Limit, Say, silent
 
 
 if TYPE_CHECKING:
     from ..base.quantities import Result
     from ..space.extent import Extent
     from ..verify import Comparison
+
+
+_Cost: TypeAlias = Annotated[float, Limit("a finite cost above 0", lambda x: x > 0)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -20,17 +23,15 @@ class Plans(MapStudy):
 
     bounces: tuple[Degrees, ...]
     """Bouncing angles to choose from, in degrees, counter-clockwise."""
-    keep: float = 1.0
+    keep: _Cost = 1.0
     """What a step costs, and a bump with the same angle as the bump before."""
-    change: float = 100.0
+    change: _Cost = 100.0
     """What a bump with another angle costs."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.bounces:
             raise ValueError("bounces: expected at least one angle in degrees")
-        for name in ("keep", "change"):
-            require(name, getattr(self, name), "a finite cost above 0", lambda x: x > 0)
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates
@@ -71,13 +72,12 @@ class Navigate(Plans):
     """Where the robot is: "x,y,heading" in m and degrees, or a cell."""
     goal: str
     """Where it is to be, as for the start."""
-    slip: float | None = None
+    slip: Slip | None = None
     """How much the robot slips, as for `jaxcell localize`: then also how probable it is that the
     plan arrives, and the policy that surely does."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require("slip", self.slip, "a number from 0 to 1", lambda x: 0 <= x <= 1)
         if self.slip is not None and self.collision != "swept":
             raise ValueError("collision: expected 'swept' for a robot that slips, got 'endpoint'")
 

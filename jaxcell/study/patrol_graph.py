@@ -1,11 +1,11 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from ..base.limits import MAX_VERTICES
 from .graph_study import GraphStudy
-from .study import Say, about, refuse, require, silent
+from .study import AtLeastOne, Limit, Say, about, refuse, silent
 
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ class PatrolGraph(GraphStudy):
     and return-time it spends the same time at all vertices, and may wait."""
     emphasis: tuple[str, ...] = ()
     """Two or more vertices to visit more often, for "commute" and the game."""
-    share: float = 0.8
+    share: Annotated[float, Limit("0 to 1", lambda x: 0 <= x <= 1)] = 0.8
     """Least share of steps on the shortest closed tour through them."""
     constraints: Path | None = None
     """JSON file of bounds on the shares of steps along edges and of time at vertices, for
     "commute": {"constraints": [{"edges": [["a", "b"]], "most": 0.2}]}."""
     vertex: str | None = None
     """The vertex that "toward" is toward."""
-    paths: int = 1
+    paths: AtLeastOne = 1
     """Shortest paths from each vertex that lead there, for "toward" and the game; along 1, as in
     the dissertation's table, the walk goes straight there."""
     attack_times: Path | None = None
@@ -67,8 +67,6 @@ class PatrolGraph(GraphStudy):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require("share", self.share, "0 to 1", lambda x: 0 <= x <= 1)
-        require("paths", self.paths, "at least 1", lambda x: x >= 1)
         if self.division is not None:
             for_all = "vertex", "emphasis", "visits", "attack_times", "constraints"
             refuse(self, "with a division: it is for all robots", *for_all)

@@ -1,11 +1,11 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from ..base.limits import MAX_CELLS, MAX_VERTICES
 from .map_study import CellStudy
-from .study import Metres, Say, about, numbers, refuse, require, silent
+from .study import AtLeastOne, Limit, Metres, Say, about, numbers, refuse, silent
 
 
 if TYPE_CHECKING:
@@ -18,11 +18,14 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
-_MAX_RUNS = 10_000_000
 # The emphases among which "auto" chooses.
 _SHARES = (0.0, 0.2, 0.5, 0.8)
 # So many robots are tried.
 _MAX_ROBOTS = 20
+_Chance: TypeAlias = Annotated[float, Limit("more than 0 and less than 1", lambda x: 0 < x < 1)]
+_Steps: TypeAlias = Annotated[int, Limit("at least 1 step", lambda n: n >= 1)]
+_Reach: TypeAlias = Annotated[Metres, Limit("more than 0 m, and finite", lambda x: x > 0)]
+_Share: TypeAlias = Annotated[float, Limit("0 or more and less than 1", lambda x: 0 <= x < 1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,63 +34,52 @@ class PatrolMap(CellStudy):
 
     name: ClassVar[str] = "patrol_map"
 
-    robots: int | Literal["auto"] = 2
+    robots: AtLeastOne | Literal["auto"] = 2
     """How many robots patrol; "auto" takes the fewest, up to 20, that reach --capture."""
-    capture: float | None = None
+    capture: _Chance | None = None
     """The least probability of capture in the first of the attack times that is wanted, with as
     many robots as that takes."""
-    range: Metres = 6.0
+    range: _Reach = 6.0
     """How far a robot sees, in metres; walls are in the way."""
     strategy: Literal["commute", "capture"] = "commute"
     """What the walks are for: a short time there and back between cells (commute), or a great least
     probability of capture in the first of the attack times (capture), a local optimum."""
-    share: float | Literal["auto"] = "auto"
+    share: _Share | Literal["auto"] = "auto"
     """Least share of steps on the shortest closed tour through the cells from which all is seen,
     for "commute"; "auto" takes the one of 0, 0.2, 0.5 and 0.8 that captures most, and 0 on more
     than 2,000 cells."""
     start: Literal["uniform", "stationary", "worst"] = "uniform"
     """Where robots are, out of view, as an attack begins: anywhere alike (uniform), as often as in
     the long run (stationary), or where an adversary who sees them likes it best (worst)."""
-    randomness: float = 0.0
+    randomness: _Share = 0.0
     """Least share of its steps in which a robot goes to any neighbour alike, for "capture"."""
-    frontier: tuple[float, ...] = ()
+    frontier: tuple[_Share, ...] = ()
     """Values of the randomness at which "capture" is compared with entropy."""
-    starts: int = 3
+    starts: AtLeastOne = 3
     """How many starts "capture" tries."""
     base: str | None = None
     """Base station to report to, around which each robot has a region: "x,y" in metres, or "auto"
     for a central place that sees much. Without it each robot patrols the whole map."""
-    base_range: Metres | None = None
+    base_range: _Reach | None = None
     """How far the base station sees, in metres; by default as far as a robot."""
     lost: int | None = None
     """A robot that stops reporting to the base station; the others divide the map anew."""
     target: str | None = None
     """The cell that is attacked, "x,y" in metres; by default the one that is most vulnerable to the
     first of the attack times."""
-    attack_times: tuple[int, ...] = (20, 30, 40, 50, 100, 500)
+    attack_times: tuple[_Steps, ...] = (20, 30, 40, 50, 100, 500)
     """The steps that an attack takes."""
-    runs: int = 5000
+    runs: Annotated[int, Limit("2 or more, up to 10,000,000", lambda n: 2 <= n <= 1e7)] = 5000
     """How often to simulate an attack."""
     seed: int = 0
     """Seed of the simulation, and of the patrol that is recorded."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("range", "base_range"):
-            require(name, getattr(self, name), "more than 0 m, and finite", lambda x: x > 0)
-        if self.robots != "auto":
-            require("robots", self.robots, "at least 1", lambda x: x >= 1)
-        require("capture", self.capture, "more than 0 and less than 1", lambda x: 0 < x < 1)
         if (self.robots == "auto") != (self.capture is not None):
             raise ValueError('robots: expected "auto" with a wanted capture, and only then')
         if self.robots == "auto":
             refuse(self, 'with robots "auto"', "base", "lost")
-        if self.share != "auto":
-            require("share", self.share, "0 or more and less than 1", lambda x: 0 <= x < 1)
-        require("starts", self.starts, "at least 1", lambda x: x >= 1)
-        for name, values in (("randomness", (self.randomness,)), ("frontier", self.frontier)):
-            for value in values:
-                require(name, value, "0 or more and less than 1", lambda x: 0 <= x < 1)
         if self.strategy == "capture":
             refuse(self, 'for "capture", whose robots do not report', "base")
             refuse(self, 'for "capture"', "share")
@@ -95,10 +87,6 @@ class PatrolMap(CellStudy):
             refuse(self, f"for {self.strategy!r}", "randomness", "frontier", "starts")
         if not self.attack_times:
             raise ValueError("attack_times: expected at least one")
-        for steps in self.attack_times:
-            require("attack_times", steps, "at least 1 step", lambda x: x >= 1)
-        limits = f"2 or more, up to {_MAX_RUNS:,}"
-        require("runs", self.runs, limits, lambda x: 2 <= x <= _MAX_RUNS)
         if self.base is None:
             refuse(self, "without a base", "base_range", "lost")
         if self.robots == "auto" or self.lost is None:

@@ -1,13 +1,16 @@
 import dataclasses
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
-from .study import Degrees, Say, Study, require, silent
+from .study import Degrees, Limit, Say, Study, WholeNumber, silent
 
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ..bounce import RoomGroups
+
+
+_Side: TypeAlias = Annotated[int, Limit("1 to 10,000 squares", lambda x: 1 <= x <= 10_000)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -20,32 +23,24 @@ class Rooms(Study):
     name: ClassVar[str] = "room"
     batch: ClassVar[str | None] = "bounce"
 
-    room: int
+    room: WholeNumber
     """Number of the room, from 0."""
     bounce: tuple[Degrees, ...]
     """Bouncing angles in degrees, counter-clockwise."""
     environment: Literal["random", "E1", "E2", "E3", "E4"] = "random"
     """Rectangles at random places, or an environment of Alam 2018, Figure 2.7."""
-    columns: int = 50
+    columns: _Side = 50
     """Columns of squares of a random room."""
-    rows: int = 45
+    rows: _Side = 45
     """Rows of squares of a random room."""
-    obstacles: int = 6
+    obstacles: Annotated[int, Limit("0 to 1,000", lambda x: 0 <= x <= 1000)] = 6
     """Rectangles in a random room."""
-    directions: int = 360
+    directions: Annotated[int, Limit("1 to 3,600", lambda x: 1 <= x <= 3600)] = 360
     """Number of directions."""
     collision: Literal["swept", "endpoint"] = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""
-    seed: int = 0
+    seed: WholeNumber = 0
     """Seed of the rooms."""
-
-    def __post_init__(self) -> None:
-        require("room", self.room, "a whole number from 0", lambda x: x >= 0)
-        for side in ("columns", "rows"):
-            require(side, getattr(self, side), "1 to 10,000 squares", lambda x: 1 <= x <= 10_000)
-        require("obstacles", self.obstacles, "0 to 1,000", lambda x: 0 <= x <= 1000)
-        require("directions", self.directions, "1 to 3,600", lambda x: 1 <= x <= 3600)
-        require("seed", self.seed, "a whole number from 0", lambda x: x >= 0)
 
     def free(self) -> "np.ndarray":
         """The free squares of the room."""

@@ -1,9 +1,10 @@
 import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar, get_type_hints
 
 from ..base.files import name_in_results
 from ..base.quantities import Result
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
     from ..verify import Comparison
 
 
+Kind = TypeVar("Kind")
+
+
 @dataclasses.dataclass(frozen=True)
 class Unit:
     """The unit of a parameter; its name in a specification ends in the suffix."""
@@ -20,10 +24,21 @@ class Unit:
     suffix: str
 
 
+@dataclasses.dataclass(frozen=True)
+class Limit:
+    """What a parameter is to be: each of its numbers is refused otherwise, and unless finite."""
+
+    expected: str
+    "In words, for the error."
+    holds: Callable[[float], bool]
+
+
+AtLeastOne: TypeAlias = Annotated[int, Limit("at least 1", lambda n: n >= 1)]
 Days: TypeAlias = Annotated[float, Unit("d")]
 Degrees: TypeAlias = Annotated[float, Unit("deg")]
 Metres: TypeAlias = Annotated[float, Unit("m")]
 Seconds: TypeAlias = Annotated[float, Unit("s")]
+WholeNumber: TypeAlias = Annotated[int, Limit("a whole number from 0", lambda n: n >= 0)]
 
 
 Say: TypeAlias = Callable[..., None]
@@ -38,9 +53,10 @@ def silent(doing: str, done: int = 0, total: int = 0) -> None:
 class Study:
     """One question: the fields are the parameters, each with its type, default and a line of doc.
 
-    A subclass says what it does in the first line of its docstring, gives itself a `name`, checks
-    its parameters in `__post_init__` (`ValueError`s that begin with the name of a field), and
-    answers in `run` with a [`Result`][jaxcell.base.quantities.Result].
+    A subclass says what it does in the first line of its docstring, gives itself a `name`, and
+    answers in `run` with a [`Result`][jaxcell.base.quantities.Result]. What each parameter is to be
+    stands in its annotation as a [`Limit`][jaxcell.study.Limit]; what they are to be together is
+    checked in `__post_init__` (`ValueError`s that begin with the name of a field).
     """
 
     name: ClassVar[str] = "result"
@@ -48,6 +64,14 @@ class Study:
     batch: ClassVar[str | None] = None
     """A parameter that takes several values, along which the result has a dimension of that name: a
     sweep runs members that differ in it alone as one study."""
+
+    def __post_init__(self) -> None:
+        kind: Any = type(self)
+        for name, limit in _limits(kind).items():
+            value = getattr(self, name)
+            for number in value if isinstance(value, tuple) else (value,):
+                if not isinstance(number, str):
+                    require(name, number, limit.expected, limit.holds)
 
     def run(self, say: Say = silent) -> Result:
         """Answer the question.
@@ -110,11 +134,21 @@ def parameters(study: type[Study]) -> dict[str, Any]:
 
 def unit(annotation: Any) -> str | None:
     """The suffix of the unit that an annotation names, within tuples and options too."""
-    for one in getattr(annotation, "__metadata__", ()):
-        if isinstance(one, Unit):
-            return one.suffix
-    inner = map(unit, getattr(annotation, "__args__", ()))
-    return next((suffix for suffix in inner if suffix is not None), None)
+    found = _said(annotation, Unit)
+    return None if found is None else found.suffix
+
+
+@functools.cache
+def _limits(study: Any) -> dict[str, Limit]:
+    found = {name: _said(one, Limit) for name, one in parameters(study).items()}
+    return {name: limit for name, limit in found.items() if limit is not None}
+
+
+def _said(annotation: Any, kind: type[Kind]) -> Kind | None:
+    """What an annotation says of a kind, within tuples and options too."""
+    given = (one for one in getattr(annotation, "__metadata__", ()) if isinstance(one, kind))
+    inner = (_said(one, kind) for one in getattr(annotation, "__args__", ()))
+    return next((one for one in (*given, *inner) if one is not None), None)
 
 
 def require(

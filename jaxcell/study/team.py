@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from .map_study import MapStudy, cell_at
-from .study import Degrees, Say, require, silent
+from .study import AtLeastOne, Degrees, Say, silent
 
 
 if TYPE_CHECKING:
@@ -29,9 +29,9 @@ class Team(MapStudy):
     """Start of each robot, not at random: "x,y,heading" in m and degrees, or a cell."""
     seed: int = 0
     """Seed of the random starts."""
-    max_parts: int = 1000
+    max_parts: AtLeastOne = 1000
     """Parts that the trajectory may have; each but the first begins with a turn of one robot."""
-    part_steps: int | None = None
+    part_steps: AtLeastOne | None = None
     """Most steps of a part; by default the number of cells, at most 100,000."""
 
     def __post_init__(self) -> None:
@@ -42,8 +42,6 @@ class Team(MapStudy):
             raise ValueError(
                 f"robots {self.robots}: starts names {len(self.starts)}; give one of them"
             )
-        require("max_parts", self.max_parts, "at least 1", lambda x: x >= 1)
-        require("part_steps", self.part_steps, "at least 1", lambda x: x >= 1)
 
     def needed(self, extent: "Extent") -> float | int:
         from ..space import estimates

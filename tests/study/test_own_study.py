@@ -18,12 +18,12 @@ from jaxcell.sweep.studies import read_study, study_task
 
 SOURCE = '''
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
 from jaxcell.base.quantities import Result, derived, quantity
-from jaxcell.study import Metres, Study, require, silent
+from jaxcell.study import AtLeastOne, Limit, Metres, Study, silent
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,15 +50,16 @@ class Drop(Study):
 
     name = "drop"
 
-    height: Metres
+    height: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)]
     """From how high, in metres."""
     lost: float = 0.25
     """Energy that is lost."""
+    winds: tuple[Annotated[float, Limit("at most 9", lambda x: x <= 9)], ...] = ()
+    """Gusts on the way."""
+    stones: AtLeastOne | Literal["all"] | None = None
+    """How many at once."""
     kinds: tuple[str, ...] = ("stone",)
     """What is dropped."""
-
-    def __post_init__(self):
-        require("height", self.height, "more than 0 m", lambda x: x > 0)
 
     def run(self, say=silent):
         say("dropping")
@@ -130,6 +131,9 @@ def test_its_command_shows_and_writes_it(file, tmp_path, capsys):
     ("args", "status", "message"),
     [
         (("--height", "-1"), 2, "--height: expected more than 0 m, got -1"),
+        (("--height", "nan"), 2, "--height: expected more than 0 m, got nan"),
+        (("--height", "2", "--winds", "3", "10"), 2, "--winds: expected at most 9, got 10"),
+        (("--height", "2", "--stones", "0"), 2, "--stones: expected at least 1, got 0"),
         (("--height", "2000"), 1, "it burns up"),
         (("--height", "2", "--lost", "1"), 1, ""),
     ],
