@@ -24,8 +24,7 @@ from .robot.run import RobotRun
 from .robot.sketch import RobotSketch
 from .run import Run
 from .sweep.indices import SweepIndices
-from .sweep.merge import SweepMerge
-from .sweep.run import Sweep, SweepState
+from .sweep.run import Sweep, SweepMerge, SweepState
 from .sweep.verify import SweepVerify
 from .sweep.view import SweepView
 from .view import View
