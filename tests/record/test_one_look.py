@@ -33,7 +33,7 @@ COMMANDS = {
     "patrol": "patrol graph {data}/graphs/eight.json --robots 2 --game",
     "charger": "patrol graph {data}/graphs/eight.json --charger 3 --every 8 --base 2",
     "patrol_map": "patrol map {room} --robots 2 --range 3 --attack-times 4 --runs 200",
-    "drift": "drift {data}/ocean/gyres.nc --duration 3400 --depths 5 --start=-117.93,33.5",
+    "drift": "drift {sea} --duration 3400 --depths 5 --start=-117.93,33.5",
 }
 FAMILIES = [*COMMANDS, "robot", "sweep"]
 MAX_WORDS = 60
@@ -181,12 +181,15 @@ def looks(tmp_path_factory, few_drifters):
     out = tmp_path_factory.mktemp("looks")
     room = out / "room.txt"
     room.write_text(ROOM)
+    sea = out / "sea.nc"
+    with xr.open_dataset(DATA / "ocean" / "gyres.nc", decode_times=False) as whole:
+        whole.isel(time=slice(4)).to_netcdf(sea)
     makers = {"robot": record_robot, "sweep": record_sweep}
 
     @functools.cache
     def look(family):
         if family in COMMANDS:
-            words = COMMANDS[family].format(data=DATA, room=room).split()
+            words = COMMANDS[family].format(data=DATA, room=room, sea=sea).split()
             assert main([*words, "--out", str(out / family)]) == (family == "no_plan")
         else:
             (out / family).mkdir()
@@ -249,7 +252,7 @@ def test_nothing_says_where_files_are_kept(looks, family):
             told.append(dataset.attrs["spec"])
     told.append((look.folder / "summary.json").read_text())
     read = next(word for word in COMMANDS[family].split() if word.startswith("{"))
-    name = Path(read.format(data=DATA, room="room.txt")).name
+    name = Path(read.format(data=DATA, room="room.txt", sea="sea.nc")).name
     assert sum(name in one for one in told) >= 3
     assert not any(str(place) in "".join(told) for place in (DATA, look.folder.parent))
 
