@@ -175,7 +175,6 @@ def test_the_way_to_a_goal(capsys):
     assert np.abs(np.subtract(voyage["goal"], [-118.1, 33.45, 5])).max() < 0.006
 
 
-@pytest.mark.slow
 def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
     args = ("--method", "source", "--edge", "exit", "--rho", 1, "--start", "0.04,0.01")
     status, found, error = run(capsys, *args, "--goal", "0.01,0.01,0", file=stream)

@@ -107,8 +107,7 @@ def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capf
     assert told.err.count("from Python") == told.err.count("from elsewhere") == 3
 
 
-@slow
-@pytest.mark.parametrize("engine", ["processes", "dask"])
+@pytest.mark.parametrize("engine", ["processes", pytest.param("dask", marks=slow)])
 def test_workers_that_print_leave_the_output_to_the_result(spec, tmp_path, engine):
     environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
     text = Path(spec()).read_text().replace(":stub", ":chatty")
@@ -189,7 +188,7 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
     assert "jaxcell sweep status: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=slow)])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
     path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
     given = ["--workers", "1", "--engine", "processes", "--max-failures", "3"]
