@@ -154,6 +154,18 @@ def test_boxes_begin_with_the_first_observation_whatever_the_rounding(west, cell
     assert drift.boxes(seen, cell).number.shape[1] == 2
 
 
+@pytest.mark.parametrize(("count", "moves"), [(1, []), (2, [0]), (3, [0, 0])])
+def test_a_drifter_that_was_seen_a_few_times(count, moves):
+    seen = drift.Trajectories(
+        *(np.full(count, 5.0), np.full(count, 0.5)), np.arange(count) * 3600.0, np.zeros(count, int)
+    )
+    if moves:
+        assert drift.count_moves(seen, drift.boxes(seen, 1.0), 3600.0).drifter.tolist() == moves
+    else:
+        with pytest.raises(ValueError, match="3600 s"):
+            drift.count_moves(seen, drift.boxes(seen, 1.0), 3600.0)
+
+
 def test_moves_are_between_observations_a_lag_apart():
     seen = drift.open_trajectories(parcels())
     water = drift.boxes(seen, 0.25)
