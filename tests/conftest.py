@@ -49,7 +49,7 @@ def commands_of_tests():
 def few_drifters():
     """Maps are compared with 4 drifters from each cell, in place of 36."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.drift.distance._POINTS", 2)
+        patch.setattr("jaxcell.drift.truth.distance._POINTS", 2)
         yield
 
 

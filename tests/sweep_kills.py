@@ -17,12 +17,12 @@ from pathlib import Path
 
 import jaxcell.sweep.boxes
 import jaxcell.sweep.pending
-import jaxcell.sweep.store
+import jaxcell.sweep.storage.store
 from jaxcell.sweep import Spec, run_sweep
 
 
 # The source may change while tests run.
-jaxcell.sweep.store.git_revision = lambda: "a revision"
+jaxcell.sweep.storage.store.git_revision = lambda: "a revision"
 
 _EVENTS = ("open", "os.rename", "os.mkdir", "os.remove", "os.truncate")
 

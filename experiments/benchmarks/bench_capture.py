@@ -38,10 +38,10 @@ from jaxcell.patrol import (
     random_walk,
 )
 from jaxcell.patrol.map.capture import entropy_rate
-from jaxcell.patrol.walks import capture
-from jaxcell.patrol.walks.linearized import LinearizedCapture
-from jaxcell.patrol.walks.polytope import ChainPolytope
-from jaxcell.patrol.walks.sequential_lp import maximize_least_capture
+from jaxcell.patrol.walks.optimal import capture
+from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
+from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
+from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
 from jaxcell.space import CellSpace, visible_cells
 from jaxcell.space.cells import suggested
 

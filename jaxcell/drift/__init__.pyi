@@ -12,19 +12,6 @@ from .closed_sets import (
     ClosedSets as ClosedSets,
     nearly_closed_sets as nearly_closed_sets,
 )
-from .coherent import (
-    Agreement as Agreement,
-    agreement as agreement,
-    ftle as ftle,
-    ridges as ridges,
-)
-from .counted import (
-    CountedMoves as CountedMoves,
-    Spread as Spread,
-    bootstrap as bootstrap,
-    boxes as boxes,
-    count_moves as count_moves,
-)
 from .currents.ocean import open_currents as open_currents
 from .deploy import (
     CoverageCurve as CoverageCurve,
@@ -35,42 +22,55 @@ from .deploy import (
     minimum_deployment as minimum_deployment,
     visible_deployment as visible_deployment,
 )
-from .diagnosis import (
-    Diagnosis as Diagnosis,
-    diagnose as diagnose,
-    group_counts as group_counts,
-)
-from .distance import (
-    Distance as Distance,
-    distances as distances,
-    nearest_step as nearest_step,
-)
-from .drifters import (
-    Comparison as Comparison,
-    Drifters as Drifters,
-    compare as compare,
-    simulate_drifters as simulate_drifters,
-)
 from .flow import (
     Flow as Flow,
     advect as advect,
     crossing_time as crossing_time,
     flow_map as flow_map,
 )
-from .layer import Layer as Layer
-from .observed import ObservedDrift as ObservedDrift
+from .observed.counted import (
+    CountedMoves as CountedMoves,
+    Spread as Spread,
+    bootstrap as bootstrap,
+    boxes as boxes,
+    count_moves as count_moves,
+)
+from .observed.observed import ObservedDrift as ObservedDrift
+from .observed.trajectories import (
+    Trajectories as Trajectories,
+    open_trajectories as open_trajectories,
+)
 from .reachability import (
     reachable as reachable,
     reachable_at_depth as reachable_at_depth,
     reachable_by_layer as reachable_by_layer,
 )
 from .regions import Exchange as Exchange, read_regions as read_regions
+from .results.layer import Layer as Layer
+from .results.sea_drift import SeaDrift as SeaDrift
+from .results.sea_voyage import SeaVoyage as SeaVoyage
 from .sea import Sea as Sea
-from .sea_drift import SeaDrift as SeaDrift
-from .sea_voyage import SeaVoyage as SeaVoyage
-from .trajectories import (
-    Trajectories as Trajectories,
-    open_trajectories as open_trajectories,
+from .truth.coherent import (
+    Agreement as Agreement,
+    agreement as agreement,
+    ftle as ftle,
+    ridges as ridges,
+)
+from .truth.diagnosis import (
+    Diagnosis as Diagnosis,
+    diagnose as diagnose,
+    group_counts as group_counts,
+)
+from .truth.distance import (
+    Distance as Distance,
+    distances as distances,
+    nearest_step as nearest_step,
+)
+from .truth.drifters import (
+    Comparison as Comparison,
+    Drifters as Drifters,
+    compare as compare,
+    simulate_drifters as simulate_drifters,
 )
 from .voyage import (
     Tracks as Tracks,

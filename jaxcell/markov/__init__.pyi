@@ -26,13 +26,6 @@ from .limiting import (
     LimitingDistribution as LimitingDistribution,
     limiting_distribution as limiting_distribution,
 )
-from .modes import Modes as Modes, leading_modes as leading_modes
-from .nearly_closed import (
-    NearlyClosedSets as NearlyClosedSets,
-    almost_invariant_sets as almost_invariant_sets,
-    attracting_regions as attracting_regions,
-    coherent_sets as coherent_sets,
-)
 from .passage import first_passage as first_passage, survival as survival
 from .quantities import (
     PairTimes as PairTimes,
@@ -42,6 +35,13 @@ from .quantities import (
     kemeny_constant as kemeny_constant,
     mixing_time as mixing_time,
     slem as slem,
+)
+from .sets.modes import Modes as Modes, leading_modes as leading_modes
+from .sets.nearly_closed import (
+    NearlyClosedSets as NearlyClosedSets,
+    almost_invariant_sets as almost_invariant_sets,
+    attracting_regions as attracting_regions,
+    coherent_sets as coherent_sets,
 )
 from .shortest_path import (
     ShortestPath as ShortestPath,

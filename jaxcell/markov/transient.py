@@ -4,7 +4,7 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Bool, Float, Int
 
-from .solve import solve_transient
+from .solving.solve import solve_transient
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

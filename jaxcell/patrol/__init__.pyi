@@ -67,23 +67,26 @@ from .team.idleness import (
 from .team.news import News as News, age_of_news as age_of_news
 from .team.times import whole_times as whole_times
 from .walks.arrival import walk_capture_probabilities as walk_capture_probabilities
-from .walks.capture import MaximinCapture as MaximinCapture, maximin_capture as maximin_capture
-from .walks.charged_capture import charged_capture as charged_capture
-from .walks.constraints import (
+from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
+from .walks.graph_patrol import GraphPatrol as GraphPatrol
+from .walks.measures import Measures as Measures, measure as measure
+from .walks.optimal.capture import (
+    MaximinCapture as MaximinCapture,
+    maximin_capture as maximin_capture,
+)
+from .walks.optimal.charged_capture import charged_capture as charged_capture
+from .walks.optimal.constraints import (
     MetConstraints as MetConstraints,
     load_constraints as load_constraints,
 )
-from .walks.descent import OptimizedWalk as OptimizedWalk
-from .walks.entropy import (
+from .walks.optimal.descent import OptimizedWalk as OptimizedWalk
+from .walks.optimal.entropy import (
     maximum_entropy_rate as maximum_entropy_rate,
     maximum_return_time_entropy as maximum_return_time_entropy,
     return_time_entropy as return_time_entropy,
     return_time_law as return_time_law,
 )
-from .walks.game import StrategyGame as StrategyGame, strategy_game as strategy_game
-from .walks.graph_patrol import GraphPatrol as GraphPatrol
-from .walks.kemeny import minimum_kemeny as minimum_kemeny
-from .walks.measures import Measures as Measures, measure as measure
+from .walks.optimal.kemeny import minimum_kemeny as minimum_kemeny
 from .walks.paths import toward as toward
 from .walks.walk import (
     edge_shares as edge_shares,

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .boxes import inside
-from .codecs import fill_of
 from .failures import remove_report
 from .spec import Chunk
-from .states import DONE, FAILED, TO_DO
+from .storage.codecs import fill_of
+from .storage.states import DONE, FAILED, TO_DO
 from .workers.halving import Parts
 
 
 if TYPE_CHECKING:
-    from .store import SweepStore
+    from .storage.store import SweepStore
 
 
 # A kill loses what ended in this time, or in so many times that which it takes to write it.

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from .failures import Failure
 from .files import kept_spec
-from .lock import holder
-from .states import DAMAGED, DONE, States, reading
+from .storage.lock import holder
+from .storage.states import DAMAGED, DONE, States, reading
 from .workers.progress import read_down
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from .failures import Failure
 from .results import SweepStatus, sweep_status
 from .spec import Spec
-from .states import DAMAGED, DONE
-from .store import SweepStore, made_with
+from .storage.states import DAMAGED, DONE
+from .storage.store import SweepStore, made_with
 from .workers.engines import Engine, Outcomes, engine_named
 from .workers.halving import Halving, Parts
 from .workers.progress import Count, Progress, written_down

@@ -12,7 +12,7 @@ import numpy as np
 from .design import RANDOM_DIMENSION
 from .files import kept_spec
 from .results import open_sweep
-from .states import reading
+from .storage.states import reading
 
 
 if TYPE_CHECKING:

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from .files import kept_spec
-from .frame import frame_of
-from .lock import holder
 from .results import SweepStatus
 from .run import run_sweep
-from .states import DONE, FAILED
-from .store import SweepStore, made_with
+from .storage.frame import frame_of
+from .storage.lock import holder
+from .storage.states import DONE, FAILED
+from .storage.store import SweepStore, made_with
 from .workers.engines import Outcomes, Take
 from .workers.progress import Progress
 from .workers.work import Computed, Failed, Job, jax_is_wide

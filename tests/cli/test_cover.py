@@ -10,7 +10,7 @@ from PIL import Image
 
 from jaxcell.bounce.coverage import coverage_policy
 from jaxcell.cli import main
-from jaxcell.markov import solve
+from jaxcell.markov.solving import solve
 from jaxcell.space import CellSpace, Workspace
 
 

@@ -444,8 +444,8 @@ def test_writes_its_results(capsys, tmp_path):
 )
 def test_bad_input_is_one_line_and_status_2(capsys, monkeypatch, args, message):
     # It is refused before anything is mapped.
-    monkeypatch.delattr("jaxcell.drift.layer.drift_maps")
-    monkeypatch.delattr("jaxcell.drift.distance.drift_maps")
+    monkeypatch.delattr("jaxcell.drift.results.layer.drift_maps")
+    monkeypatch.delattr("jaxcell.drift.truth.distance.drift_maps")
     status, found, error = run(capsys, *args)
     assert (status, found) == (2, None)
     assert error.count("\n") == 1
@@ -465,7 +465,7 @@ def test_no_answer_is_status_1(capsys, monkeypatch):
     def stalls(*args, **options):
         raise RuntimeError("the residual stayed above the tolerance")
 
-    monkeypatch.setattr("jaxcell.drift.sea_drift.discounted_voyage", stalls)
+    monkeypatch.setattr("jaxcell.drift.results.sea_drift.discounted_voyage", stalls)
     status, found, error = run(capsys, *STEP, "--goal", "-118.1,33.45,5")
     assert (status, found) == (1, None)
     assert error == "jaxcell drift: the residual stayed above the tolerance\n"

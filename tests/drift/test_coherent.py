@@ -6,8 +6,8 @@ from seas import double_gyre, sea
 
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.chains import drift_map
-from jaxcell.drift.coherent import agreement, ftle, ridges
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.truth.coherent import agreement, ftle, ridges
 from jaxcell.drift.water import Water
 
 

@@ -7,7 +7,7 @@ from scipy.special import ndtr
 from seas import sea
 
 from jaxcell import drift
-from jaxcell.drift.drifters import diffuse
+from jaxcell.drift.truth.drifters import diffuse
 
 
 SIDE, STEP = 31, 3600.0

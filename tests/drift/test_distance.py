@@ -5,7 +5,7 @@ import pytest
 from seas import sea
 
 from jaxcell import bundled, drift
-from jaxcell.drift.distance import Distance
+from jaxcell.drift.truth.distance import Distance
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_a_cell_with_few_drifters_is_told_from_one_with_none(eddies, monkeypatch
     step = 2 * drift.crossing_time(water, flow)
     maps = [(drift.drift_map(water, flow, step, **drift.METHODS["drifters"]), step)]
     (many,) = drift.distances(water, flow, maps)
-    monkeypatch.setattr("jaxcell.drift.distance._DRIFTERS", water.cells)
+    monkeypatch.setattr("jaxcell.drift.truth.distance._DRIFTERS", water.cells)
     (few,) = drift.distances(water, flow, maps)
     assert many.total_variation.max() < 0.1
     np.testing.assert_allclose(few.total_variation, many.total_variation, atol=0.05)
@@ -103,5 +103,5 @@ def test_the_step_is_the_nearest_of_those_up_to_a_day(eastward, monkeypatch):
     worst = [one.total_variation.max() for one in drift.distances(water, tide, maps)]
     found = drift.nearest_step([water], [tide], **options)
     assert found == pytest.approx(steps[int(np.argmin(worst))])
-    monkeypatch.setattr("jaxcell.drift.distance._MAX_FOR_TRIALS", 0)
+    monkeypatch.setattr("jaxcell.drift.truth.distance._MAX_FOR_TRIALS", 0)
     assert drift.nearest_step([water], [tide], **options) == pytest.approx(10 * 3600)

@@ -5,8 +5,8 @@ from scipy.stats import wasserstein_distance
 from seas import double_gyre, sea
 
 from jaxcell.drift.chains import drift_map
-from jaxcell.drift.drifters import compare, simulate_drifters
 from jaxcell.drift.flow import Flow, crossing_time
+from jaxcell.drift.truth.drifters import compare, simulate_drifters
 from jaxcell.drift.water import Water
 
 

@@ -205,7 +205,7 @@ def test_layers_of_different_phases_are_refused():
 
 
 def test_too_many_phases_are_left_for_the_mean(monkeypatch):
-    monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 100)
+    monkeypatch.setattr("jaxcell.drift.results.sea_drift._MAX_STATES", 100)
     found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
     assert found.phases is None
     assert found.remarks[0].startswith(
@@ -213,7 +213,7 @@ def test_too_many_phases_are_left_for_the_mean(monkeypatch):
     )
     monkeypatch.setattr("jaxcell.base.memory.free", lambda: 1000)
     monkeypatch.setattr("jaxcell.base.memory.check", lambda *_: None)
-    monkeypatch.setattr("jaxcell.drift.sea_drift._MAX_STATES", 1000)
+    monkeypatch.setattr("jaxcell.drift.results.sea_drift._MAX_STATES", 1000)
     found = drift.SeaDrift.of(strait(), STEP, **drift.METHODS["drifters"])
     assert "which need about 0.0 GB of memory, and 0.0 GB are free;" in found.remarks[0]
 
@@ -229,7 +229,7 @@ def test_of_a_large_sea_drifters_begin_in_parts(monkeypatch):
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)
     chain = drift.drift_map(water, flow, STEP, **drift.METHODS["drifters"])
     for name, value in (("_DRIFTERS", 400), ("_PART", 3)):
-        monkeypatch.setattr(f"jaxcell.drift.distance.{name}", value)
+        monkeypatch.setattr(f"jaxcell.drift.truth.distance.{name}", value)
     (found,) = drift.distances(water, flow, [(chain, STEP)])
     assert found.cells == 36
     assert found.total_variation.max() < 0.4

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from jaxcell.markov import solve
-from jaxcell.markov.cycle import Cycle
+from jaxcell.markov.solving import solve
+from jaxcell.markov.solving.cycle import Cycle
 
 
 def tide(seed, phases=4, cells=30):

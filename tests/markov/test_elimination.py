@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from jaxcell.markov.elimination import eliminate
-from jaxcell.markov.solve import solve_transient
+from jaxcell.markov.solving.elimination import eliminate
+from jaxcell.markov.solving.solve import solve_transient
 
 
 def exact(matrix, right):

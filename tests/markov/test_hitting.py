@@ -7,7 +7,8 @@ from random_chains import matrices, reachable
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov import absorption_probabilities, absorption_times, hitting_times, solve
+from jaxcell.markov import absorption_probabilities, absorption_times, hitting_times
+from jaxcell.markov.solving import solve
 
 
 @given(matrices())

@@ -8,7 +8,8 @@ from random_chains import matrices
 from jaxcell.base.certificate import Outcome
 from jaxcell.mapping.classes import persistent_groups
 from jaxcell.mapping.generalized import Chain
-from jaxcell.markov import limiting_distribution, solve
+from jaxcell.markov import limiting_distribution
+from jaxcell.markov.solving import solve
 
 
 def time_average(matrix):

@@ -3,8 +3,8 @@ import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
 
-from jaxcell.markov import solve, two_level
-from jaxcell.markov.solve import solve_stationary, solve_transient
+from jaxcell.markov.solving import solve, two_level
+from jaxcell.markov.solving.solve import solve_stationary, solve_transient
 from jaxcell.markov.transient import Transient
 
 

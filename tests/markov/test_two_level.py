@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from jaxcell.markov import two_level
-from jaxcell.markov.two_level import TwoLevel
+from jaxcell.markov.solving import two_level
+from jaxcell.markov.solving.two_level import TwoLevel
 
 
 def eddies(count, size):

@@ -17,7 +17,7 @@ from sweep_kills import tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.boxes import stored_lengths
-from jaxcell.sweep.store import SweepStore
+from jaxcell.sweep.storage.store import SweepStore
 from jaxcell.sweep.workers.work import Variable, compute
 
 
@@ -37,7 +37,7 @@ def whole(tmp_path_factory):
         "x = {count = 10}\n"
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxcell.sweep.store.git_revision", lambda: "a revision")
+        patch.setattr("jaxcell.sweep.storage.store.git_revision", lambda: "a revision")
         patch.setattr("jaxcell.sweep.boxes._FILE_BYTES", 300)
         run_sweep(sweep_kills.Spec.load(path), folder / "out")
     return folder / "out"

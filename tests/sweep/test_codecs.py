@@ -8,13 +8,13 @@ import pytest
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from jaxcell.sweep.codecs import (
+from jaxcell.sweep.storage.codecs import (
     check_codecs,
     decoded,
     described_array,
     encoded,
 )
-from jaxcell.sweep.frame import fill
+from jaxcell.sweep.storage.frame import fill
 
 
 CODECS = (ZstdCodec(), Crc32cCodec())

@@ -10,7 +10,7 @@ from PIL import Image
 
 from jaxcell.cli import main
 from jaxcell.sweep import Spec, open_sweep, run_sweep, verify_sweep
-from jaxcell.sweep.digests import digests
+from jaxcell.sweep.storage.digests import digests
 
 
 TASK = """

@@ -10,8 +10,8 @@ import jaxcell.cli.sweep.view
 from jaxcell.cli import main
 from jaxcell.study import Drift
 from jaxcell.sweep import Spec, run_sweep, sweep_status, verify_sweep
-from jaxcell.sweep.digests import digests
 from jaxcell.sweep.files import keep_folder, kept_spec
+from jaxcell.sweep.storage.digests import digests
 from jaxcell.sweep.studies import read_study
 from jaxcell.sweep.workers.work import with_files_found
 

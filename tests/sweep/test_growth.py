@@ -120,7 +120,7 @@ def test_a_damaged_chunk_is_not_kept(stub_spec, tmp_path):
 def test_what_went_on_anyway_stays_told(stub_spec, tmp_path, monkeypatch):
     run_sweep(stub_spec(text=SMALL), tmp_path / "out")
     large = stub_spec(text=GROWN["between"], name="large.toml")
-    monkeypatch.setattr("jaxcell.sweep.store.__version__", "9.9")
+    monkeypatch.setattr("jaxcell.sweep.storage.store.__version__", "9.9")
     with pytest.raises(ValueError, match=r"jaxcell_version: \S+ there, 9\.9 here"):
         run_sweep(large, tmp_path / "out", resume=True)
     run_sweep(large, tmp_path / "out", resume=True, anyway=True)
@@ -156,7 +156,9 @@ def test_a_growth_that_was_stopped_is_ended_by_the_next_run(stub_spec, tmp_path,
     run_sweep(small, tmp_path / "out")
     calls, kept = [], os.replace
     with monkeypatch.context() as patch:
-        patch.setattr("jaxcell.sweep.grow.os", SimpleNamespace(replace=replace, sync=os.sync))
+        patch.setattr(
+            "jaxcell.sweep.storage.grow.os", SimpleNamespace(replace=replace, sync=os.sync)
+        )
         with pytest.raises(StopError):
             run_sweep(large, tmp_path / "out", resume=True)
     assert run_sweep(large, tmp_path / "out", resume=True).complete

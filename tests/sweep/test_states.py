@@ -7,7 +7,7 @@ import pytest
 import zarr
 
 from jaxcell.sweep import run_sweep, sweep_status, verify_sweep
-from jaxcell.sweep.states import States
+from jaxcell.sweep.storage.states import States
 
 
 TEXT = "[grid]\ny = [0.5, 1.5, 2.5]\nz = [1, 2]\nx = {count = 11}"

@@ -233,7 +233,7 @@ def _terminated_like_interrupted() -> Iterator[None]:
 
 def _write_netcdf(out: Path) -> None:
     from ...sweep import open_sweep
-    from ...sweep.states import reading
+    from ...sweep.storage.states import reading
 
     with replacing(out / "sweep.nc") as temporary, open_sweep(out) as dataset, reading(out):
         dataset.to_netcdf(temporary)

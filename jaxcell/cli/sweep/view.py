@@ -54,7 +54,7 @@ class SweepView:
             return self._member(spec, found.failures)
         from ... import record
         from ...sweep import open_sweep, sobol_indices
-        from ...sweep.states import reading
+        from ...sweep.storage.states import reading
 
         failures = [in_a_line(one) for one in found.failures]
         out = self.folder / "overview.rrd" if self.out is None else self.out
@@ -68,7 +68,7 @@ class SweepView:
 
     def _member(self, spec: "Spec", failures: "Sequence[Failure]") -> int:
         from ...sweep import open_sweep
-        from ...sweep.states import reading
+        from ...sweep.storage.states import reading
         from ...sweep.workers.work import with_files_found, with_task_found
         from .member import detailed_study, member_detail
 

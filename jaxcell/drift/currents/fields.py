@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from .axes.depths import Layers
+from .axes.dimensions import Axes
 from .conventions import find
-from .depths import Layers
-from .dimensions import Axes
 from .grid import OceanGrid
 from .masks import Mask, read_mask
 from .netcdf import OceanFile

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .dimensions import Axes, is_rectangular
+from .axes.dimensions import Axes, is_rectangular
 from .netcdf import OceanFile
 from .sphere import (
     curvilinear_sides,

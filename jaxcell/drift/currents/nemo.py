@@ -9,8 +9,8 @@ import dataclasses
 import numpy as np
 import xarray as xr
 
+from .axes.dimensions import axis_kind
 from .conventions import CONVENTIONS, POINTS
-from .dimensions import axis_kind
 from .netcdf import OceanFile
 from .sphere import wrapped
 

@@ -7,14 +7,14 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Shaped
 
-from .depths import choose_layers
+from .axes.depths import choose_layers
+from .axes.times import When, choose_records, record_times
 from .fields import Field, read_field
 from .grid import OceanGrid, read_grid
 from .netcdf import OceanFile
 from .roms import turned
 from .sources import Source, open_source, source_name
 from .surface import Push, read_surface
-from .times import When, choose_records, record_times
 from .velocity_names import Velocity, choose_velocity
 
 

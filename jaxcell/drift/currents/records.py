@@ -9,9 +9,9 @@ from jaxtyping import Shaped
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from .dimensions import axis_kind
+from .axes.dimensions import axis_kind
+from .axes.times import read_times, time_variable
 from .netcdf import OceanFile
-from .times import read_times, time_variable
 
 
 class _Records(BackendArray):

@@ -11,8 +11,8 @@ from typing import TypeAlias
 import numpy as np
 import xarray as xr
 
+from .axes.dimensions import axis_kind
 from .conventions import find
-from .dimensions import axis_kind
 from .netcdf import OceanFile, error_line, open_netcdf, open_undecoded, unwarned
 from .records import join_records
 

@@ -5,8 +5,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .axes.dimensions import Axes
 from .conventions import table
-from .dimensions import Axes
 from .grid import OceanGrid
 from .netcdf import OceanFile
 from .velocity import metres_per_second, read_cells

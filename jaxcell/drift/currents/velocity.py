@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .dimensions import Axes
+from .axes.dimensions import Axes
 from .grid import OceanGrid
 from .masks import Mask, part, read_mask
 from .netcdf import OceanFile

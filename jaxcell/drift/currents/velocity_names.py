@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+from .axes.dimensions import Axes, find_axes, is_rectangular, unstructured
 from .conventions import table
-from .dimensions import Axes, find_axes, is_rectangular, unstructured
 from .nemo import on_points
 from .netcdf import OceanFile
 

@@ -13,7 +13,7 @@ from ...base.threads import one_blas_thread
 from ...mapping import Chain
 from ...markov import dense
 from ...optimize import Graph, greedy_cover, minimum_commute
-from ..walks.ascent import Ascent, late_gain
+from ..walks.optimal.ascent import Ascent, late_gain
 from ..walks.steps import Steps
 from ..walks.walk import edge_shares, random_walk
 from .attack import capture_probabilities, check_attack_times, check_start

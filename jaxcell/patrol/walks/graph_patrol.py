@@ -22,9 +22,9 @@ from ..team.idleness import (
 from ..team.news import News
 from ..team.times import move_times
 from .arrival import captured_by_any, walk_capture_probabilities
-from .constraints import MetConstraints
 from .game import StrategyGame
 from .measures import Measures, measure
+from .optimal.constraints import MetConstraints
 
 
 # What a solver or a scaling leaves of a probability that is 0.

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int, Integer
 from scipy.ndimage import distance_transform_edt
 
 from ...drift import Flow, SeaDrift, Water
-from ...drift.sea_layers import SeaLayers
+from ...drift.results.sea_layers import SeaLayers
 from ..canvas.map import log_pictures
 from ..canvas.marks import log_arrows, log_labels, log_lines
 from ..canvas.page import Legend, log_tab

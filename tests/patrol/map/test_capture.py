@@ -130,7 +130,7 @@ def test_capture_falls_along_the_frontier_and_entropy_rises():
 
 def test_a_gradient_of_the_weakest_targets_leads_as_far_as_that_of_all(lab, monkeypatch):
     graph, visible, found = lab
-    monkeypatch.setattr("jaxcell.patrol.walks.ascent._ACTIVE", 12)
+    monkeypatch.setattr("jaxcell.patrol.walks.optimal.ascent._ACTIVE", 12)
     some = capture_policies(graph, visible, 2, 6, randomness=0.3, starts=1)
     assert some.value == pytest.approx(found.value, rel=0.01)
 

@@ -9,12 +9,12 @@ import scipy.optimize
 
 from jaxcell.base.certificate import Outcome
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks import capture, sequential_lp
 from jaxcell.patrol.walks.arrival import walk_capture_probabilities
-from jaxcell.patrol.walks.capture import maximin_capture
-from jaxcell.patrol.walks.linearized import LinearizedCapture
-from jaxcell.patrol.walks.polytope import ChainPolytope
-from jaxcell.patrol.walks.sequential_lp import maximize_least_capture
+from jaxcell.patrol.walks.optimal import capture, sequential_lp
+from jaxcell.patrol.walks.optimal.capture import maximin_capture
+from jaxcell.patrol.walks.optimal.linearized import LinearizedCapture
+from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
+from jaxcell.patrol.walks.optimal.sequential_lp import maximize_least_capture
 
 
 PATH = Graph([[i, i + 1] for i in range(8)])

@@ -9,7 +9,7 @@ import pytest
 from jaxcell import patrol
 from jaxcell.optimize import Graph
 from jaxcell.patrol.team.charging import Charged, in_time_for_charge
-from jaxcell.patrol.walks.charged_capture import charged_capture
+from jaxcell.patrol.walks.optimal.charged_capture import charged_capture
 from jaxcell.patrol.walks.steps import ChargedSteps, Steps
 from jaxcell.study import PatrolGraph
 

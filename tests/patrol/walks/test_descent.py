@@ -7,9 +7,9 @@ import scipy.optimize
 from hypothesis import given, strategies as st
 
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks.descent import descend
-from jaxcell.patrol.walks.polytope import ChainPolytope
-from jaxcell.patrol.walks.sinkhorn import scale_to_stationary
+from jaxcell.patrol.walks.optimal.descent import descend
+from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
+from jaxcell.patrol.walks.optimal.sinkhorn import scale_to_stationary
 
 
 PATH = Graph([[0, 1], [1, 2], [2, 3]])

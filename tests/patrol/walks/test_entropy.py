@@ -11,13 +11,13 @@ from hypothesis import given, strategies as st
 from jaxcell.base.certificate import Outcome
 from jaxcell.markov import dense
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks.entropy import (
+from jaxcell.patrol.walks.optimal.entropy import (
     maximum_entropy_rate,
     maximum_return_time_entropy,
     return_time_entropy,
     return_time_law,
 )
-from jaxcell.patrol.walks.polytope import ChainPolytope
+from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
 
 
 TRIANGLE = Graph([[0, 1], [1, 2], [2, 0], [2, 3]])

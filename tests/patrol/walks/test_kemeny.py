@@ -6,8 +6,8 @@ import scipy.optimize
 from jaxcell.base.certificate import Outcome
 from jaxcell.markov import kemeny_constant
 from jaxcell.optimize import Graph
-from jaxcell.patrol.walks.kemeny import minimum_kemeny
-from jaxcell.patrol.walks.polytope import ChainPolytope
+from jaxcell.patrol.walks.optimal.kemeny import minimum_kemeny
+from jaxcell.patrol.walks.optimal.polytope import ChainPolytope
 
 
 def graph_of(network):

@@ -1,0 +1,1 @@
+"""The dimensions, times and depths of currents."""

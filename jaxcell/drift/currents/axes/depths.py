@@ -1,0 +1,140 @@
+"""The depths at which a file has a current, and which of them are asked for."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..netcdf import OceanFile
+from ..roms import ALONE, SLevels, read_s_levels
+from .dimensions import axis_kind
+
+
+@dataclasses.dataclass(frozen=True)
+class Layers:
+    """The chosen depths, the surface first.
+
+    **Attributes:**
+
+    - `depth`: in metres, positive down.
+    - `places`: where the levels to be read stand in the file; `None` if it has one level.
+    - `s_levels`: how the levels lie, if they follow the sea bed and each depth is interpolated.
+    - `asked`: whether the depths were asked for.
+    - `note`: how they were had; may be empty.
+    """
+
+    depth: Float[np.ndarray, " layers"]
+    places: Int[np.ndarray, " levels"] | None
+    s_levels: SLevels | None
+    asked: bool
+    note: str = ""
+
+
+def choose_layers(
+    file: OceanFile,
+    velocity: str,
+    dim: str | None,
+    depths: float | int | Sequence[float | int] | None,
+) -> Layers:
+    """Find the depths that are asked for.
+
+    **Arguments:**
+
+    - `file`: an open file.
+    - `velocity`: the name of u.
+    - `dim`: its dimension of depth, or `None` if it has a single level: that of a coordinate of
+        one value that it names, or the surface.
+    - `depths`: as for [`jaxcell.drift.open_currents`][].
+
+    **Raises:** `ValueError` for a depth that the file does not have, and for levels whose depth is
+    not known.
+    """
+    wanted = None if depths is None else _depths(file, depths)
+    if dim is None:
+        level, why = _single_level(file, velocity)
+        if wanted is not None and (len(wanted) > 1 or abs(wanted[0] - level) > 0.01):
+            raise file.error("depths", f"{velocity} has a single level, {why}; got {depths!r}")
+        note = f"{velocity} has a single level, {why}"
+        return Layers(np.array([level]), None, None, wanted is not None, note)
+    if _is_s(file, dim):
+        s_levels, why = read_s_levels(file, dim)
+        depth = np.zeros(1) if wanted is None else wanted
+        text = ", ".join(f"{value:g}" for value in depth)
+        note = f"{dim}: {why}; interpolated to {text} m below the surface in each cell"
+        return Layers(depth, s_levels.places, s_levels, wanted is not None, note)
+    levels, note = _z_levels(file, dim)
+    if wanted is None:
+        places = np.argsort(levels)
+        return Layers(levels[places], places, None, False, note)
+    places = np.abs(levels - wanted[:, None]).argmin(axis=1)
+    # A centimetre: levels such as 0.494025 m are known by their rounded values.
+    wrong = np.abs(levels[places] - wanted) > 0.01
+    if wrong.any():
+        known = ", ".join(f"{value:g}" for value in np.sort(levels))
+        raise file.error("depths", f"{wanted[wrong][0]:g} m is not one of the levels {known} m")
+    return Layers(levels[places], places, None, True, note)
+
+
+def _single_level(file: OceanFile, velocity: str) -> tuple[float, str]:
+    """The depth of a velocity without a dimension of depth, and what it is from."""
+    for name in file.coordinates(velocity):
+        if name not in file.dataset.variables or file.dataset[name].size != 1:
+            continue
+        if axis_kind(file.dataset, name) != "depth":
+            continue
+        if not _is_s(file, name):
+            levels, _ = _z_levels(file, name)
+            return float(levels[0]), f"at {levels[0]:g} m, by {name}"
+        s = float(file.read(file.dataset[name]).reshape(()))
+        if not -ALONE <= s <= 0.001:
+            raise file.error(
+                name, f"{velocity} has a single level, and it is not that of the surface: {s:g}"
+            )
+    return 0.0, "taken as the surface"
+
+
+def _depths(
+    file: OceanFile, depths: float | int | Sequence[float | int]
+) -> Float[np.ndarray, " layers"]:
+    try:
+        values = np.sort(np.atleast_1d(np.asarray(depths, float)))
+    except (TypeError, ValueError) as error:
+        raise file.error("depths", f"expected metres, got {depths!r}") from error
+    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all() or values[0] < 0:
+        raise file.error("depths", f"expected metres, positive down, got {depths!r}")
+    if (np.diff(values) == 0).any():
+        raise file.error("depths", f"expected different depths, got {depths!r}")
+    return values
+
+
+def _is_s(file: OceanFile, dim: str) -> bool:
+    if dim not in file.dataset.variables:
+        return dim in ("s_rho", "sc_r")
+    standard_name = str(file.dataset[dim].attrs.get("standard_name", ""))
+    return dim in ("s_rho", "sc_r") or standard_name.startswith("ocean_s_coordinate")
+
+
+def _z_levels(file: OceanFile, dim: str) -> tuple[Float[np.ndarray, " levels"], str]:
+    """The depth of each level in metres, positive down, and what is odd about it."""
+    if dim not in file.dataset.variables:
+        raise file.error(dim, "the depths of the levels are missing")
+    levels = file.read(file.dataset[dim]).reshape(-1)
+    attributes = file.dataset[dim].attrs
+    units = str(attributes.get("units", "m"))
+    if units.lower() not in ("m", "meter", "meters", "metre", "metres"):
+        raise file.error(dim, f"units: expected metres, got {units!r}")
+    steps = np.diff(levels)
+    if not (np.isfinite(levels).all() and ((steps > 0).all() or (steps < 0).all())):
+        raise file.error(dim, f"expected levels in order, got {levels}")
+    positive = str(attributes.get("positive", "")).lower()
+    if levels.min() < 0 < levels.max():
+        if positive not in ("up", "down"):
+            raise file.error(dim, f"expected depths on one side of 0, got {levels}")
+        return -levels if positive == "up" else levels, ""
+    # The sea is below its surface, whatever the file calls positive.
+    note = ""
+    if levels.any() and positive == ("down" if levels.min() < 0 else "up"):
+        note = f"{dim}: from {levels[0]:g} to {levels[-1]:g} m, though positive is {positive}"
+        note += "; taken as below the surface"
+    return np.abs(levels), note

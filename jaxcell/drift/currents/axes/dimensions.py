@@ -1,0 +1,166 @@
+"""Which dimension of a variable is time, depth, y and x, and where its longitudes are."""
+
+import dataclasses
+from typing import Literal, TypeAlias
+
+import xarray as xr
+
+from ..conventions import POINTS, STAGGERED, find, table
+from ..netcdf import OceanFile
+
+
+Kind: TypeAlias = Literal["time", "depth", "y", "x"]
+
+_AXES: dict[str, Kind] = {"T": "time", "Z": "depth", "Y": "y", "X": "x"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Axes:
+    """The dimensions of a velocity.
+
+    **Attributes:**
+
+    - `time`, `depth`: their dimensions, or `None` where the variable has none.
+    - `y`, `x`: the dimensions of the grid, on its staggered points where `staggered`.
+    - `lon`, `lat`: the variables with the positions of the cell centres.
+    """
+
+    time: str | None
+    depth: str | None
+    y: str
+    x: str
+    lon: str
+    lat: str
+
+    @property
+    def staggered(self) -> bool:
+        """Whether the variable stands on the sides of the cells of a C-grid."""
+        return self.rho != (self.y, self.x)
+
+    @property
+    def between(self) -> int | None:
+        """The axis, -2 for y and -1 for x, along which it stands between the centres, if any.
+
+        Sides named eta_u and xi_v are level with the centres.
+        """
+        return -2 if self.y in ("eta_v", "y_v") else -1 if self.x in ("xi_u", "x_u") else None
+
+    @property
+    def rho(self) -> tuple[str, str]:
+        """The dimensions `(y, x)` of the cell centres."""
+        return STAGGERED.get(self.y, self.y), STAGGERED.get(self.x, self.x)
+
+
+def find_axes(file: OceanFile, name: str) -> Axes:
+    """Find the dimensions of a velocity from what they are called and described as.
+
+    **Raises:** `ValueError` if one of them cannot be determined, if there is no y or x, if no
+    longitudes and latitudes belong to them, for a length that does not fit the cells,
+    or for a grid of a single row or column, whose cells have no size.
+    """
+    _check_structured(file, name)
+    found: dict[Kind, str] = {}
+    for dim, size in file.dataset[name].sizes.items():
+        kind = axis_kind(file.dataset, str(dim))
+        if kind is not None and kind not in found:
+            found[kind] = str(dim)
+        elif size > 1:
+            why = "it is unknown" if kind is None else f"{found[kind]} is {kind} already"
+            raise file.error(
+                name, f"dimension {dim} of length {size}: expected time, depth, y or x; {why}"
+            )
+    for kind in ("y", "x"):
+        if kind not in found:
+            dims = ", ".join(map(str, file.dataset[name].dims)) or "none"
+            raise file.error(name, f"expected a dimension for {kind}, got the dimensions {dims}")
+    y, x = found["y"], found["x"]
+    rho = STAGGERED.get(y, y), STAGGERED.get(x, x)
+    lon, lat = _position(file, name, "lon", rho), _position(file, name, "lat", rho)
+    axes = Axes(found.get("time"), found.get("depth"), y, x, lon, lat)
+    _check_lengths(file, axes)
+    return axes
+
+
+def is_rectangular(file: OceanFile, axes: Axes) -> bool:
+    """Whether x is towards the East and y along a meridian: longitude depends on x only."""
+    return all(
+        file.dataset[name].dims == (dim,) for name, dim in ((axes.lon, axes.x), (axes.lat, axes.y))
+    )
+
+
+def axis_kind(dataset: xr.Dataset, dim: str) -> Kind | None:
+    """By the name of the dimension, then by what its coordinate variable says of itself."""
+    conventions = {kind: next(table(kind)) for kind in _AXES.values()}
+    for kind, one in conventions.items():
+        if POINTS.sub("", dim.lower()) in one.names:
+            return kind
+    if dim not in dataset.variables:
+        return None
+    attributes = dataset[dim].attrs
+    standard_name = str(attributes.get("standard_name", ""))
+    for kind, one in conventions.items():
+        if standard_name in one.standard_names:
+            return kind
+    if standard_name.startswith("ocean_s_coordinate"):
+        return "depth"
+    return _AXES.get(str(attributes.get("axis", "")))
+
+
+def _check_structured(file: OceanFile, velocity: str) -> None:
+    """Refuse cells of any shape, whose longitudes and latitudes are along one dimension."""
+    variables = file.dataset.variables
+    for dim in map(str, file.dataset[velocity].dims):
+        along = [str(name) for name, variable in variables.items() if variable.dims == (dim,)]
+        lon, lat = (find(file.dataset, which, along) for which in ("lon", "lat"))
+        if file.dataset.sizes[dim] > 1 and (
+            dim == "nele" or (lon is not None and lat is not None and lon != lat)
+        ):
+            raise unstructured(file, velocity)
+
+
+def _check_lengths(file: OceanFile, axes: Axes) -> None:
+    """Refuse a variable whose y and x are not as long as those of the cells."""
+    sizes = file.dataset.sizes
+    for axis, dim, rho in zip((-2, -1), (axes.y, axes.x), axes.rho, strict=True):
+        if sizes[rho] == 1:
+            raise file.error(rho, "expected 2 cells or more along it, got 1")
+        # Files that were cut with equal index ranges have one more side than lies between centres.
+        least = sizes[rho] - (axis == axes.between)
+        if not least <= sizes[dim] <= sizes[rho]:
+            raise file.error(
+                dim,
+                f"expected a length of {least} with {sizes[rho]} cells ({rho}), got {sizes[dim]}",
+            )
+
+
+def unstructured(file: OceanFile, field: str) -> ValueError:
+    """What is said of the grids of FVCOM, SCHISM and others."""
+    dims = ", ".join(map(str, file.dataset[field].dims)) or "a mesh"
+    return file.error(
+        field,
+        f"on an unstructured grid ({dims}); expected rows and columns: regrid u and v to "
+        "longitudes and latitudes first, record by record, with scipy.interpolate.griddata("
+        "(lon, lat), u, (new_lon[None], new_lat[:, None])), and write them on the dimensions "
+        "(time, lat, lon)",
+    )
+
+
+def _position(
+    file: OceanFile, velocity: str, which: Literal["lon", "lat"], dims: tuple[str, str]
+) -> str:
+    """The variable of longitudes or latitudes on the given dimensions: by name, then by meaning."""
+    one_dimensional = dims[0] if which == "lat" else dims[1]
+    candidates = (
+        str(name)
+        for name, variable in file.dataset.variables.items()
+        if set(variable.dims) == set(dims) or variable.dims == (one_dimensional,)
+    )
+    name = find(file.dataset, which, candidates)
+    if name is not None:
+        return name
+    word = {"lat": "latitudes", "lon": "longitudes"}[which]
+    raise file.error(
+        velocity,
+        f"no variable gives the {word} of its cells ({dims[0]}, {dims[1]}); if another file has "
+        "them, name it with grid",
+    )

@@ -1,0 +1,1 @@
+"""Drifters that were observed: reading them, and counting how they move."""

@@ -1,0 +1,311 @@
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+
+from ...mapping import Chain
+from ..currents.sphere import EARTH_RADIUS, goes_round, on_sphere, wrapped
+from ..water import Water
+from .trajectories import Trajectories
+
+
+# How near to the lag an observation is, as a part of it.
+_NEAR = 0.05
+# Cells that observations may be spread over.
+_MAX_CELLS = 50_000_000
+# Of numbers of squares, and of degrees.
+_ROUNDING = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CountedMoves:
+    """Moves of drifters from cell to cell, as they were observed."""
+
+    water: Water
+    "The cells from which enough moves are known."
+    begin: Int[np.ndarray, "moves"]
+    "The cell in which each move begins."
+    end: Int[np.ndarray, "moves"]
+    "The cell in which it ends; -1 for none of them."
+    drifter: Int[np.ndarray, "moves"]
+    "The drifter that made it."
+    lag: float | int
+    "Seconds that a move takes."
+
+    @functools.cached_property
+    def count(self) -> Int[np.ndarray, "cells"]:
+        """Number of moves from each cell."""
+        return np.bincount(self.begin, minlength=self.water.cells)
+
+    @functools.cached_property
+    def chain(self) -> Chain:
+        """The chain of which the moves are most likely: shares of those from each cell.
+
+        What ends in no cell has gone to the sink.
+        """
+        return self._weighted(np.ones(self.begin.size))
+
+    def resampled(self, random: np.random.Generator) -> Chain:
+        """The chain of as many drifters, drawn from these with replacement.
+
+        Moves of one drifter are not independent, so drifters are drawn whole. A cell that none of
+        those that are drawn has left keeps what is known of it.
+        """
+        drifters, number = np.unique(self.drifter, return_inverse=True)
+        times = random.multinomial(drifters.size, np.full(drifters.size, 1 / drifters.size))
+        weight = times[number].astype(float)
+        seen = np.bincount(self.begin, weight, self.water.cells) > 0
+        return self._weighted(np.where(seen[self.begin], weight, 1.0))
+
+    def _weighted(self, weight: Float[np.ndarray, "moves"]) -> Chain:
+        image, place = self._slots
+        share = weight / np.bincount(self.begin, weight, self.water.cells)[self.begin]
+        inside = self.end >= 0
+        probability = np.bincount(place, share[inside], image.size).reshape(image.shape)
+        # Sums of shares may be above 1 by rounding.
+        return Chain(image, probability / np.maximum(probability.sum(axis=0), 1))
+
+    @functools.cached_property
+    def _slots(self) -> tuple[Int[np.ndarray, "branches cells"], Int[np.ndarray, "inside"]]:
+        """The images of the chain, and the place among them of each move that ends in a cell.
+
+        They are the same of all resampled chains, so that what is asked of those is compiled once.
+        """
+        cells, inside = self.water.cells, self.end >= 0
+        pairs, pair = np.unique(
+            self.begin[inside] * np.int64(cells) + self.end[inside], return_inverse=True
+        )
+        begin, end = np.divmod(pairs, cells)
+        slot = np.arange(pairs.size) - np.searchsorted(begin, begin)
+        image = np.tile(np.arange(cells, dtype=np.int32), (int(slot.max(initial=0)) + 1, 1))
+        image[slot, begin] = end
+        return image, (slot * cells + begin)[pair]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Spread:
+    """What a quantity is, and how much it varies with the drifters that happened to be there."""
+
+    value: np.ndarray
+    "Of all drifters."
+    mean: np.ndarray
+    "The mean over resampled drifters."
+    error: np.ndarray
+    "The standard deviation over resampled drifters; NaN where one is not finite."
+    low: np.ndarray
+    "One in twenty of the resampled ones is below."
+    high: np.ndarray
+    "One in twenty is above."
+
+
+def boxes(
+    seen: Trajectories,
+    cell: float | int,
+    bounds: Sequence[float | int] | None = None,
+) -> Water:
+    """Cells of longitude and latitude, those in which a drifter was.
+
+    **Arguments:**
+
+    - `seen`: the trajectories.
+    - `cell`: the side of a cell in degrees.
+    - `bounds`: West, South, East and North of the part to cut into cells, in degrees; by default
+        all that was observed. The East may be less than the West, beyond the date line.
+
+    **Returns:** [`Water`][jaxcell.drift.Water], at the surface.
+
+    **Raises:** `ValueError` for a side or bounds out of range, or if no drifter was there.
+
+    Three observations on both sides of the date line:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> lon, none = np.array([179.5, -179.5, -178.5]), np.zeros(3)
+        >>> seen = drift.Trajectories.of(lon, none + 0.5, np.arange(3.0), none.astype(int))
+        >>> water = drift.boxes(seen, 1.0)
+        >>> water.cells, water.lon.tolist()
+        (3, [[179.5, -179.5, -178.5]])
+    """
+    if not (np.isfinite(cell) and 0 < cell <= 90):
+        raise ValueError(f"cell: expected more than 0 and at most 90 degrees, got {cell}")
+    west, south, columns, rows = _observed(seen, cell) if bounds is None else _asked(bounds, cell)
+    if rows * columns > _MAX_CELLS:
+        raise ValueError(
+            f"cell: {cell:g} degrees make {rows * columns:,} squares; expected {_MAX_CELLS:,} or "
+            "fewer"
+        )
+    # Rows end at a pole, or where they go from one to the other as far beyond both.
+    rows = min(rows, math.ceil(180 / cell - _ROUNDING))
+    top = 90 - rows * cell
+    south = max(-90.0, min(south, top)) if top >= -90 else (top - 90) / 2
+    lon, lat = np.meshgrid(
+        wrapped(west + cell * (np.arange(columns) + 0.5)), south + cell * (np.arange(rows) + 0.5)
+    )
+    side = EARTH_RADIUS * np.radians(cell)
+    sides = side * np.cos(np.radians(lat)), np.full(lat.shape, side)
+    every = np.arange(lat.size, dtype=np.int32).reshape(lat.shape)
+    whole = Water(every, *sides, 0 * lat, lon, lat, 0.0, wraps=goes_round(lon, lat))
+    visited = np.zeros(lat.size + 1, bool)
+    visited[located(whole, seen.lon, seen.lat)] = True
+    number = np.where(visited[:-1], np.cumsum(visited[:-1]) - 1, -1)
+    if not visited[:-1].any():
+        raise ValueError("bounds: no drifter was there")
+    return dataclasses.replace(whole, number=number.reshape(lat.shape).astype(np.int32))
+
+
+def _observed(seen: Trajectories, cell: float | int) -> tuple[float, float, int, int]:
+    """The West and South of all observations, and how many columns and rows they take."""
+    if not seen.lon.size:
+        raise ValueError("trajectories: there are no observations")
+    # West of what follows on the widest gap between longitudes.
+    around = np.sort(seen.lon)
+    gap = np.diff(np.append(around, around[0] + 360))
+    west = cell * math.floor(around[(int(gap.argmax()) + 1) % around.size] / cell)
+    south = cell * math.floor(seen.lat.min() / cell)
+    # The West may be a rounding error to the East of what it is the West of.
+    width = ((seen.lon - west + _ROUNDING) % 360).max()
+    rows = int((seen.lat.max() - south) / cell) + 1
+    return west, south, min(int(width / cell) + 1, round(360 / cell)), rows
+
+
+def _asked(bounds: Sequence[float | int], cell: float | int) -> tuple[float, float, int, int]:
+    west, south, east, north = (float(one) for one in bounds)
+    if not (-90 <= south < north <= 90 and np.isfinite(west + east)):
+        raise ValueError(f"bounds: expected West, South, East and North, got {tuple(bounds)}")
+    width = (east - west) % 360 or 360.0
+    columns, rows = (math.ceil(one / cell - _ROUNDING) for one in (width, north - south))
+    return west, south, columns, rows
+
+
+def count_moves(
+    seen: Trajectories, water: Water, lag: float | int, *, least: int = 1
+) -> CountedMoves:
+    """Count the moves of drifters from cell to cell.
+
+    Every observation begins a move, to where the same drifter was after the lag, by the observation
+    nearest to that; if it is off by more than a twentieth of the lag, it is not known and does not
+    count.
+
+    **Arguments:**
+
+    - `seen`: the trajectories.
+    - `water`: the cells: [`boxes`][], or those of a model, [`jaxcell.drift.Water.of`][].
+    - `lag`: seconds that a move takes.
+    - `least`: cells from which fewer moves are known are left out. What moves there has gone to the
+        sink.
+
+    **Returns:** [`CountedMoves`][], with the cells that are left.
+
+    **Raises:** `ValueError` for numbers out of range, or if no cell is left.
+
+    A drifter that goes from cell to cell, and another one that stays:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> lon, number = np.array([0.5, 1.5, 2.5, 0.5, 0.5]), np.repeat([0, 1], [3, 2])
+        >>> time = 3600.0 * np.array([0, 1, 2, 0, 1])
+        >>> seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
+        >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 3600.0)
+        >>> moves.begin.tolist(), moves.end.tolist(), moves.chain.to_scipy().toarray().tolist()
+        ([0, 1, 0], [1, -1, 0], [[0.5, 0.5], [0.0, 0.0]])
+    """
+    if not (np.isfinite(lag) and lag > 0):
+        raise ValueError(f"lag: expected a positive number of seconds, got {lag}")
+    if least < 1:
+        raise ValueError(f"least: expected 1 or more, got {least}")
+    cell = located(water, seen.lon, seen.lat)
+    later = _later(seen, float(lag))
+    first = np.flatnonzero((later >= 0) & (cell >= 0))
+    begin, end = cell[first], cell[later[first]]
+    kept = np.bincount(begin, minlength=water.cells) >= least
+    if not kept.any():
+        raise ValueError(
+            f"least: no cell has {least} moves in {lag:g} s; the most has "
+            f"{np.bincount(begin, minlength=1).max()}"
+        )
+    # The last one stands for no cell.
+    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)
+    known = kept[begin]
+    grid = water.on_grid(number[:-1].astype(np.int32), -1).astype(np.int32)
+    return CountedMoves(
+        dataclasses.replace(water, number=grid),
+        number[begin[known]],
+        number[end[known]],
+        seen.drifter[first[known]],
+        lag,
+    )
+
+
+def bootstrap(
+    moves: CountedMoves,
+    quantity: Callable[[Chain], npt.ArrayLike],
+    samples: int = 100,
+    seed: int = 0,
+) -> Spread:
+    """How much a quantity varies with the drifters that happened to be there.
+
+    **Arguments:**
+
+    - `moves`: the moves.
+    - `quantity`: what is asked of the chain: numbers in an array of one shape.
+    - `samples`: how often drifters are drawn with replacement.
+    - `seed`: of the draws.
+
+    **Returns:** [`Spread`][].
+
+    **Raises:** `ValueError` for fewer than 2 samples.
+
+    Of a hundred drifters 60 move on; that share is good to 5 %:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> lon = np.stack([np.full(100, 0.5), 0.5 + (np.arange(100) < 60)], axis=1).ravel()
+        >>> time, number = np.tile([0.0, 60.0], 100), np.arange(100).repeat(2)
+        >>> seen = drift.Trajectories.of(lon, 0 * lon + 0.5, time, number)
+        >>> moves = drift.count_moves(seen, drift.boxes(seen, 1.0), 60.0)
+        >>> found = drift.bootstrap(moves, lambda chain: chain.leaving[0])
+        >>> round(float(found.value), 3), round(float(found.error), 2)
+        (0.6, 0.05)
+    """
+    if samples < 2:
+        raise ValueError(f"samples: expected 2 or more, got {samples}")
+    random = np.random.default_rng(seed)
+    drawn = [np.asarray(quantity(moves.resampled(random)), float) for _ in range(samples)]
+    low, high = np.quantile(drawn, [0.05, 0.95], axis=0)
+    with np.errstate(invalid="ignore"):
+        mean, error = np.mean(drawn, axis=0), np.std(drawn, axis=0, ddof=1)
+    return Spread(*map(np.asarray, (quantity(moves.chain), mean, error, low, high)))
+
+
+def located(
+    water: Water, lon: Float[np.ndarray, "points"], lat: Float[np.ndarray, "points"]
+) -> Int[np.ndarray, "points"]:
+    """The cells in which places are, by the nearest centre; -1 for none.
+
+    A place is on the grid if it is no farther from the nearest centre than half the diagonal of the
+    square around it.
+    """
+    known = np.isfinite(water.lon) & np.isfinite(water.lat)
+    number = water.number[known]
+    tree = cKDTree(on_sphere(water.lon[known], water.lat[known]).T)
+    # What is between two squares belongs to the one to the East or North.
+    away, nearest = tree.query(on_sphere(lon + _ROUNDING, lat + _ROUNDING).T)
+    return np.where(away * EARTH_RADIUS <= water.reach[known][nearest], number[nearest], -1)
+
+
+def _later(seen: Trajectories, lag: float) -> Int[np.ndarray, "observations"]:
+    """The observation of the same drifter after a lag, -1 if there is none."""
+    time = seen.time - seen.time.min(initial=np.inf)
+    # Drifters one after the other, farther apart than any lag.
+    key = time + seen.drifter * (time.max(initial=0.0) + 2 * lag)
+    wanted = key + lag
+    if key.size < 2:
+        return np.full(key.size, -1)
+    after = np.searchsorted(key, wanted).clip(1, key.size - 1)
+    nearest = after - (wanted - key[after - 1] < key[after] - wanted)
+    return np.where(np.abs(key[nearest] - wanted) <= _NEAR * lag, nearest, -1)

@@ -1,0 +1,196 @@
+"""Trajectories of drifters, from files of drifters and of models that follow particles."""
+
+import dataclasses
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float, Int
+
+from ..currents.axes.times import SECONDS
+from ..currents.conventions import Role, find
+from ..currents.netcdf import OceanFile
+from ..currents.sources import Source, open_source, source_name
+from ..currents.sphere import wrapped
+
+
+_ROLES: dict[Role, str] = {"lon": "longitude", "lat": "latitude", "time": "time"}
+# Names, in small letters, of counts of observations, of labels of drifters, and the beginnings of
+# those of a dimension along which drifters are.
+_COUNTS = ("rowsize", "row_size")
+_LABELS = ("id", "drifter", "particle", "trajectory")
+_DRIFTERS = ("traj", "drifter", "particle")
+_MAX_TIME = 1e17
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trajectories:
+    """Where drifters were, observation after observation, one drifter after the other.
+
+    Two drifters, of three observations and two:
+
+        >>> import numpy as np
+        >>> from jaxcell import drift
+        >>> lon, lat = np.array([179.9, -179.9, -179.7, 10.0, 10.1]), np.zeros(5)
+        >>> time = 3600.0 * np.array([0, 1, 2, 0, 1])
+        >>> seen = drift.Trajectories(lon, lat, time, np.repeat([0, 1], [3, 2]))
+        >>> seen.drifters, seen.lon.size
+        (2, 5)
+    """
+
+    lon: Float[np.ndarray, "observations"]
+    "Longitudes in degrees, -180 to 180."
+    lat: Float[np.ndarray, "observations"]
+    "Latitudes in degrees."
+    time: Float[np.ndarray, "observations"]
+    "Seconds, growing along each drifter."
+    drifter: Int[np.ndarray, "observations"]
+    "The drifter of each observation, from 0 in order."
+    source: str = "trajectories"
+    "What they are from."
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` for observations that are in no order."""
+        later = (np.diff(self.drifter) > 0) | (np.diff(self.time) > 0)
+        if not (later & (np.diff(self.drifter) >= 0)).all():
+            raise ValueError(
+                "time: expected observations that go on in time, drifter after drifter; number "
+                f"{int(np.argmin(later)) + 1} does not"
+            )
+
+    @property
+    def drifters(self) -> int:
+        """Number of drifters."""
+        return int(self.drifter.max(initial=-1)) + 1
+
+    @classmethod
+    def of(
+        cls,
+        lon: Float[np.ndarray, "observations"],
+        lat: Float[np.ndarray, "observations"],
+        time: Float[np.ndarray, "observations"],
+        drifter: Int[np.ndarray, "observations"],
+        source: str = "trajectories",
+    ) -> "Trajectories":
+        """Put observations in order.
+
+        What is not finite, beyond the poles, or the same moment of the same drifter again is left
+        out.
+
+        **Arguments:** as the fields; `drifter` may be any numbers.
+        """
+        known = np.isfinite(lon) & np.isfinite(time) & (np.abs(lat) <= 90)
+        lon, lat, time, drifter = (one[known] for one in (lon, lat, time, drifter))
+        order = np.lexsort((time, drifter))
+        lon, lat, time, drifter = (one[order] for one in (lon, lat, time, drifter))
+        new = np.append(True, (np.diff(time) > 0) | (np.diff(drifter) != 0))[: time.size]
+        _, number = np.unique(drifter[new], return_inverse=True)
+        return cls(wrapped(lon[new]), lat[new], time[new], number.astype(np.int64), source)
+
+
+def open_trajectories(path: Source) -> Trajectories:
+    """Read trajectories: of the Global Drifter Program, OpenDrift, Parcels, or any CF file of them.
+
+    They may be a matrix of drifters by observations, with time of each or of all alike; or one
+    after the other, with the number of observations of each drifter (a ragged array), or with the
+    drifter of each observation.
+
+    **Arguments:**
+
+    - `path`: a file or several, a pattern, a Zarr store, an address of OPeNDAP, or a dataset in
+        hand, whose times are not decoded.
+
+    **Returns:** [`Trajectories`][].
+
+    **Raises:** `FileNotFoundError` if there is no such file; `ValueError` that names the file and
+    the variable for one that cannot be read, or that has no trajectories.
+
+    Two particles, as OpenDrift writes them:
+
+        >>> import numpy as np, xarray as xr
+        >>> from jaxcell import drift
+        >>> dims, lon = ("trajectory", "time"), np.array([[4.0, 4.1, 4.2], [5.0, 5.1, np.nan]])
+        >>> time = ("time", [0, 1, 2], {"units": "hours since 2020-01-01"})
+        >>> file = xr.Dataset({"lon": (dims, lon), "lat": (dims, 0 * lon + 60)}, {"time": time})
+        >>> seen = drift.open_trajectories(file)
+        >>> seen.drifters, seen.lon.round(6).tolist(), seen.time.tolist()
+        (2, [4.0, 4.1, 4.2, 5.0, 5.1], [0.0, 3600.0, 7200.0, 0.0, 3600.0])
+    """
+    with open_source(path) as file:
+        read = {str(role): file.dataset[_field(file, role)] for role in _ROLES}
+        lon, time = read["lon"], read["time"]
+        drifter = _drifters(file, lon, time)
+        for one in read.values():
+            if not set(one.dims) <= set(lon.dims):
+                raise file.error(
+                    str(one.name), f"expected dimensions of {lon.dims}, got {one.dims}"
+                )
+        values = {
+            "lon": file.read(lon),
+            "lat": file.read(read["lat"]),
+            "time": _seconds(file, time),
+        }
+        full = {
+            role: xr.DataArray(value, dims=read[role].dims).broadcast_like(drifter)
+            for role, value in values.items()
+        }
+        full["drifter"] = drifter
+        flat = {role: one.transpose(*lon.dims).values.ravel() for role, one in full.items()}
+        return Trajectories.of(**flat, source=source_name(path))
+
+
+def _field(file: OceanFile, role: Role) -> str:
+    names = [str(name) for name in file.dataset.variables]
+    if (found := find(file.dataset, role, names)) is None:
+        listed = ", ".join(names)
+        raise file.error(role, f"expected trajectories with a {_ROLES[role]}; there is {listed}")
+    return found
+
+
+def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
+    """The number of the drifter of each observation, on the dimensions of the longitudes."""
+    if lon.ndim == 2:
+        named = [dim for dim in lon.dims if str(dim).lower().startswith(_DRIFTERS)]
+        across = [dim for dim in lon.dims if dim not in time.dims]
+        along = (across or named or lon.dims)[0]
+        number = xr.DataArray(np.arange(lon.sizes[along]), dims=[along])
+        return number.broadcast_like(xr.DataArray(np.zeros(lon.shape), dims=lon.dims))
+    if lon.ndim != 1:
+        raise file.error(str(lon.name), f"expected one dimension or two, got {lon.dims}")
+    (dim,) = lon.dims
+    for name, variable in file.dataset.variables.items():
+        if variable.attrs.get("sample_dimension") == dim or str(name).lower() in _COUNTS:
+            counts = file.read(file.dataset[name])
+            whole = counts.ndim == 1 and (counts == np.abs(counts.round())).all()
+            if not whole or counts.sum() != lon.size:
+                raise file.error(
+                    str(name),
+                    f"expected {lon.size} observations of all drifters, got {counts.sum():g}"
+                    + " in numbers that are none of observations" * (not whole),
+                )
+            owner = np.repeat(np.arange(counts.size), counts.astype(np.int64))
+            return xr.DataArray(owner, dims=[dim])
+    for name, variable in file.dataset.variables.items():
+        labels = "instance_dimension" in variable.attrs or (
+            variable.attrs.get("cf_role") == "trajectory_id" or str(name).lower() in _LABELS
+        )
+        if labels and variable.dims == (dim,):
+            _, label = np.unique(variable.values, return_inverse=True)
+            return xr.DataArray(label, dims=[dim])
+    raise file.error(
+        str(lon.name),
+        f"nothing says which drifter is meant along {dim}; expected a count of each drifter "
+        "(sample_dimension), or the drifter of each observation",
+    )
+
+
+def _seconds(file: OceanFile, time: xr.DataArray) -> np.ndarray:
+    """Times in seconds; of no matter what date, as only the time between them counts."""
+    if time.dtype.kind == "M":
+        seconds = time.values.astype("datetime64[ns]").astype(np.int64) / 1e9
+        return np.where(np.isnat(time.values), np.nan, seconds)
+    units = str(time.attrs.get("units", "")).split(" since ")[0].strip().lower()
+    if units not in SECONDS:
+        raise file.error(str(time.name), f"units: expected a unit of time, got {units!r}")
+    values = file.read(time)
+    # Whole numbers have no NaN; what stands for it is next to the least there is.
+    return np.where(np.abs(values) < _MAX_TIME, values, np.nan) * SECONDS[units]

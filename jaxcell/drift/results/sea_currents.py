@@ -1,0 +1,113 @@
+import dataclasses
+import functools
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float, Int
+
+from ...base.quantities import derived
+from ..chains import phases
+from ..truth.diagnosis import group_counts
+from ..truth.distance import Distance
+from .layer import Compared, Layer
+from .sea_layers import SeaLayers
+
+
+# The groups for other steps take seconds.
+_MAX_FOR_COUNTS = 100_000
+_FACTORS = (0.5, 1.0, 2.0, 4.0)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeaCurrents(SeaLayers, Compared):
+    """Where currents take drifters in some layers of the sea, and how far that is from drifters."""
+
+    layers: tuple[Layer, ...]
+    currents: xr.Dataset
+    "As from [`jaxcell.drift.open_currents`][]."
+
+    def __post_init__(self) -> None:
+        """**Raises:** `ValueError` for layers that do not belong together."""
+        super().__post_init__()
+        layers = self.currents.sizes["layer"]
+        if len(self.layers) != layers:
+            raise ValueError(f"layers: expected {layers}, got {len(self.layers)}")
+
+    @property
+    def _distances(self) -> list[Distance]:
+        return [one.distance for one in self.layers]
+
+    @derived("", "current towards the East")
+    def east_from(self) -> str:
+        return self.currents.attrs["east_from"]
+
+    @derived("", "current towards the North")
+    def north_from(self) -> str:
+        return self.currents.attrs["north_from"]
+
+    @derived("note", "notes on the currents", listed=True)
+    def notes(self) -> np.ndarray:
+        return np.array(self.currents.attrs["notes"].splitlines(), np.str_)
+
+    @derived("record", "records of the currents", listed=True)
+    def records(self) -> np.ndarray:
+        return np.datetime_as_string(self.currents.time.values, unit="s")
+
+    @derived("", "the current repeats itself after", "h", kind="time")
+    def period_hours(self) -> float | None:
+        period = self.layers[0].by.period
+        return None if period is None else float(period) / 3600
+
+    @derived("", "maps that follow on one another meanwhile", kind="count")
+    def phases(self) -> int | None:
+        return None if self.period_hours is None else self.sea.phases
+
+    @derived("entry", "phase of the current, from 0 at the first record", kind="index")
+    def entry_phase(self) -> Int[np.ndarray, "entries"] | None:
+        if self.phases is None:
+            return None
+        return (self._entries.row // self.cells).astype(np.int32)
+
+    @derived("other_step", "duration of another step", "s")
+    def sensitivity_duration(self) -> Float[np.ndarray, "steps"] | None:
+        return np.array(self._other_steps) if self._counts is not None else None
+
+    @derived("other_step", "persistent groups at the surface", kind="count")
+    def sensitivity_groups(self) -> Int[np.ndarray, "steps"] | None:
+        return None if self._counts is None else self._counts[:, 0]
+
+    @derived("other_step", "persistent groups, by the centres of cells alone", kind="count")
+    def sensitivity_groups_if_known(self) -> Int[np.ndarray, "steps"] | None:
+        return None if self._counts is None else self._counts[:, -1]
+
+    @functools.cached_property
+    def _counts(self) -> Int[np.ndarray, "steps rhos"] | None:
+        surface = self.layers[0]
+        states = surface.cells * phases(surface.by, self._other_steps[0])
+        # Diffusion joins all groups but those that are pieces of water.
+        if states > _MAX_FOR_COUNTS or surface.by.diffusivity:
+            return None
+        options = dict(surface.options)
+        rho = options.pop("rho", 0.8)
+        of = surface.water, surface.by, self._other_steps
+        counts = group_counts(*of, [rho], **options)
+        # A current that is known carries the centre of a cell to one place.
+        known = group_counts(*of, [1.0], **(options | {"spread": "turned"}))
+        return np.concatenate([counts, known], axis=1)
+
+    @property
+    def _other_steps(self) -> list[float]:
+        """The durations of other steps, in seconds; the second is that of the maps."""
+        return [self.layers[0].by.fitted(factor * self.step) for factor in _FACTORS]
+
+    @derived("layer compared", "drifters that the map has in a wrong cell", "1", kind="share")
+    def compared_distance(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.total_variation for one in self._distances])
+
+    @derived("layer compared", "drifters that left the map", "1", kind="share")
+    def compared_drifters_left(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.drifters_left for one in self._distances])
+
+    @derived("layer compared", "drifters that left, by the map of cells", "1", kind="share")
+    def compared_map_left(self) -> Float[np.ndarray, "layers times"]:
+        return np.stack([one.map_left for one in self._distances])

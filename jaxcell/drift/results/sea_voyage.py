@@ -1,0 +1,104 @@
+import dataclasses
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...base.certificate import Outcome
+from ...base.quantities import Result, derived, quantity
+from ..sea import Sea
+from ..voyage import Voyage
+
+
+_LAND = "-2: no water"
+_DRY = "NaN: no water"
+_SQUARES = "layer y x"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SeaVoyage(Result):
+    """The voyages to a goal by one policy: what to do in each cell, and what comes of it."""
+
+    sea: Sea
+    policy: Voyage
+    hours: float
+    "Of a step."
+    goal: Annotated[
+        tuple[float, float, float],
+        quantity("place", "longitude, latitude and depth of the goal", listed=True),
+    ]
+    start: int | None = None
+    "The cell where a drifter is dropped."
+
+    @property
+    def arrives(self) -> bool:
+        """Whether a drifter from the start may arrive; true without a start."""
+        return self.start is None or float(self.policy.probability[self.start]) > 0
+
+    @derived("", "probability of arriving from the start", kind="share")
+    def start_probability(self) -> float | None:
+        return None if self.start is None else float(self.policy.probability[self.start])
+
+    @derived("", "time from the start; infinite if it may fail", "h", kind="time")
+    def start_hours(self) -> float | None:
+        return None if self.start is None else float(self.policy.time[self.start]) * self.hours
+
+    @derived("", "time from the start, if it arrives", "h", kind="time")
+    def start_hours_if_it_arrives(self) -> float | None:
+        if self.start is None:
+            return None
+        return float(self.policy.conditional_time[self.start]) * self.hours
+
+    @derived("", "probability of arriving, mean over all cells", kind="share")
+    def mean_probability(self) -> float:
+        return float(np.asarray(self.policy.probability).mean())
+
+    @derived("", "cells that arrive for sure", kind="count")
+    def cells_that_arrive_for_sure(self) -> int:
+        return int((np.asarray(self.policy.probability) == 1).sum())
+
+    @derived("", "their time, mean", "h", kind="time")
+    def their_mean_hours(self) -> float:
+        sure = np.asarray(self.policy.probability) == 1
+        return float(np.asarray(self.policy.time)[sure].mean()) * self.hours
+
+    @derived("", "sweeps of value iteration", kind="count")
+    def iterations(self) -> int | None:
+        return None if self.policy.value is None else self.policy.certificate.iterations
+
+    @derived("", "bound of the error of a value", kind="residual")
+    def value_error(self) -> float | None:
+        return None if self.policy.value is None else self.policy.certificate.residual
+
+    @derived("", "whether the policy is certified", kind="flag")
+    def policy_certified(self) -> bool:
+        return self.policy.certificate.outcome is Outcome.CONVERGED
+
+    @derived("", "whether all times are certified", kind="flag")
+    def times_certified(self) -> bool:
+        return self.policy.arrival.outcome is Outcome.CONVERGED
+
+    @derived(
+        _SQUARES,
+        "what a drifter does",
+        padding=_LAND,
+        meaning_of_values="-1: up, 0: drift, 1: down",
+    )
+    def action(self) -> Int[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(self.policy.action, -2)
+
+    @derived(_SQUARES, "value function", "1", padding=_DRY)
+    def value(self) -> Float[np.ndarray, "layers rows columns"] | None:
+        return None if self.policy.value is None else self.sea.on_squares(self.policy.value)
+
+    @derived(_SQUARES, "probability of arriving", "1", kind="share", padding=_DRY)
+    def arrival_probability(self) -> Float[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(self.policy.probability)
+
+    @derived(_SQUARES, "expected time to arrive; inf where it may fail", "h", kind="time")
+    def arrival_time(self) -> Float[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(np.asarray(self.policy.time) * self.hours)
+
+    @derived(_SQUARES, "expected time to arrive, if it arrives", "h", kind="time")
+    def conditional_arrival_time(self) -> Float[np.ndarray, "layers rows columns"]:
+        return self.sea.on_squares(np.asarray(self.policy.conditional_time) * self.hours)

@@ -1,0 +1,1 @@
+"""Whether maps can be trusted: drifters without cells, and coherent structures."""

@@ -1,0 +1,266 @@
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+from jaxtyping import Array, Bool, Float, Int
+
+from ...mapping import Chain
+from ...markov.hitting import cell_mask
+from ..flow import Flow, advect, checked_duration
+from ..water import Water, on_grid
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Drifters:
+    """Where simulated drifters were, step by step."""
+
+    x: Float[Array, "steps drifters"]
+    """Column of each drifter after each step, in cells; those that left the grid stay where it
+    ends, and around the Earth it goes on past the last column, turn after turn."""
+    y: Float[Array, "steps drifters"]
+    cell: Int[np.ndarray, "steps drifters"]
+    "The cell, or the nearest one of those at a coast; -1 off the grid."
+    duration: float
+    "Seconds from step to step."
+
+    def share(self, cells: int) -> Float[np.ndarray, "steps cells"]:
+        """The share of all drifters that was in each cell after each step."""
+        return _share(self.cell, cells)
+
+
+def simulate_drifters(
+    key: jax.Array,
+    water: Water,
+    flow: Flow,
+    cells: npt.ArrayLike | int,
+    duration: float | int,
+    steps: int,
+    *,
+    drifters: int = 10_000,
+    rho: float | int = 1.0,
+    start: float | int = 0.0,
+    substeps: int = 8,
+) -> Drifters:
+    """Simulate drifters in the flow itself, without cells, as a check of the map between them.
+
+    They move by the Runge-Kutta method, and once they have left the grid they are gone.
+
+    **Arguments:**
+
+    - `key`: of `jax.random`.
+    - `water`, `flow`: as for [`jaxcell.drift.drift_map`][].
+    - `cells`: where they are released: a cell, several, or a mask; anywhere in them alike.
+    - `duration`: seconds from step to step.
+    - `steps`: number of steps.
+    - `drifters`: number of drifters.
+    - `rho`: the probability that a step goes with the flow; else its drift is turned by 45 degrees
+        to either side, the disturbance of `spread="turned"`.
+    - `start`: when they are released, in seconds as in `Flow.time`.
+    - `substeps`: steps of the Runge-Kutta method in one step.
+
+    **Returns:** [`Drifters`][], beginning with the places of release.
+
+    **Raises:** `ValueError` for numbers out of range, or cells that do not exist.
+
+    A step takes time:
+
+        >>> import jax
+        >>> from jaxcell import drift, examples
+        >>> water, flow = examples.gyres()
+        >>> drift.simulate_drifters(jax.random.key(0), water, flow, 100, 0, 2)
+        Traceback (most recent call last):
+            ...
+        ValueError: duration: expected a number of seconds other than 0, got 0
+    """
+    duration = checked_duration(flow, water, duration, "rk4", substeps)
+    if not 0 <= rho <= 1:
+        raise ValueError(f"rho: expected a probability from 0 to 1, got {rho}")
+    if steps < 0 or drifters < 1:
+        raise ValueError(
+            f"expected 0 steps or more and 1 drifter or more, got {steps} and {drifters}"
+        )
+    there = np.flatnonzero(cell_mask(water.cells, cells, "cells"))
+    centre = np.stack([water.column, water.row]).astype(np.float64)[:, there]
+    sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
+    begin = start + np.arange(steps) * duration
+    choice, x, y = _release(key, centre, drifters)
+    xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, float(rho), substeps)
+    # A coast that a drifter ran over is the nearest water.
+    origin = there[np.asarray(choice)]
+    cell = water.landing(np.asarray(xs), np.asarray(ys), origin=origin, exits=True)
+    return Drifters(xs, ys, cell, duration)
+
+
+@functools.partial(jax.jit, static_argnames="drifters")
+def _release(key, centre, drifters):  # type: ignore[no-untyped-def]
+    """Places in squares about some centres, anywhere alike, and which of the squares."""
+    choosing, placing = jax.random.split(jax.random.fold_in(key, 0))
+    choice = jax.random.randint(choosing, (drifters,), 0, centre.shape[1])
+    off = jax.random.uniform(placing, (2, drifters), centre.dtype, -0.5, 0.5)
+    x, y = centre[:, choice] + off
+    return choice, x, y
+
+
+@functools.partial(jax.jit, static_argnames="substeps")
+def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type: ignore[no-untyped-def]
+    """The places of drifters at first and after every step."""
+    rows, columns = sides.shape[1:]
+    keys = jax.random.split(jax.random.fold_in(key, 1), begin.size)
+
+    def step(place, now):  # type: ignore[no-untyped-def]
+        x, y = place
+        key, began = now
+        on = on_grid((rows, columns), flow.wraps, x, y)
+        end_x, end_y = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
+        row, column = nearest_square((rows, columns), flow.wraps, x, y)
+        dx, dy = sides[:, row, column]
+        right, up = (end_x - x) * dx, (end_y - y) * dy
+        drawn = jax.random.uniform(key, x.shape, x.dtype)
+        side = jnp.where(drawn < (1 + rho) / 2, 1.0, -1.0)
+        angle = jnp.where(drawn < rho, 0.0, side * jnp.pi / 4)
+        cos, sin = jnp.cos(angle), jnp.sin(angle)
+        moved_x = x + jnp.where(on, (right * cos - up * sin) / dx, 0.0)
+        moved_y = y + jnp.where(on, (right * sin + up * cos) / dy, 0.0)
+        if flow.diffusivity:
+            key = jax.random.fold_in(key, 1)
+            moved_x, moved_y = diffuse(key, flow, sides, wet, moved_x, moved_y, duration)
+        return (moved_x, moved_y), (moved_x, moved_y)
+
+    _, (xs, ys) = jax.lax.scan(step, (x, y), (keys, begin))
+    return jnp.concatenate([x[None], xs]), jnp.concatenate([y[None], ys])
+
+
+@jax.jit
+def diffuse(
+    key: jax.Array,
+    flow: Flow,
+    sides: Float[Array, "axes rows columns"],
+    wet: Bool[Array, "rows columns"],
+    x: Float[Array, "points"],
+    y: Float[Array, "points"],
+    duration: Float[Array, ""] | float,
+) -> tuple[Float[Array, "points"], Float[Array, "points"]]:
+    """Where points are after the random walk of the flow's diffusivity for a time.
+
+    None goes ashore: it stays where it was instead.
+    """
+    row, column = nearest_square(wet.shape, flow.wraps, x, y)
+    far = jnp.sqrt(2 * flow.diffusivity * jnp.abs(duration))
+    right, up = far * jax.random.normal(key, (2, x.size), x.dtype) / sides[:, row, column]
+    on, to = (wet.shape, flow.wraps), (x + right, y + up)
+    ashore = on_grid(*on, *to) & ~wet[nearest_square(*on, *to)]
+    stays = ~on_grid(*on, x, y) | ashore
+    return jnp.where(stays, x, to[0]), jnp.where(stays, y, to[1])
+
+
+def nearest_square(shape, wraps, x, y):  # type: ignore[no-untyped-def]
+    """The row and column of the squares that hold points, or are nearest to them."""
+    rows, columns = shape
+    row, column = (jnp.round(one).astype(jnp.int32) for one in (y, x))
+    column = column % columns if wraps else jnp.clip(column, 0, columns - 1)
+    return jnp.clip(row, 0, rows - 1), column
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Comparison:
+    """How far the distribution of a chain is from that of simulated drifters, step by step."""
+
+    hours: Float[np.ndarray, "times"]
+    total_variation: Float[np.ndarray, "times"]
+    "The share of drifters that the chain has in a wrong cell, 0 to 1."
+    sampling: Float[np.ndarray, "times"]
+    "That between two halves of the drifters; where it is as large, more drifters would show more."
+    transport: Float[np.ndarray, "times"]
+    "How far they are apart in cells: the larger of the Wasserstein distances along x and y."
+
+
+def compare(
+    water: Water,
+    chain: Chain,
+    drifted: Drifters,
+    hours: Sequence[float | int] = (1, 12, 24),
+) -> Comparison:
+    """Compare a drift map with simulated drifters.
+
+    Both begin with the places of release.
+
+    **Arguments:**
+
+    - `water`: the cells.
+    - `chain`: the map; one step of it takes as long as one of the drifters.
+    - `drifted`: the drifters.
+    - `hours`: when to compare; the nearest whole step is taken.
+
+    **Returns:** [`Comparison`][], a number for each of the times.
+
+    **Raises:** `ValueError` for a time that is past the last step, or a chain of other cells.
+
+    Two cells of 1 km; the chain takes every drifter to the second, and one of two drifters went:
+
+        >>> import jax.numpy as jnp, numpy as np
+        >>> from jaxcell import drift, mapping
+        >>> number, side = np.int32([[0, 1]]), np.full((1, 2), 1000.0)
+        >>> water = drift.Water(number, side, side, 0 * side, 0 * side, 0 * side, 0.0)
+        >>> chain = mapping.Chain(np.int32([[1, 1]]), np.ones((1, 2)))
+        >>> x = jnp.array([[0.0, 0.0], [0.0, 1.0]])
+        >>> drifted = drift.Drifters(x, 0 * x, np.int32([[0, 0], [0, 1]]), 3600.0)
+        >>> drift.compare(water, chain, drifted, [0, 1]).total_variation.tolist()
+        [0.0, 0.5]
+    """
+    if chain.cells != water.cells:
+        raise ValueError(f"chain: expected one of {water.cells} cells, got one of {chain.cells}")
+    wanted = np.rint(np.asarray(hours, float) * 3600 / drifted.duration).astype(int)
+    last = len(drifted.cell) - 1
+    if wanted.size == 0 or wanted.min() < 0 or wanted.max() > last:
+        raise ValueError(
+            f"hours: expected some from 0 to {last * drifted.duration / 3600:g}, got {list(hours)}"
+        )
+    share = drifted.share(water.cells)
+    halves = [_share(drifted.cell[:, k::2], water.cells) for k in (0, 1)]
+    distribution = jax.device_put(share[0])
+    pushed = {0: share[0]}
+    for step in range(1, int(wanted.max()) + 1):
+        distribution = chain.push(distribution)
+        if step in wanted:
+            pushed[step] = np.asarray(distribution)
+    return Comparison(
+        wanted * drifted.duration / 3600,
+        np.array([total_variation(pushed[k], share[k]) for k in wanted]),
+        np.array([total_variation(*(half[k] for half in halves)) for k in wanted]),
+        np.array([_transport(water, pushed[k], share[k]) for k in wanted]),
+    )
+
+
+def _share(cell: Int[np.ndarray, "steps drifters"], cells: int) -> Float[np.ndarray, "steps cells"]:
+    rows = [np.bincount(row[row >= 0], minlength=cells) for row in cell]
+    return np.stack(rows) / cell.shape[1]
+
+
+def total_variation(p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
+    """The total variation between two distributions; what they lack of 1 is one more outcome."""
+    return float((np.abs(p - q).sum() + abs(p.sum() - q.sum())) / 2)
+
+
+def _transport(water: Water, p: Float[np.ndarray, "cells"], q: Float[np.ndarray, "cells"]) -> float:
+    """The larger Wasserstein distance of the distributions over columns and over rows.
+
+    It is at most that of the distributions themselves, and needs no linear program. What left the
+    grid is left out. Around the Earth, drifters go the shorter way over the columns.
+    """
+    if not (p.sum() > 0 and q.sum() > 0):
+        return float("nan")
+    apart = []
+    columns = water.number.shape[1]
+    for place, circle in ((water.column, water.wraps), (water.row, False)):
+        size = columns if circle else 0
+        over = [np.cumsum(np.bincount(place, v / v.sum(), size)) for v in (p, q)]
+        moved = over[0] - over[1]
+        if circle:
+            # As much may go round as one likes; least is moved where the median stands still.
+            moved = moved - np.median(moved)
+        apart.append(float(np.abs(moved).sum()))
+    return max(apart)

@@ -1,0 +1,1 @@
+"""Sets of cells that chains hardly leave."""

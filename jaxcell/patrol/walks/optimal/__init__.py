@@ -1,0 +1,1 @@
+"""Random walks that are best, and how they are searched for."""

@@ -1,0 +1,158 @@
+"""The gradient of the least probability of capture, in the logits of the steps of all robots."""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Float
+
+from ..steps import ChargedSteps, Steps
+
+
+# Steps between two looks at all targets; in between, only those that are caught least count.
+_BLOCK, _ACTIVE = 25, 80
+# Numbers that one step keeps for its gradient.
+_KEPT = 5e7
+# Of the steps on the logits.
+_RATE = 0.1
+# Of a probability whose logarithm is taken.
+_TINY = 1e-12
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ascent:
+    """What is climbed: robots come from where they may be into view of a target, in time."""
+
+    steps: Steps | ChargedSteps
+    unseen: Float[np.ndarray, "cells targets"]
+    "1 where a target is out of view, else 0."
+    begin: Float[np.ndarray, "cells targets"]
+    "1 where a robot may be as it sets out, else 0."
+    attack_time: int
+    start: str
+    "Where robots are then: `uniform`, `stationary` or `worst`."
+    floor: float
+    "The least share of a step that goes to any neighbour alike."
+    hardness: tuple[float, float]
+    "Of the soft minimum of the logarithms of capture, at first and at the end."
+
+    def climb(
+        self, begin: Any, progress: Float[np.ndarray, "steps"], best: Any = None
+    ) -> tuple[Any, float, Any, list[float]]:
+        """Follow the gradient with Adam.
+
+        **Arguments:**
+
+        - `begin`: logits, array `[robots, branches, cells]`, or a state of the optimiser.
+        - `progress`: what part of the way each step is at, from 0 to 1; steps get shorter and the
+            minimum harder.
+        - `best`: the best logits so far.
+
+        **Returns:** the best logits, their value, the last state, and the best value from block of
+        steps to block.
+        """
+        fixed = self.attack_time, self.start
+        if not isinstance(begin, tuple):
+            logits = jnp.asarray(begin, jnp.float32)
+            begin = logits, optax.scale_by_adam().init(logits)
+        robots, targets = begin[0].shape[0], self.unseen.shape[1]
+        kept = int(_KEPT / (self.unseen.shape[0] * self.attack_time * robots))
+        active = min(targets, max(8, min(_ACTIVE, kept)))
+        rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
+        soft, hard = self.hardness
+        hardness = soft * (hard / soft) ** progress
+        unseen, may = jnp.asarray(self.unseen), jnp.asarray(self.begin)
+        best = begin[0] if best is None else best
+        value, course = float(_least(best, self.steps, unseen, may, self.floor, *fixed)[0]), []
+        missed = _least(begin[0], self.steps, unseen, may, self.floor, *fixed)[1]
+        for first in range(0, progress.size, _BLOCK):
+            weak = np.argsort(-np.asarray(missed))[:active]
+            block = slice(first, first + _BLOCK)
+            schedule = jnp.asarray(rate[block], "f4"), jnp.asarray(hardness[block], "f4")
+            some = unseen[:, weak], may[:, weak]
+            begin = _follow(*begin, self.steps, *some, self.floor, schedule, *fixed)
+            now, missed = _least(begin[0], self.steps, unseen, may, self.floor, *fixed)
+            if now > value:
+                best, value = begin[0], float(now)
+            course.append(value)
+        return best, value, begin, course
+
+
+def late_gain(course: list[float]) -> float:
+    """The share of the value that the last quarter of the blocks added."""
+    if not course:
+        return 0.0
+    return max(0.0, 1 - course[-max(1, len(course) // 4)] / max(course[-1], _TINY))
+
+
+def _log_missed(
+    logits: Float[Array, "robots branches cells"],
+    steps: Steps | ChargedSteps,
+    unseen: Float[Array, "cells targets"],
+    begin: Float[Array, "cells targets"],
+    floor: float | Float[Array, ""],
+    hardness: Float[Array, ""] | None,
+    attack_time: int,
+    start: str,
+) -> Float[Array, "targets"]:
+    """The logarithm of the probability that no robot captures.
+
+    With a hardness, the worst start is a soft minimum of logarithms of capture: on logarithms,
+    because a probability that is a product of many would leave a gradient of almost 0.
+    """
+    total = jnp.zeros(unseen.shape[1], unseen.dtype)
+    for chance in steps.chances(logits, floor):
+
+        def step(value, _, chance=chance):  # type: ignore[no-untyped-def]
+            return unseen * steps.pull(chance, value), None
+
+        late, _ = jax.lax.scan(step, unseen, length=attack_time - 1)
+        late = steps.pull(chance, late)
+        if start == "worst":
+            weight = begin * steps.often(chance)[:, None]
+            caught = jnp.where(weight > 0, jnp.maximum(1 - late, _TINY), 1.0)
+            if hardness is None:
+                worst = jnp.min(caught, axis=0)
+            else:
+                soft = -hardness * jnp.log(caught)
+                worst = jnp.exp(-jax.nn.logsumexp(soft, axis=0, b=weight) / hardness)
+            # Of a small probability, nothing is lost.
+            total += jnp.log1p(-jnp.minimum(worst, 1 - 1e-6))
+        else:
+            share = begin
+            if start == "stationary":
+                share = begin * steps.share_of_time(chance).astype(begin.dtype)[:, None]
+            missed = jnp.sum(share * late, axis=0) / jnp.sum(share, axis=0)
+            total += jnp.log(missed + 1e-30)
+    return total
+
+
+@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
+def _least(logits, steps, unseen, begin, floor, attack_time, start):  # type: ignore[no-untyped-def]
+    """The least probability of capture, and the logarithm of that of none at each target."""
+    missed = _log_missed(logits, steps, unseen, begin, floor, None, attack_time, start)
+    return -jnp.expm1(jnp.max(missed, initial=-jnp.inf)), missed
+
+
+@functools.partial(jax.jit, static_argnames=("attack_time", "start"))
+def _follow(logits, moments, steps, unseen, begin, floor, schedule, attack_time, start):  # type: ignore[no-untyped-def]
+    """Some steps of Adam on the logits, for the soft minimum over some targets."""
+    adam = optax.scale_by_adam()
+
+    def loss(logits, hardness):  # type: ignore[no-untyped-def]
+        missed = _log_missed(logits, steps, unseen, begin, floor, hardness, attack_time, start)
+        caught = jnp.log(jnp.maximum(-jnp.expm1(missed), _TINY))
+        return jax.nn.logsumexp(-hardness * caught) / hardness
+
+    def step(state, now):  # type: ignore[no-untyped-def]
+        logits, moments = state
+        rate, hardness = now
+        change, moments = adam.update(jax.grad(loss)(logits, hardness), moments)
+        return (logits - rate * change, moments), None
+
+    with jax.numpy_dtype_promotion("standard"):
+        return jax.lax.scan(step, (logits, moments), schedule)[0]

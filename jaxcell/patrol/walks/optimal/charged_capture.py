@@ -1,0 +1,133 @@
+import dataclasses
+import itertools
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ....base.precision import require_x64
+from ....base.threads import one_blas_thread
+from ....optimize import Graph, shortest_tour
+from ...team.charging import Charged, charged, in_time_for_charge
+from ..steps import ChargedSteps, Steps
+from ..walk import random_walk
+from .ascent import Ascent, late_gain
+
+
+# Gradient steps from each start, and the hardness of the minimum at first and at their end.
+_STEPS, _ANNEALED = 800, (1.0, 300.0)
+# Of the likeliest step from where a robot is: less likely ones are not made; at the end more may be
+# left out.
+_RARE = (1e-3, 1e-2, 0.05, 0.2, 0.5)
+# Products that one gradient step may take, and in how many all starts are tried.
+_MAX_PRODUCTS, _QUICK = 10_000_000, 1_000_000
+
+
+@one_blas_thread()
+def charged_capture(
+    graph: Graph,
+    matrices: Float[np.ndarray, "robots vertices vertices"],
+    charger: int,
+    every: int,
+    attack_time: int,
+    *,
+    starts: int = 6,
+    seed: int = 0,
+    name: str = "",
+) -> Charged:
+    """Walks that make the least probability of capture great and are at a charger in time.
+
+    Where a robot goes depends on the steps since its charge, and steps after which it could not be
+    back in time are never made. The adversary knows the walks, and sees the robots and how long ago
+    each was charged. Adam follows the gradient of a soft minimum of the logarithms of capture over
+    the vertices and, weighted by how often they occur, over where a robot is and since when. Robots
+    are independent, and all are where they are worst, as in [`maximin_capture`][]. The problem is
+    not convex: the answer is a local optimum, the best that several starts lead to.
+
+    **Arguments:**
+
+    - `graph`, `charger`, `every`, `name`: as in [`charged`][].
+    - `matrices`: the transition matrices of walks that are one of the starts, led back in time;
+        another goes along a short tour from charge to charge, one takes all edges alike, and the
+        rest are random.
+    - `attack_time`: how many steps an attack takes.
+    - `starts`: how many are tried, fewer where that takes long.
+    - `seed`: of the random ones.
+
+    **Returns:** [`Charged`][], with what the walks of the matrices capture, only led back.
+
+    **Raises:** `ValueError` as [`charged`][], and for what would take too long; `RuntimeError`
+    where JAX is set to 32 bits.
+
+    To the other end of a line of three and back it takes 4 steps:
+
+        >>> import numpy as np
+        >>> from jaxcell import patrol
+        >>> line = patrol.Graph([[0, 1], [1, 2]])
+        >>> walk = np.array([[[0, 1, 0], [0.5, 0, 0.5], [0, 1, 0]]])
+        >>> patrol.charged_capture(line, walk, 0, 3, attack_time=4)
+        Traceback (most recent call last):
+            ...
+        ValueError: every: expected at least 4 steps, to the farthest vertex and back, got 3
+    """
+    require_x64("charged_capture")
+    robots = len(matrices)
+    products = robots * every * graph.vertices**2 * attack_time
+    if products > _MAX_PRODUCTS:
+        raise ValueError(
+            f"every: {every} steps, times {graph.vertices} vertices squared, times attacks of "
+            f"{attack_time} steps, are {products:,} products for {robots} robots; expected at most "
+            f"{_MAX_PRODUCTS:,}"
+        )
+    given: Any = {"attack_time": attack_time, "name": name}
+    led = charged(graph, matrices, charger, every, **given)
+    near = Steps.of(graph)
+    image = np.asarray(near.image)
+    allowed = in_time_for_charge(graph, charger, every)[:, image] & (np.asarray(near.even) > 0)
+    shape = (robots, image.shape[0], every * graph.vertices)
+    steps = ChargedSteps(
+        near, jnp.asarray(allowed), jnp.asarray(charger), jnp.asarray(_RARE[0], jnp.float32)
+    )
+
+    def logits(
+        chance: Float[np.ndarray, "robots ages vertices vertices"],
+    ) -> Float[np.ndarray, "robots branches cells"]:
+        return near.logits(chance).swapaxes(1, 2).reshape(shape)
+
+    random = np.random.default_rng(seed)
+    even = random_walk(graph, np.ones(len(graph.edges))).to_scipy().toarray()
+    tour = np.broadcast_to(_on_tour(graph, charger, every), led.chance.shape)
+    even_led = charged(graph, np.stack([even] * robots), charger, every).chance
+    begins = [logits(chance) for chance in (tour, even_led, led.chance)]
+    if robots > 1:
+        # Equal robots would stay equal.
+        begins = [begin + 0.5 * random.normal(size=shape) for begin in begins]
+    count = int(np.clip(starts * _QUICK / products, 1, starts))
+    begins += [2 * random.normal(size=shape) for _ in range(count - len(begins))]
+    away = np.tile(1 - np.eye(graph.vertices, dtype=np.float32), (every, 1))
+    ascent = Ascent(steps, away, np.ones_like(away), attack_time, "worst", 0.0, _ANNEALED)
+    progress = np.arange(_STEPS) / _STEPS
+    tries = [ascent.climb(begin, progress) for begin in begins[:count]]
+    best, _, _, course = max(tries, key=lambda one: one[1])
+    found = [led]
+    for rare in _RARE:
+        made = steps._replace(rare=jnp.asarray(rare)).chances(jnp.asarray(best, jnp.float64), 0.0)
+        drawn = np.asarray(made).reshape(robots, -1, every, graph.vertices).swapaxes(1, 2)
+        found.append(Charged.of(near.matrices(drawn), charger, **given))
+    walk = max(found, key=lambda one: one.least_capture or 0.0)
+    return dataclasses.replace(walk, led_back=led.least_capture, late_gain=late_gain(course))
+
+
+def _on_tour(graph: Graph, charger: int, every: int) -> Float[np.ndarray, "ages vertices vertices"]:
+    """How often a short tour of all vertices takes each step, by those since it was at the charger;
+    steps too late for the next charge are left out."""
+    others = np.delete(np.arange(graph.vertices), charger).tolist()
+    # Of edges of one length each, as a robot takes them here.
+    tour = shortest_tour(Graph(graph.edges, graph.vertices), [charger, *others])
+    since, taken = 0, np.zeros((every, graph.vertices, graph.vertices))
+    for tail, head in itertools.pairwise([*tour, charger]):
+        if since < every:
+            taken[since, tail, head] += 1
+        since = 0 if head == charger else since + 1
+    return taken

@@ -1,0 +1,196 @@
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import scipy.sparse
+from jaxtyping import Array, Float, Int
+
+from ....base.certificate import Certificate
+from ....base.precision import require_x64
+from ....base.threads import one_blas_thread
+from ....mapping import Chain
+from .polytope import ChainPolytope
+
+
+# The pressures of the barrier, for all moves together and relative to the value. They fall slowly
+# enough that a few quasi-Newton steps are enough for each.
+_PRESSURES = 10 ** -np.arange(3, 9.1, 0.5)
+_STEPS = 60
+# Of steps and gradients; fewer do not see how much the curvatures of the barrier differ.
+_MEMORY = 30
+
+# A number to be made small, of the transition matrices of the robots and further arguments.
+Measure = Callable[..., Float[Array, ""]]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class OptimizedWalk:
+    """A chain for a patroller, and how good it is."""
+
+    matrix: Float[np.ndarray, "vertices vertices"]
+    "The transition matrix."
+    value: float
+    "What was to be made small or great."
+    start: int
+    "The start that led to it; 0 is the default one, which is not random."
+    certificate: Certificate
+
+    @property
+    def chain(self) -> Chain:
+        """The chain whose cells are the vertices."""
+        return Chain.from_scipy(scipy.sparse.csr_array(self.matrix))
+
+
+def minimize(
+    what: str,
+    measure: Measure,
+    polytope: ChainPolytope,
+    arguments: tuple[Any, ...],
+    *,
+    starts: int,
+    seed: int,
+    tolerance: float,
+    throw: bool,
+) -> OptimizedWalk:
+    """The best chain that the starts lead to.
+
+    **Returns:** [`OptimizedWalk`][]. The residual of its certificate is the Frank-Wolfe gap
+    relative to the value, or to 1 if that is more: to first order, no chain makes the value better
+    by a larger share. If the problem is convex, no chain does at all. The iterations are those from
+    all starts.
+
+    **Raises:** `ValueError` for fewer than 1 start, `RuntimeError` if the gap stays above the
+    tolerance.
+    """
+    require_x64(what)
+    if starts < 1:
+        raise ValueError(f"starts: expected at least 1, got {starts}")
+    begin = polytope.starts(starts, 1, seed)
+    found, values, steps = descend(measure, polytope, begin, arguments)
+    best = int(np.nanargmin(values))
+    moves = found[best, 0]
+    matrix = polytope.matrix(moves)
+    gradient = np.asarray(_gradient(measure, jnp.asarray(matrix[None]), arguments))[0]
+    gap = polytope.gap(moves, -gradient[polytope.tails, polytope.heads])
+    value = float(values[best])
+    certificate = Certificate(steps, gap / max(1, abs(value)), tolerance)
+    certificate.check(what, throw)
+    return OptimizedWalk(matrix, value, best, certificate)
+
+
+@one_blas_thread()
+def descend(
+    measure: Measure,
+    polytope: ChainPolytope,
+    starts: Float[np.ndarray, "starts robots moves"],
+    arguments: tuple[Any, ...],
+) -> tuple[
+    Float[np.ndarray, "starts robots moves"],
+    Float[np.ndarray, "starts"],
+    int,
+]:
+    """Follow the gradient within the polytope of the chains, from several starts.
+
+    A logarithmic barrier keeps all probabilities positive while its pressure falls. For each
+    pressure, L-BFGS looks for the minimum in steps that are relative to the probabilities, and that
+    keep the equalities because they are projected on them. This affine scaling is what finds optima
+    with many probabilities of 0, as here: on logits, Adam and L-BFGS slow down before them. One
+    start comes after the other; side by side under `vmap`, their line searches wait for each other,
+    which takes twice as long.
+
+    **Arguments:**
+
+    - `measure`: a function of the transition matrices `[robots, vertices, vertices]` and the
+        arguments. It is compiled once for each shape, if it is the same object.
+    - `polytope`: the chains that each robot may have.
+    - `starts`: chains inside the polytope.
+    - `arguments`: arrays.
+
+    **Returns:** the chains, what they measure, and the number of steps taken.
+    """
+    fixed = (
+        jnp.asarray(polytope.tails),
+        jnp.asarray(polytope.heads),
+        jnp.asarray(polytope.equalities()[0]),
+    )
+    # Inside of optax, integers of 32 and 64 bits meet.
+    with jax.numpy_dtype_promotion("standard"):
+        paths = [
+            _path(measure, polytope.vertices, *fixed, jnp.asarray(start), arguments)
+            for start in starts
+        ]
+    found, values, steps = (np.array(part) for part in zip(*paths, strict=True))
+    return found, values, int(steps.sum())
+
+
+@functools.partial(jax.jit, static_argnames=("measure", "vertices"))
+def _path(
+    measure: Measure,
+    vertices: int,
+    tails: Int[Array, "moves"],
+    heads: Int[Array, "moves"],
+    equalities: Float[Array, "equalities moves"],
+    start: Float[Array, "robots moves"],
+    arguments: tuple[Any, ...],
+) -> tuple[Float[Array, "robots moves"], Float[Array, ""], Int[Array, ""]]:
+    robots, moves = start.shape
+    optimizer = optax.lbfgs(memory_size=_MEMORY)
+
+    def value(p):  # type: ignore[no-untyped-def]
+        matrix = jnp.zeros((robots, vertices, vertices), p.dtype)
+        return measure(matrix.at[:, tails, heads].set(p), *arguments)
+
+    def along(p):  # type: ignore[no-untyped-def]
+        """The projections on relative changes of the probabilities that keep the equalities."""
+        scaled = equalities[None] * p[:, None, :]
+        return jnp.eye(moves)[None] - jnp.linalg.pinv(scaled, rtol=1e-12) @ scaled
+
+    def pressed(carry, pressure):  # type: ignore[no-untyped-def]
+        p, unit, taken = carry
+        projection = along(p)
+
+        def moved(x):  # type: ignore[no-untyped-def]
+            return p * (1 + jnp.einsum("rij,rj->ri", projection, x))
+
+        def loss(x):  # type: ignore[no-untyped-def]
+            q = moved(x)
+            inside = jnp.all(q > 0)
+            q = jnp.where(inside, q, p)
+            barrier = pressure * jnp.mean(jnp.log(q))
+            return jnp.where(inside, value(q) / unit - barrier, jnp.inf)
+
+        derivative = optax.value_and_grad_from_state(loss)
+
+        def step(state):  # type: ignore[no-untyped-def]
+            x, memory, steps, _ = state
+            at, gradient = derivative(x, state=memory)
+            change, memory = optimizer.update(
+                gradient, memory, x, value=at, grad=gradient, value_fn=loss
+            )
+            return x + change, memory, steps + 1, jnp.max(jnp.abs(gradient))
+
+        def goes_on(state):  # type: ignore[no-untyped-def]
+            _, _, steps, slope = state
+            # In these coordinates, that of the barrier is its pressure on a move.
+            return (steps < _STEPS) & (slope > 1e-2 * pressure / moves)
+
+        x = jnp.zeros_like(p)
+        begin = (x, optimizer.init(x), jnp.array(0), jnp.array(jnp.inf, p.dtype))
+        x, _, steps, _ = jax.lax.while_loop(goes_on, step, begin)
+        return (moved(x), unit, taken + steps), None
+
+    begin = (start, jnp.maximum(1, jnp.abs(value(start))), jnp.array(0))
+    (p, _, taken), _ = jax.lax.scan(pressed, begin, jnp.asarray(_PRESSURES))
+    return p, value(p), taken
+
+
+@functools.partial(jax.jit, static_argnames=("measure",))
+def _gradient(
+    measure: Measure, matrices: Float[Array, "robots vertices vertices"], arguments: tuple[Any, ...]
+) -> Float[Array, "robots vertices vertices"]:
+    return jax.grad(measure)(matrices, *arguments)

@@ -1,0 +1,78 @@
+from typing import Any
+
+from jaxtyping import Array, Float
+
+from ....markov import dense
+from ....optimize import Graph
+from .descent import OptimizedWalk, minimize
+from .polytope import ChainPolytope
+
+
+def minimum_kemeny(
+    graph: Graph,
+    stationary: Any = None,
+    *,
+    stay: bool = False,
+    reversible: bool = False,
+    starts: int = 8,
+    seed: int = 0,
+    tolerance: float = 1e-5,
+    throw: bool = True,
+) -> OptimizedWalk:
+    """A chain with a small Kemeny constant: the mean number of steps to a vertex drawn from `pi`.
+
+    Among reversible chains with a given stationary distribution the problem is convex, and the
+    answer is the optimum (Patel, Agharkar and Bullo 2015). Chains that are not reversible can be
+    faster; the problem is then not convex, and the answer a local optimum, the best of those that
+    several starts lead to.
+
+    Without a stationary distribution the least constant is `(2 n - k - 1) / 2`, with `k` the length
+    of the longest cycle (Kirkland 2010): a chain that goes round a Hamiltonian cycle has `(n - 1) /
+    2`, but in a graph without one the best chains come to leave out the vertices that are not on
+    the cycle. To guard all of them, prescribe the distribution.
+
+    **Arguments:**
+
+    - `graph`: a connected graph.
+    - `stationary`: array `[vertices]`, the share of the time to be spent at each vertex, positive.
+    - `stay`: whether the patroller may wait at a vertex. That only helps to spend the time as
+        prescribed.
+    - `reversible`: whether each edge must be taken as often in one direction as in the other; only
+        with a stationary distribution.
+    - `starts`: how many chains to start from. The first goes along a short closed tour.
+    - `seed`: of the other starts, which are random.
+    - `tolerance`: of the residual.
+    - `throw`: whether to raise when the answer is not good enough.
+
+    **Returns:** [`OptimizedWalk`][jaxcell.patrol.OptimizedWalk]. The residual of its certificate is
+    the Frank-Wolfe gap relative to the value, or to 1 if that is more: for reversible chains, no
+    chain is better by a larger share; for others, that is so to first order.
+
+    **Raises:** `ValueError` for a graph that is not connected, and a stationary distribution that
+    no chain on the graph has, naming the vertices at which too much time would be spent;
+    `RuntimeError` if the residual stays above the tolerance, or where JAX is set to 32 bits.
+
+    A patroller that must move cannot be at one vertex for more than half of the time:
+
+        >>> from jaxcell import patrol
+        >>> graph = patrol.Graph([[0, 1], [1, 2], [2, 0]])
+        >>> patrol.minimum_kemeny(graph, [0.6, 0.2, 0.2])
+        Traceback (most recent call last):
+            ...
+        ValueError: stationary: vertices 0 have 0.6 of the time, but those that follow have only ...
+    """
+    among = ChainPolytope.on(graph, stationary, stay=stay, reversible=reversible)
+    return minimize(
+        "minimum_kemeny",
+        _kemeny,
+        among,
+        (),
+        starts=starts,
+        seed=seed,
+        tolerance=tolerance,
+        throw=throw,
+    )
+
+
+def _kemeny(matrices: Float[Array, "1 vertices vertices"]) -> Float[Array, ""]:
+    return dense.kemeny(matrices[0])

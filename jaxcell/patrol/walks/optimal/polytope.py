@@ -1,0 +1,193 @@
+import dataclasses
+from typing import Any
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse
+from jaxtyping import Bool, Float, Int
+
+from ....base.connected import check_connected
+from ....optimize import Graph, shortest_tour
+from ....optimize.checked import shares_of_time
+from .sinkhorn import scale_to_stationary
+
+
+# Of all the time: what a linear program leaves of a flow that is 0.
+_NOTHING = 1e-9
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ChainPolytope:
+    """The chains on a graph among which the best is sought: a convex polytope.
+
+    A chain in it is the vector of the probabilities of its *moves*, the two directions of each edge
+    and, if the patroller may stay, the loops. A move that the stationary distribution rules out is
+    left out. The rest is `A p = b` and `p >= 0`, so that a prescribed distribution is met exactly,
+    by reversible chains and others.
+    """
+
+    vertices: int
+    "How many."
+    tails: Int[np.ndarray, "moves"]
+    "Where each move begins."
+    heads: Int[np.ndarray, "moves"]
+    "Where it ends."
+    stationary: Float[np.ndarray, "vertices"] | None
+    "The stationary distribution, if it is prescribed."
+    reversible: bool
+    "Whether each edge is taken as often in one direction as in the other."
+
+    @classmethod
+    def on(
+        cls, graph: Graph, stationary: Any = None, *, stay: bool = False, reversible: bool = False
+    ) -> "ChainPolytope":
+        """All chains that move along the edges of a graph.
+
+        **Arguments:**
+
+        - `graph`: a connected graph.
+        - `stationary`: array `[vertices]`, the share of the time to be spent at each vertex.
+        - `stay`: whether the patroller may wait at a vertex.
+        - `reversible`: whether each edge must be taken as often in one direction as in the other;
+            only with a stationary distribution, where such chains make a polytope.
+
+        **Raises:** `ValueError` for a graph that is not connected; for a stationary distribution
+        that is none, or that no chain on the graph has, naming the vertices at which too much time
+        would be spent; for reversible chains without one.
+        """
+        if reversible and stationary is None:
+            raise ValueError("reversible: expected a stationary distribution with it")
+        moves = np.concatenate([graph.edges, graph.edges[:, ::-1]])
+        if stay:
+            loops = np.repeat(np.arange(graph.vertices, dtype=np.int32)[:, None], 2, axis=1)
+            moves = np.concatenate([moves, loops])
+        check_connected(graph.vertices, moves)
+        if stationary is not None:
+            stationary = shares_of_time(stationary, graph.vertices)
+            moves = moves[_possible(moves, stationary, stay)]
+            # A move that some chain makes is on a cycle: where it leads to, it can be reached from.
+            check_connected(
+                graph.vertices, moves, "stationary: with it, no chain comes round, because"
+            )
+        tails, heads = moves.T
+        return cls(graph.vertices, tails, heads, stationary, reversible)
+
+    def matrix(self, moves: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "vertices vertices"]:
+        """The matrix with one number a move, such as the transition matrix."""
+        matrix = np.zeros((self.vertices, self.vertices))
+        matrix[self.tails, self.heads] = moves
+        return matrix
+
+    def inside(self, weights: Float[np.ndarray, "moves"]) -> Float[np.ndarray, "moves"]:
+        """A chain that makes all moves: probabilities in proportion to weights, as far as can be.
+
+        With a stationary distribution, rows and columns of the weights are scaled to meet it.
+        """
+        matrix = self.matrix(weights)
+        if self.stationary is None:
+            return (matrix / matrix.sum(axis=1, keepdims=True))[self.tails, self.heads]
+        if self.reversible:
+            matrix = np.sqrt(matrix * matrix.T)
+        return scale_to_stationary(matrix, self.stationary)[self.tails, self.heads]
+
+    def starts(
+        self, count: int, robots: int, seed: int
+    ) -> Float[np.ndarray, "starts robots moves"]:
+        """Chains from which to search: along a short closed tour of all vertices, and random ones.
+
+        The tour has a direction: where the best chain goes round one way, a start without any would
+        be flat, because turning a chain round changes neither its speed nor its entropy. A robot
+        strays from it with probability 1/11 and more, and differs from the robot before, because
+        equal robots would stay equal.
+        """
+        random = np.random.default_rng(seed)
+        edges = np.unique(np.sort(np.stack([self.tails, self.heads], axis=1), axis=1), axis=0)
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        tour = shortest_tour(Graph(edges, self.vertices), range(self.vertices))
+        taken = np.zeros((self.vertices, self.vertices))
+        np.add.at(taken, (tour, np.roll(tour, -1)), 1)
+        weights = np.exp(random.normal(size=(count, robots, self.tails.size)))
+        weights[0] = (taken[self.tails, self.heads] + 0.1) * np.where(
+            np.arange(robots)[:, None] == 0, 1, weights[0] ** 0.3
+        )
+        return np.array([[self.inside(robot) for robot in start] for start in weights])
+
+    def equalities(
+        self,
+    ) -> tuple[Float[np.ndarray, "equalities moves"], Float[np.ndarray, "equalities"]]:
+        """`A` and `b`: first the sums of the rows, then what keeps the distribution."""
+        move = np.arange(self.tails.size)
+        rows = np.zeros((self.vertices, move.size))
+        rows[self.tails, move] = 1
+        if self.stationary is None:
+            return rows, np.ones(self.vertices)
+        flow = self.stationary[self.tails]
+        columns = np.zeros_like(rows)
+        columns[self.heads, move] = flow
+        blocks, sides = [rows, columns], [np.ones(self.vertices), self.stationary]
+        if self.reversible:
+            back = self.matrix(move.astype(np.float64))[self.heads, self.tails].astype(int)
+            there = np.flatnonzero(self.tails < self.heads)
+            pairs = np.zeros((there.size, move.size))
+            pairs[np.arange(there.size), there] = flow[there]
+            pairs[np.arange(there.size), back[there]] = -flow[back[there]]
+            blocks.append(pairs)
+            sides.append(np.zeros(there.size))
+        return np.concatenate(blocks), np.concatenate(sides)
+
+    def gap(self, moves: Float[np.ndarray, "moves"], gains: Float[np.ndarray, "moves"]) -> float:
+        """By how much a linear function of the chain is greater at its greatest than here.
+
+        With the gradient of a function that is the Frank-Wolfe gap: 0 where nothing is gained to
+        first order, and a bound on how far a concave function is below its maximum. It is an upper
+        bound, whatever the tolerance of the linear program: that finds only the prices of the
+        equalities, with which the best end for each start is exact.
+        """
+        if self.stationary is not None:
+            sums, sides = self.equalities()
+            unit = max(float(np.abs(gains).max()), np.finfo(float).tiny)
+            found = scipy.optimize.linprog(-gains / unit, A_eq=sums, b_eq=sides)
+            prices = -unit * found.eqlin.marginals[self.vertices :]
+            gains = gains - prices @ sums[self.vertices :]
+        best = np.full(self.vertices, -np.inf)
+        np.maximum.at(best, self.tails, gains)
+        return float((best[self.tails] - gains) @ moves)
+
+
+def _possible(
+    moves: Int[np.ndarray, "moves 2"], share: Float[np.ndarray, "vertices"], stay: bool
+) -> Bool[np.ndarray, "moves"]:
+    """Which moves a chain with the distribution can ever make.
+
+    One linear program finds as much flow as there is room for. The graph in which a move leads from
+    its start to its end, and back if it is made, then shows what the flow can be changed to.
+    """
+    tails, heads = moves.T
+    n, move = share.size, np.arange(len(moves))
+    room = scipy.sparse.csr_array(
+        (np.ones(2 * move.size), (np.append(tails, heads + n), np.tile(move, 2))),
+        (2 * n, move.size),
+    )
+    flow = scipy.optimize.linprog(-np.ones(move.size), A_ub=room, b_ub=np.tile(share, 2)).x
+    made = flow > _NOTHING
+    change = scipy.sparse.csr_array(
+        (
+            np.ones(move.size + made.sum()),
+            (np.append(tails, heads[made] + n), np.append(heads + n, tails[made])),
+        ),
+        (2 * n, 2 * n),
+    )
+    waiting = np.flatnonzero(np.bincount(tails, flow, n) < share - _NOTHING)
+    if waiting.size:
+        reached = scipy.sparse.csgraph.breadth_first_order(
+            change, waiting[0], return_predecessors=False
+        )
+        crowd, ends = np.sort(reached[reached < n]), reached[reached >= n] - n
+        listed = ", ".join(str(v) for v in crowd[:8]) + (", ..." if crowd.size > 8 else "")
+        raise ValueError(
+            f"stationary: vertices {listed} have {share[crowd].sum():.6g} of the time, but those "
+            f"that follow have only {share[ends].sum():.6g}"
+            + ("" if stay else "; a patroller that may stay could do it")
+        )
+    part = scipy.sparse.csgraph.connected_components(change, connection="strong")[1]
+    return made | (part[tails] == part[heads + n])

@@ -1,0 +1,163 @@
+from collections.abc import Callable
+
+import numpy as np
+import scipy.optimize
+import scipy.sparse
+from jaxtyping import Bool, Float
+
+from ..arrival import captured_by_any
+from .linearized import LinearizedCapture
+from .polytope import ChainPolytope
+
+
+# Programs, and numbers of all derivatives from which on there are fewer.
+_STEPS, _MANY, _FEW = 300, 100_000, 10
+# Of a probability: how far the first step may go.
+_FIRST = 0.1
+# Steps that are shorter are lost in rounding.
+_SHORTEST = 1e-9
+# Of what was predicted: less is no step, and from there on the next may be longer.
+_ENOUGH, _GOOD = 0.1, 0.75
+
+# Of the value: what is further above the least is left out of a program, and so is what is beyond
+# so many times as many attacks as moves.
+_NEAR, _MOST = 0.5, 6
+# What a program left out, and now breaks, is added so many times.
+_CUTS = 8
+_BROKEN = 1e-7
+
+
+Law = Callable[[Float[np.ndarray, "robots moves"]], LinearizedCapture]
+
+
+def maximize_least_capture(
+    law: Law, polytope: ChainPolytope, moves: Float[np.ndarray, "robots moves"], tolerance: float
+) -> tuple[Float[np.ndarray, "robots moves"], float, float, int]:
+    """Maximize the least probability of capture by linear programs, within a trusted distance.
+
+    Near a maximum of a least of smooth functions, several are least at the same time, and often so
+    many that they determine it. Linear programs then find it as fast as Newton's method, where
+    gradients of a soft minimum creep. A program knows only of attacks that are nearly the best.
+
+    **Returns:** the chains of the robots, the probability, the share of itself by which the linear
+    program without a distance would raise it, and the number of programs.
+    """
+    here = law(moves)
+    value = captured_by_any(here.probability).min().item()
+    distance = _FIRST
+    most = max(_FEW, min(_STEPS, _STEPS * _MANY // (here.probability.size * moves.shape[1])))
+    for programs in range(1, most):
+        trial, predicted = _program(polytope, moves, here, distance)
+        # No gain without a distance is less than one within it.
+        if predicted <= tolerance / 10 or distance < _SHORTEST:
+            gain = _program(polytope, moves, here, 1.0)[1]
+            if gain <= tolerance / 4 or distance < _SHORTEST:
+                return moves, value, gain, programs
+        there = law(trial)
+        raised = captured_by_any(there.probability).min().item()
+        raised_by = raised / value - 1
+        distance = min(1.0, 2 * distance) if raised_by > _GOOD * predicted else distance
+        if raised_by > _ENOUGH * predicted:
+            moves, here, value = trial, there, raised
+        else:
+            distance /= 3
+    return moves, value, _program(polytope, moves, here, 1.0)[1], most
+
+
+def _program(
+    polytope: ChainPolytope,
+    moves: Float[np.ndarray, "robots moves"],
+    here: LinearizedCapture,
+    distance: float,
+) -> tuple[Float[np.ndarray, "robots moves"], float]:
+    """The best chains if all probabilities changed as they do at first.
+
+    The variables are the probabilities of the moves of each robot, how much its least probability
+    of capture changes for each target, and the share by which the value does. Capture is in units
+    of the value. Without a distance, attacks that are left out at first are added where they are
+    better than the program knows, for the gain to be a close bound; it is a bound in any case.
+
+    **Returns:** the chains and that share, which is not negative.
+    """
+    worst = here.probability.min(axis=1)
+    value = captured_by_any(here.probability).min()
+    above = (here.probability - worst[:, None, :]) / value
+    known = np.zeros(above.shape, bool)
+    for robot, order in enumerate(np.argsort(above.reshape(len(moves), -1), axis=1)):
+        nearest = order[: _MOST * moves.shape[1]]
+        known[robot].flat[nearest] = above[robot].flat[nearest] <= _NEAR
+        # For each target the best attack at least, for the program to have a solution.
+        known[robot, above[robot].argmin(axis=0), np.arange(above.shape[2])] = True
+    for _ in range(_CUTS):
+        trial, least, gain = _solved(polytope, moves, here, distance, known)
+        if distance < 1 or not gain:
+            break
+        change = [here.along(robot, trial[robot] - moves[robot]) for robot in range(len(moves))]
+        broken = above + np.array(change) / value < least[:, None, :] - _BROKEN
+        if not (broken & ~known).any():
+            break
+        known |= broken
+    return trial, gain
+
+
+def _solved(
+    polytope: ChainPolytope,
+    moves: Float[np.ndarray, "robots moves"],
+    here: LinearizedCapture,
+    distance: float,
+    known: Bool[np.ndarray, "robots starts targets"],
+) -> tuple[Float[np.ndarray, "robots moves"], Float[np.ndarray, "robots targets"], float]:
+    """Solve a program that knows some attacks.
+
+    **Returns:** the chains, by how much the least probability of each robot rises for each target,
+    and the share by which the value does.
+    """
+    probability = here.probability
+    robots, count = moves.shape
+    targets = probability.shape[2]
+    worst = probability.min(axis=1)
+    miss = 1 - worst
+    captured = captured_by_any(probability)
+    value = captured.min()
+    lines, sides = [], []
+    for robot in range(robots):
+        start, target = np.nonzero(known[robot])
+        above = (probability[robot] - worst[robot])[start, target] / value
+        flat = here.slopes(robot, start, target) / value
+        line = np.zeros((start.size, robots * (count + targets) + 1))
+        line[:, robot * count : (robot + 1) * count] = -flat
+        line[np.arange(start.size), robots * count + robot * targets + target] = 1
+        lines.append(line)
+        sides.append(above - flat @ moves[robot])
+    line = np.zeros((targets, robots * (count + targets) + 1))
+    for robot in range(robots):
+        others = np.delete(miss, robot, axis=0).prod(axis=0)
+        first = robots * count + robot * targets
+        line[:, first : first + targets] = -np.diag(others)
+    line[:, -1] = 1
+    lines.append(line)
+    sides.append(captured / value - 1)
+    sums, totals = polytope.equalities()
+    equal = scipy.sparse.block_diag([scipy.sparse.csr_array(sums)] * robots)
+    equal = scipy.sparse.hstack(
+        [equal, scipy.sparse.csr_array((equal.shape[0], robots * targets + 1))], format="csr"
+    )
+    low = np.maximum(0, moves - distance).ravel()
+    high = np.minimum(1, moves + distance).ravel()
+    free = np.full(robots * targets + 1, np.inf)
+    found = scipy.optimize.linprog(
+        -np.append(np.zeros(robots * (count + targets)), 1.0),
+        A_ub=np.concatenate(lines),
+        b_ub=np.concatenate(sides),
+        A_eq=equal,
+        b_eq=np.tile(totals, robots),
+        bounds=np.stack([np.append(low, -free), np.append(high, free)], axis=1),
+        options={"primal_feasibility_tolerance": 1e-10},
+    )
+    if found.x is None:
+        return moves, np.zeros((robots, targets)), 0.0
+    trial = np.maximum(0, found.x[: robots * count].reshape(robots, count))
+    for robot in trial:
+        robot /= np.bincount(polytope.tails, robot, polytope.vertices)[polytope.tails]
+    least = found.x[robots * count : -1].reshape(robots, targets)
+    return trial, least, max(0.0, float(found.x[-1]))
