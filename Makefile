@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 
 # Commands, robots, sweeps and examples as users have them: types of arguments are not checked.
-AS_USERS := tests/cli tests/golden tests/robot tests/sweep tests/test_doctests.py
+AS_USERS := tests/cli tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
 UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" $(AS_USERS)
 
 .PHONY: demo robot test test-all fuzz lint bench docs pictures clean
@@ -16,7 +16,7 @@ robot: .venv/bin/python
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 
 test: .venv/.dev
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" --ignore tests/fuzz $(AS_USERS:%=--ignore %)
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(AS_USERS:%=--ignore %)
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(UNCHECKED)
 
 test-all: .venv/.dev

@@ -10,7 +10,6 @@ from jaxcell import bundled
 from jaxcell.base.bundled import bundled_names
 from jaxcell.base.files import name_in_results
 from jaxcell.cli import main
-from jaxcell.cli.maps import picture
 from jaxcell.sweep import Spec
 from jaxcell.sweep.files import find_file
 
@@ -58,21 +57,6 @@ def test_specifications_of_sweeps_name_bundled_data():
     spec = Spec.load(bundled("lab_groups"))
     assert find_file(spec, "@lab_b") == bundled("lab_b")
     assert find_file(spec, "@lab_x") is None
-
-
-def test_a_map_is_drawn():
-    assert [line.rstrip() for line in picture(bundled("lab_a")).splitlines()] == [
-        " ▄▄ ▄▄▄",
-        " ▀▀ ███",
-    ]
-
-
-def test_maps_are_listed(capsys):
-    assert main(["maps"]) == 0
-    said = capsys.readouterr().out
-    assert all(f"@{name}" in said for name in bundled_names())
-    assert "8 x 4 m" in said
-    assert "│  ▄▄ ▄▄▄" in said
 
 
 def test_a_wheel_has_them(tmp_path):

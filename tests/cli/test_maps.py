@@ -27,3 +27,4 @@ def test_all_that_comes_with_it_is_listed(capsys):
     assert main(["maps"]) == 0
     said = capsys.readouterr().out
     assert all(name in said for name in listed)
+    assert "8 x 4 m" in said

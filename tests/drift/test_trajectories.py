@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from hypothesis import given, strategies as st
-from jaxcell.drift.observed.observed.counted import located
 
 from jaxcell import drift, mapping, markov
+from jaxcell.drift.observed.counted import located
 
 
 # Three drifters of 4, 2 and 3 observations, the first of which crosses the date line.

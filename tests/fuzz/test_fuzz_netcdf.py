@@ -241,7 +241,7 @@ readers = pytest.mark.parametrize("reader", FILES)
 
 
 @readers
-@cases(40)
+@cases(50)
 @given(data=st.data())
 def test_files_that_are_wrong(tmp_path, worker, reader, data):
     described = data.draw(st.one_of([changed(make) for make in FILES[reader]]))
@@ -258,7 +258,7 @@ def test_files_that_are_wrong(tmp_path, worker, reader, data):
 
 @readers
 @pytest.mark.parametrize("form", ["NETCDF4", "NETCDF3_CLASSIC"])
-@cases(40)
+@cases(50)
 @given(data=st.data())
 def test_damaged_bytes(tmp_path, worker, reader, form, data):
     corpus = {}
