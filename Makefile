@@ -5,6 +5,9 @@ BIN := .venv/bin
 AS_USERS := tests/cli tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
 UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" $(AS_USERS)
 
+# Packages are installed without bytecode, which Python writes as it needs it.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo robot test test-all fuzz lint bench docs pictures clean
 
 demo: .venv/.runtime
