@@ -70,6 +70,7 @@ def test_the_header_is_c_plus_plus_too(labs, tmp_path):
     assert_agrees(compiled(tmp_path, filter, compiler="c++", standard="c++11"), filter, graph, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("states", [200, 2000, 70_000])
 def test_tables_of_every_width(tmp_path, states):
     rng = np.random.default_rng(0)

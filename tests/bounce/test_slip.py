@@ -214,6 +214,7 @@ def test_the_batch_gives_what_the_host_does(fine, hidden):
         np.testing.assert_allclose(befores, belief.smoothed(run.tolist()), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_particles_find_the_emulated_robot_on_the_host_and_in_a_batch():
     slip, held, batch = space.Slip.of(0.03, give=0.02), [], []
     cloud = Particles(CELLS, TURN, slip, count=2000)

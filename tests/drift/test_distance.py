@@ -63,6 +63,7 @@ def test_what_is_after_long_steps_is_not_said_to_be_after_few_hours(hours, near)
     assert found.near == near
 
 
+@pytest.mark.slow
 def test_it_is_that_from_drifters_released_by_chance():
     currents = drift.open_currents(bundled("ocean/gyres.nc"), depths=0)
     water, flow = drift.Water.of(currents), drift.Flow.of(currents)

@@ -103,6 +103,7 @@ def test_a_bijection_has_as_many_groups_as_published():
     assert np.count_nonzero(groups.group[: box.size] >= 90) == 18347
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.5, 2.0, 6.0])
 def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
     box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
@@ -123,6 +124,7 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     assert found.remarks == ()
 
 
+@pytest.mark.slow
 def test_crossing_times_leave_few_cells_where_they_are():
     box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
     slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), box, {"T": 0.5})
@@ -223,6 +225,7 @@ def test_morse_sets_of_a_product():
     assert (len(sets), edges.nnz) == (25, 119)
 
 
+@pytest.mark.slow
 def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     def lorenz(x, p):
         return jnp.stack(
@@ -236,6 +239,7 @@ def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     assert dynamics.unstable_set(dynamics.flow(lorenz, 0.01, 10), box, start).size == 33_320
 
 
+@pytest.mark.slow
 def test_attractors_that_come_near_to_each_other_are_two():
     # A chaotic one and a cycle, half a cell apart. Attractors.jl: 0.645 of 1,000 starts, 0.18 and
     # 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
@@ -245,6 +249,7 @@ def test_attractors_that_come_near_to_each_other_are_two():
     assert sum("take basins by orbits" in said for said in found.remarks) == 3
 
 
+@pytest.mark.slow
 def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
     # Of starts at rest; on their way orbits leave the thin box around that, and come back.
     system = systems.magnetic
@@ -255,6 +260,7 @@ def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
     np.testing.assert_allclose(found.fraction, [0.337, 0.332, 0.331], atol=0.01)
 
 
+@pytest.mark.slow
 def test_fractions_of_the_pendulum_along_its_torque():
     box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
     torque = np.array([0.11, 0.26, 0.46, 0.66, 0.96])
@@ -325,6 +331,7 @@ def test_boxes_of_many_axes_have_the_product_of_the_groups_of_each(axes):
     np.testing.assert_array_equal(image, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [4, 5])
 def test_wells_of_many_axes_are_as_many_as_corners(axes):
     box = Box([-2] * axes, [2] * axes, [4] * axes)

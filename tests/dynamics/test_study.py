@@ -178,6 +178,7 @@ print((peak - before - sum(array.nbytes for array in kept)) / one.box.size)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
 def test_basins_take_16_bytes_a_cell_beside_the_result():
     # Programs that are not optimized keep what is between their steps.
@@ -218,6 +219,7 @@ def test_bad_questions_are_refused_in_one_line(asked, said):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["duffing", "pendulum", "henon", "magnetic", "lorenz84", "thomas"])
 def test_our_systems_have_attractors(name):
     found = study.Dynamics(system=name, cells=(11,)).run()

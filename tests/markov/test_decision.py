@@ -115,6 +115,7 @@ def test_an_action_that_is_a_little_worse_is_not_as_good():
     np.testing.assert_allclose(found.value, [0.9e13, 0.9], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_more_sweeps_than_are_allowed(monkeypatch):
     model = grid_model(5, 0, True)
     monkeypatch.setattr(decision, "_MAX_SWEEPS", 3)

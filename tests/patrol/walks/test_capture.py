@@ -61,6 +61,7 @@ def test_capture_against_all_walks(stay, times, attack):
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "attack", "optimum"),
     [
@@ -86,6 +87,7 @@ def test_the_grid_from_the_default_start():
     assert maximin_capture(GRID, 4, starts=1).value > 0.15834
 
 
+@pytest.mark.slow
 def test_no_chain_of_another_solver_is_better():
     attack = np.array([5, 6, 5, 7])
     found = maximin_capture(KITE, attack, travel_times=TIMES, starts=4)
@@ -111,6 +113,7 @@ def test_no_chain_of_another_solver_is_better():
             assert found.value >= other.x[-1] * (1 - 1e-4)
 
 
+@pytest.mark.slow
 def test_robots_are_all_where_they_are_worst():
     found = maximin_capture(KITE, 3, robots=2, starts=1)
     each = [by_walks(matrix, delays_of(KITE, 1), np.full(4, 3)) for matrix in found.matrices]

@@ -79,6 +79,7 @@ def test_steps_are_those_of_the_law():
     assert 1 - late[often > 0].max() == pytest.approx(expected.least_capture)
 
 
+@pytest.mark.slow
 def test_no_walk_of_a_fine_grid_of_all_captures_more():
     found = charged_capture(KITE, walk_on(KITE), CHARGER, EVERY, ATTACK)
     tenths = np.arange(0, 1.01, 0.1)
@@ -92,6 +93,7 @@ def test_no_walk_of_a_fine_grid_of_all_captures_more():
     assert found.least_capture == pytest.approx(simulated(found, CHARGER, ATTACK), abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "every", "attack", "optimum"),
     [
@@ -109,6 +111,7 @@ def test_known_optima(graph, every, attack, optimum):
     assert (found.chance[0, -1].argmax(axis=1)[found.chance[0, -1].any(axis=1)] == 0).all()
 
 
+@pytest.mark.slow
 def test_two_robots_capture_no_less_than_when_they_are_led_back():
     star = Graph(np.array(nx.star_graph(3).edges))
     found = charged_capture(star, np.repeat(walk_on(star), 2, axis=0), 0, 2, 2, starts=2)
@@ -136,6 +139,7 @@ def test_capture_with_a_charger_is_sought(monkeypatch, tmp_path):
     assert asked["name"] == "2"
 
 
+@pytest.mark.slow
 def test_a_tour_that_fits_between_charges_captures_all():
     # From one end to the other and back, which walks that are led back never learn.
     line = Graph([[k, k + 1] for k in range(9)])
