@@ -1,20 +1,19 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 import tyro
 
-from .study import Limit, Metres, Say, Seconds, Study, about, numbers, refuse, require, silent
+from .sea_study import Count, SeaStudy
+from .study import Length, Limit, Metres, Say, Seconds, about, numbers, refuse, require, silent
 
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from ..drift import SeaDrift, Water
-    from ..verify import Comparison
 
 
 _DEEP = '"lon,lat,depth" in degrees and metres'
@@ -23,7 +22,7 @@ _Duration: TypeAlias = Annotated[Seconds, Limit("more than 0 seconds", lambda x:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Drift(Study):
+class Drift(SeaStudy):
     """Find where an ocean current carries drifters, where to drop them, and their way to a goal."""
 
     name: ClassVar[str] = "drift"
@@ -79,11 +78,11 @@ class Drift(Study):
     """Seconds in which half of the drifters in a cell at a coast strand, at the surface."""
     resuspension: _Duration | None = None
     """Seconds in which half of those on a beach are afloat again; by default they stay there."""
-    range: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)] | None = None
+    range: Length | None = None
     """How far a drifter that looks at the sea bed sees, in metres."""
     search: _Duration | None = None
     """Seconds to look for the fewest of these views; by default they are chosen greedily."""
-    nearly_closed: Annotated[int, Limit("1 or more", lambda n: n >= 1)] | None = None
+    nearly_closed: Count | None = None
     """How many parts of the water to find in each layer that drifters hardly leave in a day; they
     change less with the duration of a step than persistent groups."""
     discount: Annotated[float, Limit("more than 0 and less than 1", lambda x: 0 < x < 1)] = 0.99
@@ -93,8 +92,6 @@ class Drift(Study):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.file:
-            raise ValueError("file: expected one or more, got none")
         self._place("start")
         self._place("goal")
         # Which is the spread of the method "drifters".
@@ -184,23 +181,14 @@ class Drift(Study):
     def spec(self, result: Any) -> dict[str, Any]:
         rules = {name: self._rules()[name] for name in ("spread", "edge")}
         rules["current"] = "mean" if self._mean else "changing"
-        asked = super().spec(result)
-        chosen = {"file": " ".join(asked["file"]), **rules}
-        return {**asked, **chosen, "depths_m": result.depths, "duration_s": result.step}
-
-    def heading(self, spec: dict[str, Any]) -> str:
-        return str(spec["file"])
+        of_result = {"depths_m": result.depths, "duration_s": result.step}
+        return {**super().spec(result), **rules, **of_result}
 
     def write(self, result: "SeaDrift", out: Path) -> None:
         from .. import record
 
         record.save_deployment(result, out / "deployment.csv")
         record.save_deployment(result, out / "deployment.geojson")
-
-    def verify(self, result: "SeaDrift") -> "Sequence[Comparison]":
-        from ..verify import compare_drift
-
-        return compare_drift(result)
 
     def _rules(self) -> dict[str, Any]:
         """The method with what was chosen of it apart."""

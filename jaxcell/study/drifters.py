@@ -1,18 +1,15 @@
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 
 import tyro
 
-from .study import Days, Degrees, Limit, Say, Study, WholeNumber, require, silent
+from .sea_study import Count, SeaStudy
+from .study import Days, Degrees, Limit, Say, WholeNumber, require, silent
 
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ..base.quantities import Result
     from ..drift import ObservedDrift
-    from ..verify import Comparison
 
 
 _DAY = 86_400.0
@@ -21,11 +18,10 @@ _MAX_MOVES = 10_000
 _Side: TypeAlias = Annotated[
     Degrees, Limit("more than 0 and at most 90 degrees", lambda x: 0 < x <= 90)
 ]
-_Count: TypeAlias = Annotated[int, Limit("1 or more", lambda n: n >= 1)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Drifters(Study):
+class Drifters(SeaStudy):
     """Find where observed drifters end up, and how sure that is, from their trajectories."""
 
     name: ClassVar[str] = "drifters"
@@ -40,11 +36,11 @@ class Drifters(Study):
     bounds: tuple[float, float, float, float] | None = None
     """West, south, east and north of the part to cut into cells, in degrees; drifters may go
     through the date line."""
-    least: _Count = 1
+    least: Count = 1
     """Moves that must be known from a cell; cells of fewer are off the map."""
     after: Days | None = None
     """Days after which it is asked where drifters are; by default in the long run."""
-    nearly_closed: _Count | None = None
+    nearly_closed: Count | None = None
     """How many parts of the water to find that drifters hardly leave."""
     samples: Annotated[int, Limit("2 or more", lambda n: n >= 2)] = 100
     """How often drifters are drawn anew, with replacement, for the errors."""
@@ -53,8 +49,6 @@ class Drifters(Study):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.file:
-            raise ValueError("file: expected one or more, got none")
         longest = _MAX_MOVES * self.lag
         expected = f"more than 0 and at most {longest:g} days, {_MAX_MOVES:,} times the lag"
         require("after", self.after, expected, lambda x: 0 < x <= longest)
@@ -83,15 +77,3 @@ class Drifters(Study):
             seed=self.seed,
             say=say,
         )
-
-    def spec(self, result: "Result") -> dict[str, Any]:
-        asked = super().spec(result)
-        return {**asked, "file": " ".join(asked["file"])}
-
-    def heading(self, spec: dict[str, Any]) -> str:
-        return str(spec["file"])
-
-    def verify(self, result: "ObservedDrift") -> "Sequence[Comparison]":
-        from ..verify import compare_drift
-
-        return compare_drift(result)

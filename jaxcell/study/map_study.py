@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 import tyro
 
 from ..base import memory
-from .study import AtLeastOne, Limit, Metres, Study, about, numbers
+from .study import AtLeastOne, Length, Limit, Metres, Study, about, numbers
 
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class CellStudy(Study):
 
     map: tyro.conf.Positional[Path]
     """Map: our .json, a ROS map_server .yaml, an ASCII grid .txt, or a name such as @lab_a."""
-    cell: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)] | None = None
+    cell: Length | None = None
     """Side of a cell in metres; by default what the map suggests."""
 
     def needed(self, extent: "Extent") -> float | int:
@@ -92,7 +92,7 @@ class MapStudy(CellStudy):
     """Number of directions; by default what the map suggests, or 8."""
     robot_radius: Annotated[Metres, Limit("0 m or more", lambda x: x >= 0)] | None = None
     """Radius of a disc robot in metres; by default what the map says."""
-    step: Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)] | None = None
+    step: Length | None = None
     """Length of a step in metres; by default one cell."""
     collision: Literal["swept", "endpoint"] = "swept"
     """Whether the whole of a step has to be free, or only its end, as in the dissertation."""

@@ -37,6 +37,7 @@ AtLeastOne: TypeAlias = Annotated[int, Limit("at least 1", lambda n: n >= 1)]
 Days: TypeAlias = Annotated[float, Unit("d")]
 Degrees: TypeAlias = Annotated[float, Unit("deg")]
 Metres: TypeAlias = Annotated[float, Unit("m")]
+Length: TypeAlias = Annotated[Metres, Limit("more than 0 m", lambda x: x > 0)]
 Seconds: TypeAlias = Annotated[float, Unit("s")]
 WholeNumber: TypeAlias = Annotated[int, Limit("a whole number from 0", lambda n: n >= 0)]
 
