@@ -110,9 +110,11 @@ def parsed(kind: type, name: str, words: Sequence[str]) -> Any:
 
 def option(kind: type, parameter: str) -> str:
     """What a parameter of a command is called in its usage."""
-    if _is_positional(get_type_hints(kind, include_extras=True)[parameter]):
-        return parameter.upper()
-    return f"--{parameter.replace('_', '-')}"
+    return _option(parameter, get_type_hints(kind, include_extras=True)[parameter])
+
+
+def _option(name: str, hint: Any) -> str:
+    return name.upper() if _is_positional(hint) else f"--{name.replace('_', '-')}"
 
 
 def overview(commands: Mapping[str, type], group: str = "") -> NoReturn:
@@ -269,7 +271,7 @@ def _usage(shown: type, name: str) -> str:
 
 def _named(name: str, hint: Any) -> str:
     """An option or a file as the usage of a command has it."""
-    value = _metavar(name, hint) or _kind(hint)
+    said = _option(name, hint)
     if not _is_positional(hint):
-        return f"--{name.replace('_', '-')} {value}"
-    return f"{value} [{value} ...]" if _is_tuple(hint) else value
+        return f"{said} {_metavar(name, hint) or _kind(hint)}"
+    return f"{said} [{said} ...]" if _is_tuple(hint) else said
