@@ -198,7 +198,7 @@ def test_the_cell_that_would_fit_is_the_smallest_round_one(monkeypatch):
 )
 def test_what_does_not_fit_is_refused_where_it_is_made(monkeypatch, study):
     # Enough for the cells, and for no study of them.
-    monkeypatch.setattr(estimates, "NEGLIGIBLE", 0)
+    monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 20_000)
     with pytest.raises(MemoryError, match=r"needs about .* of memory"):
         study()
@@ -211,6 +211,7 @@ def test_all_plans_in_memory_are_refused_and_a_file_is_not(monkeypatch, tmp_path
     limit = memory.check
 
     def check(needed, *args):
+        monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
         monkeypatch.setattr(memory, "free", lambda: room - 1)
         limit(needed, *args)
 
@@ -225,6 +226,7 @@ def test_states_are_watched_while_they_are_made(monkeypatch):
     # Each string of zeros leaves one cell fewer: all sets together grow with the square.
     image = np.maximum(np.arange(300) - 1, 0)
     bumped = np.arange(300) == 0
+    monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 3000)
     with pytest.raises(MemoryError, match=r"a filter of more than .* states needs"):
         subset_construction(image, bumped)

@@ -14,6 +14,8 @@ _GROUPS = Path("/sys/fs/cgroup")
 _NO_LIMIT = 2**60
 LIBRARIES = 200_000_000
 """The bytes that Python, JAX and other libraries take themselves, once they are loaded."""
+NEGLIGIBLE = 20_000_000
+"""The bytes that are never refused: to ask what is free takes longer than to fill them."""
 LIMIT = "JAXCELL_MEMORY"
 """The environment variable that says how much a process may take, such as `8G`."""
 
@@ -34,7 +36,7 @@ def free() -> int | None:
 def check(needed: float | int, doing: str, instead: str) -> None:
     """Refuse what takes more memory than is free, before it begins.
 
-    What is free is not always known, and then nothing is refused.
+    What is negligible is not, and nothing is where it is not known what is free.
 
     **Arguments:**
 
@@ -44,6 +46,8 @@ def check(needed: float | int, doing: str, instead: str) -> None:
 
     **Raises:** `MemoryError` with both numbers, in one line.
     """
+    if needed <= NEGLIGIBLE:
+        return
     available = free()
     if available is not None and needed > available:
         raise MemoryError(

@@ -4,6 +4,7 @@ import ast
 import contextlib
 import dataclasses
 import difflib
+import functools
 import inspect
 import io
 import itertools
@@ -148,6 +149,8 @@ def _first_sentence(kind: type) -> str:
     return re.split(r"(?<=[a-z)])[.;] ", text)[0].rstrip(".")
 
 
+# To read a source takes as long as all else that is said of a command.
+@functools.cache
 def _shown(kind: type) -> type:
     """A class whose fields are in the order in which help shows them, and as it shows them.
 

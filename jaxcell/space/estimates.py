@@ -26,9 +26,6 @@ IMAGE, ROADMAP, CHOICE, CHAIN, KEPT, SOLVE = 30, 40, 250, 34, 30, 560
 # Bytes of compiling what finds groups on a section, what drives a team, and what patrols a map.
 SECTION, TEAM, PATROL = 80_000_000, 150_000_000, 350_000_000
 
-# Bytes that are not refused: to ask what is free takes longer than to fill them.
-NEGLIGIBLE = 20_000_000
-
 # Tables of which wall follows which grow with the square of the number of ways.
 MAX_WALL_WAYS = 32
 
@@ -182,7 +179,7 @@ def check(
     fit.
     """
     needed = need(extent)
-    if needed > NEGLIGIBLE:
+    if needed > memory.NEGLIGIBLE:
         available = memory.free()
         if available is not None and needed > available:
             memory.check(needed, doing, also + _instead(extent, need, available, step))

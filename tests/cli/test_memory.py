@@ -73,7 +73,7 @@ def test_numbers_may_fit_where_files_do_not(capsys, monkeypatch, tmp_path):
 
 
 def test_what_would_fit_does(capsys, monkeypatch):
-    monkeypatch.setattr(estimates, "NEGLIGIBLE", 0)
+    monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 100_000)
     assert main(["groups", str(LAB), "--bounce", "45", "--cell", "0.1"]) == 2
     cell = capsys.readouterr().err.split(" a cell of ")[1].split()[0]
@@ -81,6 +81,7 @@ def test_what_would_fit_does(capsys, monkeypatch):
 
 
 def test_a_sea_and_a_graph_that_do_not_fit_are_refused(capsys, monkeypatch):
+    monkeypatch.setattr(memory, "NEGLIGIBLE", 0)
     monkeypatch.setattr(memory, "free", lambda: 300_000)
     assert main(["drift", str(bundled("ocean/gyres.nc")), "--depths", "0"]) == 2
     assert "cells of water needs about" in capsys.readouterr().err
