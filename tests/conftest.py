@@ -1,4 +1,5 @@
 import functools
+import gc
 import os
 from pathlib import Path
 
@@ -8,6 +9,9 @@ import pytest
 
 from jaxcell.base.runtime import compile_quickly
 
+
+# JAX makes so many objects that looking for garbage as often as usual takes 8 % of the time.
+gc.set_threshold(10_000, 10, 10)
 
 # `make test` draws a few cases of each property, `make test-all` five times as many.
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=20)

@@ -8,7 +8,7 @@ import xarray as xr
 from jaxcell import bundled
 from jaxcell.base import memory
 from jaxcell.cli import main
-from jaxcell.space import CellSpace, estimates
+from jaxcell.space import CellSpace
 
 
 LAB = bundled("maps/lab_a.json")
