@@ -13,8 +13,9 @@ from jaxcell.base.runtime import compile_quickly
 # JAX makes so many objects that looking for garbage as often as usual takes 8 % of the time.
 gc.set_threshold(10_000, 10, 10)
 
-# `make test` draws a few cases of each property, `make test-all` five times as many.
-hypothesis.settings.register_profile("quick", deadline=None, max_examples=20)
+# `make test` draws a few cases of each property, the same each time; `make test-all` five times as
+# many, anew each time.
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=20, derandomize=True)
 hypothesis.settings.register_profile("whole", deadline=None, max_examples=100)
 hypothesis.settings.load_profile("quick")
 
