@@ -15,7 +15,9 @@ _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_nort
 def written(value: Any, about: Quantity, cells: Any = None) -> str:
     """A value as people read it, with its unit; a place in some cells with its pose."""
     if isinstance(value, np.ndarray | list | tuple):
-        every = [written(one, about, cells) for one in np.asarray(value).tolist()]
+        # Rows of indices that are shorter than others are filled up with -1.
+        row = [one for one in np.asarray(value).tolist() if about.kind != "index" or one != -1]
+        every = [written(one, about, cells) for one in row]
         lengths = np.cumsum([len(one) + 2 for one in every])
         shown = max(1, int(np.searchsorted(lengths, _MAX_TEXT, side="right")))
         rest = [f"and {len(every) - shown:,} more"] if shown < len(every) else []

@@ -76,16 +76,18 @@ def _tables(result: Result, of: str, cells: "CellSpace | None") -> None:
             key: one for key, one in described.items() if one[0].listed and one[0].dims == (dim,)
         }
         several = found | listed
+        length = max((len(np.asarray(value)) for _, value in several.values()), default=0)
+        # There is no space for many that are long, where they do not stand below each other.
+        short = _MAX_LONG < len(several) <= length
         shown = {
-            # There is no space for many that are long.
-            name.replace("_", " ") if len(several) > _MAX_LONG else about.meaning: [
+            name.replace("_", " ") if short else about.meaning: [
                 written(one, about, cells) for one in np.asarray(value).tolist()
             ]
             for name, (about, value) in several.items()
         }
         if shown and dim not in described:
             count = len(next(iter(shown.values())))
-            shown = {dim: [str(i) for i in range(count)], **shown}
+            shown = {dim.replace("_", " "): [str(i) for i in range(count)], **shown}
         rows = list(zip(*shown.values(), strict=True))
         if len(rows) > _MAX_ROWS:
             rest = f"and {len(rows) - _MAX_ROWS:,} more"

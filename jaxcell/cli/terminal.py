@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 from rich.console import Console
 from rich.table import Table
@@ -133,17 +133,38 @@ def noting_warnings() -> Iterator[list[str]]:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table; columns of numbers are aligned to the right."""
+    """Print a table; columns of numbers are aligned to the right.
+
+    Few rows of more columns than there is space for stand side by side.
+    """
+    console = Console()
     body = [[f"{cell:,}" if isinstance(cell, int) else str(cell) for cell in row] for row in rows]
+    if not _fits(console, [columns, *body]) and len(body) < len(columns):
+        columns, *body = map(list, zip(columns, *body, strict=True))
+    whole = _fits(console, [columns, *body])
     grid = Table(title=title, title_justify="left", title_style="bold")
-    for i, column in enumerate(columns):
-        numeric = all(row[i].replace(",", "").replace(".", "").isdigit() for row in body)
-        # Numbers that are cut are others.
-        justify: Literal["right", "left"] = "right" if body and numeric else "left"
-        grid.add_column(column, justify=justify, overflow="fold")
+    for head, *cells in zip(columns, *body, strict=True):
+        numeric = all(cell.replace(",", "").replace(".", "").isdigit() for cell in cells)
+        grid.add_column(
+            head,
+            justify="right" if cells and numeric else "left",
+            # Numbers that are cut are others.
+            overflow="fold",
+            min_width=_longest_word([head, *cells]) if whole else None,
+        )
     for row in body:
         grid.add_row(*row)
-    Console().print(grid)
+    console.print(grid)
+
+
+def _fits(console: Console, rows: Sequence[Sequence[str]]) -> bool:
+    """Whether no word of a table has to be folded."""
+    # Beside each column are a space on both sides and a line.
+    return sum(_longest_word(cells) + 3 for cells in zip(*rows, strict=True)) < console.width
+
+
+def _longest_word(cells: Iterable[str]) -> int:
+    return max((len(word) for cell in cells for word in cell.split()), default=0)
 
 
 @contextlib.contextmanager

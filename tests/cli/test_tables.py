@@ -3,10 +3,12 @@
 import dataclasses
 from typing import Annotated, ClassVar
 
+import numpy as np
 import pytest
 
 from jaxcell.base.quantities import Result, quantity
 from jaxcell.cli.tables import show
+from jaxcell.cli.terminal import table
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,3 +45,30 @@ def test_the_numbers_of_one_layer_stand_among_those_of_all(capsys):
     assert out.count("cells of water") == 1
     assert "depth of the middle of the layer" in out
     assert "Layers" not in out
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Robots(Result):
+    tables: ClassVar[dict[str, str]] = {"robot": "robots"}
+    cells: Annotated[np.ndarray, quantity("robot", "cells that it visits every now and then")]
+    tour: Annotated[np.ndarray, quantity("robot stop", "its tour", kind="index", listed=True)]
+
+
+@pytest.mark.parametrize(("robots", "aside"), [(2, True), (9, False)])
+def test_few_rows_of_more_columns_than_there_is_space_for_are_side_by_side(
+    capsys, monkeypatch, robots, aside
+):
+    monkeypatch.setenv("COLUMNS", "40")
+    tour = np.where(np.arange(3) < 2, 1_234_567_890, -1) * np.ones((robots, 1), int)
+    show(Robots(np.full(robots, 12_345_678_901), tour), "a patrol")
+    rows = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert any(row.startswith("│ its tour") for row in rows) == aside
+    assert not any("-1" in row for row in rows)
+
+
+def test_words_are_whole_where_they_fit(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    table("", ["transmogrification", "a few short words", "b"], [["1", "2", "3"]])
+    said = capsys.readouterr().out
+    assert "transmogrification" in said
+    assert max(map(len, said.splitlines())) <= 40
