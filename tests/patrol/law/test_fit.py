@@ -37,7 +37,6 @@ def likelihood(law, samples, censored):
     return float(np.log(law.cdf(samples + 0.5) - law.cdf(samples - 0.5)).sum())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [
@@ -81,7 +80,6 @@ def test_recovers_laws_of_whole_numbers(law):
     assert np.abs(np.asarray(fit.law.cdf(t + 0.5)) - law.cdf(t)).max() < NEAR
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
@@ -96,7 +94,6 @@ def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
     assert fit.log_likelihood > likelihood(law, samples, censored) - 0.01
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_by_nelder_and_mead(censored):
     samples = scipy.stats.lognorm(0.7, scale=20).rvs(200, random_state=0)
@@ -168,7 +165,6 @@ def test_moved_scaled_and_turned_samples():
     )
 
 
-@pytest.mark.slow
 def test_few_samples_and_great_atoms():
     assert fit_gld(np.random.default_rng(0).normal(size=8)).distance < 0.5
     assert fit_gld([1, 2, 3, 4, 5, 5, 5, 5]).censored
