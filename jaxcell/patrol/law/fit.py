@@ -5,14 +5,13 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import expit
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
 from ...base.quantities import Result, derived, quantity
 from ...optimize.checked import finite
 from .distribution import Gld
-from .likelihood import Likelihood, law_through, log_odds
+from .likelihood import Likelihood, distribution_function, law_through, log_odds
 
 
 _MIN_SAMPLES = 8
@@ -51,6 +50,10 @@ class GldFit(Result):
     censored: bool
     "Whether samples stand for intervals of length 1."
     certificate: Certificate
+
+    def cdf(self, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
+        """The distribution function of the law, on the host."""
+        return distribution_function(self.law, x)
 
     @derived("", "l1, the place of the law")
     def l1(self) -> float:
@@ -129,7 +132,7 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     certificate.check("fit_gld", throw)
     law = law_through(best.numbers, best.point)
     law = dataclasses.replace(law, l1=float(law.l1 + origin))
-    distance = _distance(best, value - origin, count, censored)
+    distance = _distance(law, value, count, censored)
     return GldFit(law, -best.loss * given.size, distance, censored, certificate)
 
 
@@ -284,19 +287,13 @@ def _maximise(
 
 
 def _distance(
-    best: _Maximum,
-    value: Float[np.ndarray, "values"],
-    count: Int[np.ndarray, "values"],
-    censored: bool,
+    law: Gld, value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
 ) -> float:
     """The largest difference of distribution functions, which is beside one of the values."""
     half = 0.5 if censored else 0.0
     upto = np.cumsum(count)
-    below, above = (
-        expit(log_odds(best.numbers, best.point, end)) for end in (value - half, value + half)
-    )
-    below -= (upto - count) / upto[-1]
-    above -= upto / upto[-1]
+    below = distribution_function(law, value - half) - (upto - count) / upto[-1]
+    above = distribution_function(law, value + half) - upto / upto[-1]
     return float(np.abs([below, above]).max())
 
 

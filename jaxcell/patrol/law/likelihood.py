@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.special import expit
 
 from .distribution import FAR, NODES, ROUNDING, Gld
 
@@ -34,6 +35,11 @@ def law_through(numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"]) 
     low, high = _quantile(numbers[:2], _shapes(numbers))[0]
     l2 = (high - low) / (point[1] - point[0])
     return Gld(*(float(x) for x in (point[0] - low / l2, l2, *numbers[2:])))
+
+
+def distribution_function(law: Gld, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
+    """The distribution function of a law, for which nothing is compiled."""
+    return expit(_solve((x - law.l1) * law.l2, np.array([[law.l3], [law.l4]])))
 
 
 def log_odds(

@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 
 from jaxcell.patrol.law.distribution import Gld
-from jaxcell.patrol.law.likelihood import Likelihood, law_through, log_odds
+from jaxcell.patrol.law.likelihood import (
+    Likelihood,
+    distribution_function,
+    law_through,
+    log_odds,
+)
 
 
 POINT = np.array([3.0, 9.0])
@@ -26,6 +31,8 @@ def test_log_odds_invert_the_quantile_function(numbers):
     np.testing.assert_allclose(law.quantile(1 / (1 + np.exp(-numbers[:2]))), POINT, rtol=1e-12)
     found = log_odds(numbers, POINT, np.asarray(law.quantile(U)))
     np.testing.assert_allclose(found, logit(U), rtol=1e-9, atol=1e-12)
+    x = np.append(np.linspace(-50, 60, 98), [-math.inf, math.inf])
+    np.testing.assert_allclose(distribution_function(law, x), law.cdf(x), rtol=1e-9, atol=1e-290)
     for end, limit in zip(law.support, (-690, 690), strict=True):
         if np.isfinite(end):
             (beyond,) = log_odds(
