@@ -12,14 +12,14 @@ from jaxtyping import Array, Bool, Float
 from ...base.precision import require_x64
 
 
-# exp(-_FAR) is near the smallest normal number. Probabilities below it are taken to be 0.
-_FAR = 690.0
+# exp(-FAR) is near the smallest normal number. Probabilities below it are taken to be 0.
+FAR = 690.0
 # Log-odds at which the quantile function is tabled: 0.16 apart in the middle, 32 at the ends.
-_NODES = _FAR * np.sinh(np.linspace(-6, 6, 257)) / math.sinh(6)
+NODES = FAR * np.sinh(np.linspace(-6, 6, 257)) / math.sinh(6)
 _MAX_STEPS = 100
 # Of the log-odds. A step so small is the last, for the error left goes with its square.
 _STEP = 1e-12
-_ROUNDING = 4e-16
+ROUNDING = 4e-16
 # Below this, expm1(t) / t is summed as a series: its derivative, as written, would cancel.
 _SMALL = 0.25
 _SERIES = [1 / math.factorial(k + 1) for k in range(12)]
@@ -84,7 +84,7 @@ class Gld:
         inside = (u > 0) & (u < 1)
         middle = jnp.where(inside, jnp.maximum(u, np.finfo(np.float64).tiny), 0.5)
         log_odds = jnp.log(middle) - jnp.log1p(-middle)
-        x = self.l1 + standard_quantile(log_odds, self.l3, self.l4) / self.l2
+        x = self.l1 + _standard_quantile(log_odds, self.l3, self.l4) / self.l2
         x = jnp.where(u == 0, self.l1 - _end(self.l3) / self.l2, x)
         x = jnp.where(u == 1, self.l1 + _end(self.l4) / self.l2, x)
         return jnp.where((u >= 0) & (u <= 1), x, jnp.nan)
@@ -94,7 +94,7 @@ class Gld:
         """The logarithm of `cdf(x) / (1 - cdf(x))`; infinite outside of the support."""
         x = _numbers(x, "Gld.log_odds")
         y, _ = self._invert(x)
-        return jnp.where(y >= _FAR, jnp.inf, jnp.where(y <= -_FAR, -jnp.inf, y))
+        return jnp.where(y >= FAR, jnp.inf, jnp.where(y <= -FAR, -jnp.inf, y))
 
     @jax.jit
     def cdf(self, x: jax.typing.ArrayLike) -> Float[Array, "*shape"]:
@@ -138,22 +138,16 @@ class Gld:
     def _invert(
         self, x: Float[Array, "*shape"]
     ) -> tuple[Float[Array, "*shape"], Bool[Array, "*shape"]]:
-        """The log-odds, at most `_FAR` either way, and where they are within that."""
+        """The log-odds, at most `FAR` either way, and where they are within that."""
         z = jnp.asarray((x - self.l1) * self.l2)
         y = _solve(z, jnp.asarray(self.l3, z.dtype), jnp.asarray(self.l4, z.dtype))
-        return y, jnp.abs(y) < _FAR
+        return y, jnp.abs(y) < FAR
 
 
-def standard_quantile(
+def _standard_quantile(
     log_odds: Float[Array, "*shape"], l3: _Parameter, l4: _Parameter
 ) -> Float[Array, "*shape"]:
-    """The quantile function of the law with location 0 and scale 1.
-
-    **Arguments:**
-
-    - `log_odds`: `log(u / (1 - u))` of the probabilities.
-    - `l3`, `l4`: the shapes.
-    """
+    """The quantile function of the law with location 0 and scale 1, in the log-odds."""
     log_u, log_v = _logs(log_odds)
     return _power(log_u, l3) - _power(log_v, l4)
 
@@ -203,8 +197,8 @@ def _solve(
     A table of that function brackets each solution. Newton's steps that would leave the bracket
     are replaced by its middle. What is beyond the table is given its end.
     """
-    nodes = jnp.asarray(_NODES)
-    table = standard_quantile(nodes, l3, l4)
+    nodes = jnp.asarray(NODES)
+    table = _standard_quantile(nodes, l3, l4)
     inside = (z > table[0]) & (z < table[-1])
     # The others would find no solution and keep the loop going; all have one for 0.
     aim = jnp.where(inside, z, 0.0)
@@ -224,7 +218,7 @@ def _solve(
         change = -excess * jnp.exp(-_log_slope(log_u, log_v, l3, l4))
         last = jnp.abs(change) <= _STEP * jnp.maximum(1.0, jnp.abs(y))
         # Where the function is flat, its rounding makes steps that are not small and never end.
-        settled = jnp.abs(excess) <= _ROUNDING * (jnp.abs(from_low) + jnp.abs(from_high))
+        settled = jnp.abs(excess) <= ROUNDING * (jnp.abs(from_low) + jnp.abs(from_high))
         moved = y + change
         safe = jnp.where((moved >= low) & (moved <= high), moved, (low + high) / 2)
         y = jnp.where(last, moved, jnp.where(settled, y, safe))
@@ -232,7 +226,7 @@ def _solve(
 
     first = (jnp.int32(0), (low + high) / 2, low, high, jnp.ones(z.shape, bool))
     _, y, _, _, _ = jax.lax.while_loop(unfinished, newton, first)
-    y = jnp.where(inside, y, jnp.where(z > 0, _FAR, -_FAR))
+    y = jnp.where(inside, y, jnp.where(z > 0, FAR, -FAR))
     return jnp.where(jnp.isnan(z), jnp.nan, y)
 
 
@@ -240,10 +234,10 @@ def _solve(
 def _solve_jvp(primals, tangents):  # type: ignore[no-untyped-def]
     z, l3, l4 = primals
     y = _solve(z, l3, l4)
-    inside = jnp.abs(y) < _FAR
+    inside = jnp.abs(y) < FAR
     # Beyond the table derivatives overflow, and 0 times infinity is not 0.
     middle = jnp.where(inside, y, 0.0)
-    quantile = functools.partial(standard_quantile, middle)
+    quantile = functools.partial(_standard_quantile, middle)
     _, by_shape = jax.jvp(quantile, (l3, l4), tangents[1:])
     per_z = jnp.where(inside, jnp.exp(-_log_slope(*_logs(middle), l3, l4)), 0.0)
     return y, (tangents[0] - by_shape) * per_z

@@ -3,16 +3,15 @@ import itertools
 import math
 from typing import Annotated, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...base.certificate import Certificate
 from ...base.precision import require_x64
 from ...base.quantities import Result, derived, quantity
 from ...optimize.checked import finite
-from .distribution import Gld, standard_quantile
+from .distribution import Gld
+from .likelihood import Likelihood, distribution_function, law_through, log_odds
 
 
 _MIN_SAMPLES = 8
@@ -51,6 +50,10 @@ class GldFit(Result):
     censored: bool
     "Whether samples stand for intervals of length 1."
     certificate: Certificate
+
+    def cdf(self, x: Float[np.ndarray, "values"]) -> Float[np.ndarray, "values"]:
+        """The distribution function of the law, on the host."""
+        return distribution_function(self.law, x)
 
     @derived("", "l1, the place of the law")
     def l1(self) -> float:
@@ -127,47 +130,18 @@ def fit_gld(samples: Any, *, censored: bool | None = None, throw: bool = True) -
     best = min(maxima, key=lambda maximum: maximum.loss)
     certificate = Certificate(sum(maximum.steps for maximum in maxima), best.gain, _TOLERANCE)
     certificate.check("fit_gld", throw)
-    l1, l2, l3, l4 = (float(x) for x in jax.tree.leaves(best.law()))
-    law = Gld(float(l1 + origin), l2, l3, l4)
+    law = law_through(best.numbers, best.point)
+    law = dataclasses.replace(law, l1=float(law.l1 + origin))
     distance = _distance(law, value, count, censored)
     return GldFit(law, -best.loss * given.size, distance, censored, certificate)
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Data:
-    """Distinct values, filled up with some of weight 0 so that few sizes are compiled."""
-
-    lower: Float[Array, "values"]
-    upper: Float[Array, "values"]
-    weight: Float[Array, "values"]
-    "The share of the samples."
-    censored: bool = dataclasses.field(metadata={"static": True})
-
-    @staticmethod
-    def of(
-        value: Float[np.ndarray, "values"], count: Int[np.ndarray, "values"], censored: bool
-    ) -> "_Data":
-        half = 0.5 if censored else 0.0
-        # Multiples of 512 up to 8192, and then eight sizes for every doubling.
-        pad = (0, -value.size % 2 ** max(9, value.size.bit_length() - 4))
-        padded = jnp.asarray(np.pad(value, pad, mode="edge"))
-        weight = jnp.asarray(np.pad(count / count.sum(), pad))
-        return _Data(padded - half, padded + half, weight, censored)
-
-    def loss(self, law: Gld) -> Float[Array, ""]:
-        """The negative mean log-likelihood."""
-        if self.censored:
-            return -jnp.sum(self.weight * law.log_probability(self.lower, self.upper))
-        return -jnp.sum(self.weight * law.log_pdf(self.lower))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Problem:
     """Samples, and the points whose log-odds determine their laws."""
 
-    data: _Data
-    few: _Data
+    data: Likelihood
+    few: Likelihood
     "Some hundreds of the values, which are enough to rank laws."
     inner: Float[np.ndarray, "2"]
     "Points near the quartiles."
@@ -197,8 +171,8 @@ class _Problem:
         beyond = np.array([-0.5, 0.5]) * censored
         some = np.unique(np.linspace(0, value.size - 1, _RANKED).astype(int))
         return _Problem(
-            _Data.of(value, count, censored),
-            _Data.of(value[some], count[some], censored),
+            Likelihood.of(value, count, censored),
+            Likelihood.of(value[some], count[some], censored),
             at[[first, second]],
             np.log(share) - np.log1p(-share),
             value[[0, -1]] + beyond,
@@ -207,56 +181,25 @@ class _Problem:
         )
 
 
-def _through(numbers: Float[Array, "4"], point: Float[Array, "2"]) -> Gld:
-    """The law with given log-odds of the distribution function at two points, and two shapes."""
-    l3, l4 = numbers[2:]
-    low, high = standard_quantile(numbers[:2], l3, l4)
-    l2 = (high - low) / (point[1] - point[0])
-    return Gld(point[0] - low / l2, l2, l3, l4)
-
-
-@jax.jit
-def _at(
-    numbers: Float[Array, "4"], point: Float[Array, "2"], other: Float[Array, "2"]
-) -> Float[Array, "2"]:
-    """The log-odds of a law at other points."""
-    return _through(numbers, point).log_odds(other)
-
-
 def _starts(problem: _Problem) -> list[tuple[Float[np.ndarray, "4"], Float[np.ndarray, "2"]]]:
-    """The best laws of the grid, of which no two are of the same kind."""
+    """The best laws of a grid, of which no two are of the same kind.
+
+    They have the quartiles of the samples, but are widened to reach them all where bounded.
+    """
     farthest = math.log(2 * problem.size)
-    numbers, point, loss = jax.device_get(
-        _grid(problem.few, problem.inner, problem.log_odds, problem.outer, farthest)
-    )
-    kind = np.searchsorted(_KINDS, numbers[:, 2:])
+    shapes = np.array(list(itertools.product(_SHAPES, repeat=2)))
+    numbers = np.concatenate([np.tile(problem.log_odds, (len(shapes), 1)), shapes], axis=1)
+    bounded = shapes > 0
+    point = np.where(bounded, problem.outer, problem.inner)
+    reaching = np.clip(log_odds(numbers, problem.inner, problem.outer), -farthest, farthest)
+    numbers[:, :2] = np.where(bounded, reaching, problem.log_odds)
+    loss = problem.few.loss(numbers, point)
+    kind = np.searchsorted(_KINDS, shapes)
     chosen: dict[tuple[int, ...], int] = {}
     possible = np.flatnonzero(np.isfinite(loss))
     for index in possible[np.argsort(loss[possible])]:
         chosen.setdefault(tuple(kind[index]), index)
     return [(numbers[index], point[index]) for index in list(chosen.values())[:_POLISHED]]
-
-
-@jax.jit
-def _grid(
-    data: _Data,
-    inner: Float[Array, "2"],
-    log_odds: Float[Array, "2"],
-    outer: Float[Array, "2"],
-    farthest: float | Float[Array, ""],
-) -> tuple[Float[Array, "starts 4"], Float[Array, "starts 2"], Float[Array, "starts"]]:
-    """Laws with the quartiles of the samples, but widened to reach them all where bounded."""
-
-    def start(shapes):  # type: ignore[no-untyped-def]
-        law = _through(jnp.concatenate([log_odds, shapes]), inner)
-        bounded = shapes > 0
-        point = jnp.where(bounded, outer, inner)
-        reaching = jnp.clip(law.log_odds(outer), -farthest, farthest)
-        numbers = jnp.concatenate([jnp.where(bounded, reaching, log_odds), shapes])
-        return numbers, point, data.loss(_through(numbers, point))
-
-    shapes = jnp.asarray(list(itertools.product(_SHAPES, repeat=2)))
-    return jax.lax.map(start, shapes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -269,9 +212,6 @@ class _Maximum:
     edge: Bool[np.ndarray, "2"]
     "Whether the support ends at the point."
     steps: int
-
-    def law(self) -> Gld:
-        return _through(jnp.asarray(self.numbers), jnp.asarray(self.point))
 
 
 def _maximum(
@@ -288,9 +228,10 @@ def _maximum(
     if not narrowed.any():
         return wide
     point = np.where(narrowed, problem.narrow, wide.point)
-    log_odds = np.where(narrowed, _at(wide.numbers, wide.point, point), wide.numbers[:2])
+    there = log_odds(wide.numbers, wide.point, point)
+    there = np.where(narrowed, there, wide.numbers[:2])
+    numbers = np.concatenate([there, wide.numbers[2:]])
     outer = np.where(narrowed, problem.narrow, problem.outer)
-    numbers = np.concatenate([log_odds, wide.numbers[2:]])
     narrow = _maximise(dataclasses.replace(problem, outer=outer), numbers, point)
     best = narrow if narrow.loss < wide.loss and narrow.gain <= _TOLERANCE else wide
     return dataclasses.replace(best, steps=wide.steps + narrow.steps)
@@ -313,7 +254,7 @@ def _maximise(
     """
     farthest = math.log(problem.size) + _BEYOND
     bound = np.array([farthest, farthest, _MAX_SHAPE, _MAX_SHAPE])
-    loss, slope, hessian = _expansion(numbers, point, problem.data)
+    loss, slope, hessian = problem.data.expansion(numbers, point)
     steps = 0
     while True:
         free = np.flatnonzero((np.abs(numbers) < bound) | (slope * numbers > 0))
@@ -328,8 +269,7 @@ def _maximise(
         change *= min(1.0, _MAX_CHANGE / np.abs(change).max())
         for _ in range(_MAX_HALVINGS):
             moved = np.clip(numbers + change, -bound, bound)
-            found = _expansion(moved, point, problem.data)
-            # A law that gives a sample no chance has an infinite loss, or none.
+            found = problem.data.expansion(moved, point, loss)
             if found[0] < loss and np.isfinite(found[1]).all() and np.isfinite(found[2]).all():
                 break
             change /= 2
@@ -339,31 +279,11 @@ def _maximise(
         steps += 1
         suited = np.where(numbers[2:] > 0, problem.outer, problem.inner)
         if (suited != point).any():
-            log_odds = np.clip(_at(numbers, point, suited), -farthest, farthest)
-            numbers, point = np.concatenate([log_odds, numbers[2:]]), suited
-            loss, slope, hessian = _expansion(numbers, point, problem.data)
+            there = np.clip(log_odds(numbers, point, suited), -farthest, farthest)
+            numbers, point = np.concatenate([there, numbers[2:]]), suited
+            loss, slope, hessian = problem.data.expansion(numbers, point)
     edge = np.abs(numbers[:2]) == farthest
     return _Maximum(numbers, point, loss, gain, edge, steps)
-
-
-def _expansion(
-    numbers: Float[np.ndarray, "4"], point: Float[np.ndarray, "2"], data: _Data
-) -> tuple[float, Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
-    """The loss, its derivatives, and its second ones."""
-    loss, slope, hessian = jax.device_get(_derivatives(numbers, point, data))
-    return float(loss), slope, hessian
-
-
-@jax.jit
-def _derivatives(
-    numbers: Float[Array, "4"], point: Float[Array, "2"], data: _Data
-) -> tuple[Float[Array, ""], Float[Array, "4"], Float[Array, "4 4"]]:
-    def slope(numbers):  # type: ignore[no-untyped-def]
-        loss, slope = jax.value_and_grad(lambda n: data.loss(_through(n, point)))(numbers)
-        return slope, (loss, slope)
-
-    hessian, (loss, first) = jax.jacfwd(slope, has_aux=True)(numbers)
-    return loss, first, hessian
 
 
 def _distance(
@@ -372,8 +292,8 @@ def _distance(
     """The largest difference of distribution functions, which is beside one of the values."""
     half = 0.5 if censored else 0.0
     upto = np.cumsum(count)
-    below = np.asarray(law.cdf(value - half)) - (upto - count) / upto[-1]
-    above = np.asarray(law.cdf(value + half)) - upto / upto[-1]
+    below = distribution_function(law, value - half) - (upto - count) / upto[-1]
+    above = distribution_function(law, value + half) - upto / upto[-1]
     return float(np.abs([below, above]).max())
 
 

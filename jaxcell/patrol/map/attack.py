@@ -1,4 +1,3 @@
-import functools
 from collections.abc import Sequence
 
 import jax
@@ -151,22 +150,29 @@ def capture_probabilities(
     check_policies(graph, visible, policies)
     cells = graph.vertices
     chunk = min(_TARGETS, cells)
+    # Robots that move alike share their chain.
+    chains = {id(policy.chain): policy.chain for policy in policies}
     caught = np.empty((times.size, cells))
     for first in range(0, cells, chunk):
         # The last chunk is full too, so that all have one shape.
         some = np.arange(min(first, cells - chunk), min(first, cells - chunk) + chunk)
+        view = visible[some].T
+        begins = shares(graph, policies, visible[some], start)
         survive = np.ones((times.size, chunk))
-        for policy, share in zip(
-            policies, shares(graph, policies, visible[some], start), strict=True
-        ):
-            alone = _survival(
-                policy.chain,
-                jnp.asarray(visible[some].T),
-                jnp.asarray(share.T),
-                int(times.max()),
-                start == "worst",
-            )
-            survive *= np.asarray(alone)[times]
+        late, before = dict.fromkeys(chains, np.where(view, 0.0, 1.0)), 0
+        for time in np.unique(times):
+            late = {
+                key: np.asarray(_later(chain, view, late[key], time - before))
+                for key, chain in chains.items()
+            }
+            before = time
+            for policy, share in zip(policies, begins, strict=True):
+                each = late[id(policy.chain)]
+                if start == "worst":
+                    alone = np.where(share.T > 0, each, 0.0).max(axis=0)
+                else:
+                    alone = (share.T * each).sum(axis=0)
+                survive[times == time] *= alone
         caught[:, some] = np.maximum(0.0, 1 - survive)
     return caught
 
@@ -231,22 +237,21 @@ def check_attack_times(attack_times: npt.ArrayLike) -> Int[np.ndarray, "times"]:
     return given.astype(np.int32)
 
 
-@functools.partial(jax.jit, static_argnames=("steps", "worst"))
-def _survival(
+@jax.jit
+def _later(
     chain: Chain,
     view: Bool[Array, "cells targets"],
-    share: Float[Array, "cells targets"],
-    steps: int,
-    worst: bool,
-) -> Float[Array, "{steps}+1 targets"]:
-    """The probability by each time that a robot has not been in view of each of several targets."""
+    late: Float[Array, "cells targets"],
+    steps: int | Int[Array, ""],
+) -> Float[Array, "cells targets"]:
+    """The probability that a robot from each cell is not in view of each of several targets.
+
+    **Arguments:**
+
+    - `late`: that up to some time.
+    - `steps`: how much later.
+    """
     stay = jnp.where(view, 0.0, 1.0)
     leaving = chain.leaving[:, None]
     pull = jax.vmap(chain.pull, in_axes=1, out_axes=1)
-
-    def step(value, _):  # type: ignore[no-untyped-def]
-        if worst:
-            return stay * (pull(value) + leaving), jnp.max(jnp.where(share > 0, value, 0), axis=0)
-        return stay * (pull(value) + leaving), jnp.sum(share * value, axis=0)
-
-    return jax.lax.scan(step, stay, length=steps + 1)[1]
+    return jax.lax.fori_loop(0, steps, lambda _, value: stay * (pull(value) + leaving), late)

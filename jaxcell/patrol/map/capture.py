@@ -2,7 +2,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -260,7 +260,7 @@ class _Problem:
     ) -> Float[np.ndarray, "robots branches cells"]:
         """Logits of the same walks under a lower floor."""
         floor = max(floor, _LEAST)
-        chance = np.asarray(self.steps.chances(jnp.asarray(logits), above), np.float64)
+        chance = np.asarray(self.steps.chances(jax.device_put(logits), above), np.float64)
         rest = (chance - floor * np.asarray(self.steps.even)) / (1 - floor)
         return np.log(np.maximum(rest, 1e-12))
 
@@ -297,13 +297,14 @@ class _Problem:
     ) -> tuple[Policy, ...]:
         """The policy of each robot, with 64 bits."""
         cells = np.arange(self.graph.vertices, dtype=np.int32)
-        drawn = np.asarray(self.steps.chances(jnp.asarray(logits, jnp.float64), floor))
+        exact = jax.device_put(np.asarray(logits, np.float64))
+        drawn = np.asarray(self.steps.chances(exact, floor))
         policies = []
         for robot, chance in enumerate(drawn):
             chain = Chain(self.steps.image, chance / chance.sum(axis=0))
             weights = edge_shares(self.graph, chain)
             cover = greedy_cover(self.visible, robot)
-            times = np.asarray(dense.hitting(jnp.asarray(chain.to_scipy().toarray())))
+            times = np.asarray(dense.hitting(chain.to_scipy().toarray()))
             with np.errstate(invalid="ignore"):
                 commute = 2 * float(times.mean()) * cells.size / (cells.size - 1)
             policies.append(

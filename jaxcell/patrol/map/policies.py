@@ -93,7 +93,12 @@ def distributed_policies(
     cells = np.arange(graph.vertices, dtype=np.int32)
     # Without an emphasis the walk does not depend on the cover.
     walk = minimum_commute(graph) if share == 0 else None
-    return tuple(_policy(graph, cells, visible, share, choice=i, walk=walk) for i in range(robots))
+    policies = [_policy(graph, cells, visible, share, choice=i, walk=walk) for i in range(robots)]
+    if walk is not None:
+        # What is asked of a chain is computed once for all robots that share it.
+        chain = policies[0].chain
+        policies = [dataclasses.replace(policy, chain=chain) for policy in policies]
+    return tuple(policies)
 
 
 def centralized_policies(

@@ -1,7 +1,7 @@
 import dataclasses
 from typing import Annotated, ClassVar
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import scipy.optimize
 from jaxtyping import Bool, Float, Int
@@ -83,10 +83,10 @@ def silence_limit(policy: Policy, alpha: float = 0.01) -> int:
     if not 0 < alpha < 1:
         raise ValueError(f"alpha: expected a probability, more than 0 and less than 1, got {alpha}")
     there = np.arange(policy.chain.cells) == policy.contact
-    value = jnp.asarray(~there, jnp.float64)
+    value = jax.device_put((~there).astype(np.float64))
     first = policy.chain.to_scipy()[[policy.contact]]
     for steps in range(0, _MAX_STEPS, _CHUNK):
-        values, value = survivals(policy.chain, jnp.asarray(there), value, _CHUNK)
+        values, value = survivals(policy.chain, jax.device_put(there), value, _CHUNK)
         before = np.asarray(values)
         after = np.concatenate([before[1:], np.asarray(value)[None]])
         back = before[:, first.indices] @ first.data

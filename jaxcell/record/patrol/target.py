@@ -71,8 +71,8 @@ def _log_times(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View:
     if attack.fit is not None:
         x = np.linspace(0, plot.most_x, _POINTS)
         # The fit is to intervals around whole numbers, and so are its probabilities.
-        above, below = (np.asarray(attack.fit.law.cdf(x + half)) for half in (0.5, -0.5))
-        plot.line("fitted", x + 0.5, above - below, _FITTED, _MIDDLE)
+        chance = attack.fit.cdf(x + 0.5) - attack.fit.cdf(x - 0.5)
+        plot.line("fitted", x + 0.5, chance, _FITTED, _MIDDLE)
     return plot.view("How long it takes until a robot sees the target")
 
 
@@ -88,7 +88,7 @@ def _log_captures(stream: rr.RecordingStream, attack: Vulnerability) -> rrb.View
     plot.line("simulated", steps, runs, _RUNS, _WIDE)
     plot.line("exact", steps, np.cumsum(attack.law), _EXACT, _THIN)
     if attack.fit is not None:
-        plot.line("fitted", steps, np.asarray(attack.fit.law.cdf(steps + 0.5)), _FITTED, _MIDDLE)
+        plot.line("fitted", steps, attack.fit.cdf(steps + 0.5), _FITTED, _MIDDLE)
     return plot.view("Whether the adversary is caught")
 
 
