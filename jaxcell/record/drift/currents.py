@@ -74,7 +74,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
     """Log the current at some of the cells, record by record."""
     water, flow, clock = map.water, map.flow, map.clock
     cells = map.thinned(_MAX_ARROWS)
-    since, count = np.asarray(flow.time - flow.time[0]), len(flow.recorded)
+    since, count = np.asarray(flow.time) - np.asarray(flow.time)[0], len(flow.recorded)
     if flow.period is not None:
         again = np.arange(0.0, clock.last * clock.seconds, float(flow.period))
         since = (again[:, None] + since[:count]).ravel()
