@@ -1,3 +1,4 @@
+from .advection import advect as advect, flow_map as flow_map
 from .beaches import Stranded as Stranded, beaching as beaching, coast as coast
 from .behaviour import (
     LongTermBehaviour as LongTermBehaviour,
@@ -22,12 +23,7 @@ from .deploy import (
     minimum_deployment as minimum_deployment,
     visible_deployment as visible_deployment,
 )
-from .flow import (
-    Flow as Flow,
-    advect as advect,
-    crossing_time as crossing_time,
-    flow_map as flow_map,
-)
+from .flow import Flow as Flow, crossing_time as crossing_time
 from .observed.counted import (
     CountedMoves as CountedMoves,
     Spread as Spread,

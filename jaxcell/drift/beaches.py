@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -12,6 +11,7 @@ from ..mapping import Chain, ChainSequence
 from ..mapping.sequence import as_sequence
 from .behaviour import LongTermBehaviour
 from .flow import steps_in
+from .pushed import pushed
 from .water import NEIGHBORS, Water
 
 
@@ -182,7 +182,7 @@ class Stranded(Result):
         "y x", "probability to be on a beach then, by the cell of release", "1", padding="NaN: land"
     )
     def chance(self) -> Float[np.ndarray, "rows columns"]:
-        ashore = jnp.arange(self.chain.cells) >= self.water.cells
+        ashore = np.arange(self.chain.cells) >= self.water.cells
         later = as_sequence(self.chain).pull(ashore.astype(float), self.steps)
         return self.water.on_grid(np.asarray(later)[: self.water.cells].clip(0, 1))
 
@@ -190,5 +190,5 @@ class Stranded(Result):
     def _shares(self) -> Float[np.ndarray, "steps states"]:
         """Of the drifters in each cell and on each beach after each step, from the release on."""
         cells = self.water.cells
-        share = jnp.where(jnp.arange(self.chain.cells) < cells, 1 / cells, 0.0)
-        return np.stack([*map(np.asarray, as_sequence(self.chain).pushed(share, self.steps))])
+        share = np.where(np.arange(self.chain.cells) < cells, 1 / cells, 0.0)
+        return np.stack([*pushed(self.chain, share, self.steps)])

@@ -55,14 +55,15 @@ class LongTermBehaviour:
     def begins(self) -> "LongTermBehaviour":
         """The same with groups and times of drifters that are released at phase 0 only."""
         cells = self.chain.cells
-        steps = Solution(self.absorption.value[:cells], self.absorption.certificate)
+        value = jax.device_put(np.asarray(self.absorption.value)[:cells])
+        steps = Solution(value, self.absorption.certificate)
         groups, transient = self.groups.first(cells), self.transient.first(cells)
         return dataclasses.replace(self, groups=groups, transient=transient, absorption=steps)
 
     @property
     def hours(self) -> Float[Array, "cells"]:
         """The expected time until a drifter is in a persistent group or has left, in hours."""
-        return self.absorption.value * (self.duration / 3600)
+        return jax.device_put(np.asarray(self.absorption.value) * (self.duration / 3600))
 
     @functools.cached_property
     def probability(self) -> Absorption:

@@ -13,7 +13,8 @@ from ..base import memory
 from ..base.precision import require_x64
 from ..mapping import Chain, ChainSequence
 from ..mapping.generalized import slots_of
-from .flow import Flow, advect, checked_duration, steps_in
+from .advection import carried, checked_duration
+from .flow import Flow, steps_in
 from .water import NEIGHBORS, Water, square
 
 
@@ -29,6 +30,8 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
 
 # Diffusion reaches so many standard deviations, which are not more than so many cells.
 _TAILS, _MAX_SPREAD = 3.5, 10
+# So many points drift at once, or those of a row of samples where they are more.
+_POINTS = 65_536
 # Stands for no cell at all, where -1 stands for the sink.
 _NONE = -2
 
@@ -108,17 +111,17 @@ def drift_map(
         "read less of the currents",
     )
 
-    def ends(right: np.ndarray, up: float) -> tuple[np.ndarray, np.ndarray]:
+    def ends(right: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where points of all cells drift, which are off the centres by some parts of a cell."""
-        x = water.column + right[:, None]
-        y = np.broadcast_to(water.row + up, x.shape)
-        found = advect(flow, x, y, duration, start=float(start), method=method, steps=steps)
-        return np.asarray(found[0]), np.asarray(found[1])
+        x, y = water.column + right[:, None], water.row + up[:, None]
+        return carried(flow, x, y, duration, start, method, steps)
 
     exits = edge == "exit"
     if spread == "sampled":
         places = (np.arange(samples) + 0.5) / samples - 0.5
-        drifted = (ends(places, up) for up in places.tolist())
+        right, up = (one.ravel() for one in np.meshgrid(places, places))
+        some = max(samples, _POINTS // water.cells)
+        drifted = (ends(right[k : k + some], up[k : k + some]) for k in range(0, up.size, some))
         if flow.diffusivity:
             points = (point for x, y in drifted for point in zip(x, y, strict=True))
             spreads = (_diffused(water, x, y, far, exits) for x, y in points)
@@ -127,7 +130,7 @@ def drift_map(
             landed = (one for x, y in drifted for one in water.landing(x, y, exits=exits))
             image, probability = _shares(landed, samples**2, water.cells)
     else:
-        x, y = (place[0] for place in ends(np.zeros(1), 0.0))
+        x, y = (place[0] for place in ends(np.zeros(1), np.zeros(1)))
         if spread == "turned":
             targets = water.landing(*_turned(water, x, y), exits=exits)
         else:

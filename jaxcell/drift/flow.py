@@ -1,6 +1,4 @@
 import dataclasses
-import functools
-from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -12,16 +10,8 @@ from ..base.precision import require_x64
 from .water import Water
 
 
-# For each stage of a method, how much of the step it is ahead, and its weight in the mean.
-_STAGES = {
-    "euler": ((0.0, 1.0),),
-    "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
-}
-METHODS = tuple(_STAGES)
 # The longest step, and one over the shortest, in times to cross a cell.
 _LONGEST = 1000
-
-_Pair: TypeAlias = tuple[Array, Array]
 
 
 @jax.tree_util.register_dataclass
@@ -95,14 +85,16 @@ class Flow:
         return cls(rate, jax.device_put(since[taken]), water.wraps, diffusivity=float(diffusivity))
 
     @property
-    def recorded(self) -> Float[Array, "records axes rows columns"]:
+    def recorded(self) -> Float[np.ndarray, "records axes rows columns"]:
         """The rate at each record, once."""
-        return self.rate if self.period is None else self.rate[:-1]
+        rate = np.asarray(self.rate)
+        return rate if self.period is None else rate[:-1]
 
     def mean(self) -> "Flow":
         """The steady flow that is the mean of the records."""
-        mean = jnp.mean(self.recorded, axis=0, keepdims=True)
-        return dataclasses.replace(self, rate=mean, time=self.time[:1], period=None)
+        mean = self.recorded.mean(axis=0, keepdims=True)
+        rate, time = jax.device_put((mean, np.asarray(self.time)[:1]))
+        return dataclasses.replace(self, rate=rate, time=time, period=None)
 
     def reversed(self) -> "Flow":
         """The flow backward in time, from the last record to the first.
@@ -111,8 +103,9 @@ class Flow:
         What spreads them goes on to spread them, so that in water that is neither compressed nor
         drawn apart the chance to come from a place is that to go there.
         """
-        time = (self.time[0] + self.time[-1] - self.time)[::-1]
-        return dataclasses.replace(self, rate=-self.rate[::-1], time=time)
+        rate, time = np.asarray(self.rate), np.asarray(self.time)
+        back = jax.device_put((-rate[::-1], (time[0] + time[-1] - time)[::-1]))
+        return dataclasses.replace(self, rate=back[0], time=back[1])
 
     def repeated(self, period: float | int | None = None) -> "Flow":
         """The flow that begins again after its last record; a steady one is itself.
@@ -133,9 +126,11 @@ class Flow:
                 f"period: expected more than the {time[-1] - time[0]:g} s from the first record to "
                 f"the last, got {length:g} s"
             )
-        rate = jnp.concatenate([self.rate, self.rate[:1]])
-        later = jnp.append(self.time, time[0] + length)
-        return dataclasses.replace(self, rate=rate, time=later, period=jnp.float64(length))
+        rate = np.asarray(self.rate)
+        rate, time, end = jax.device_put(
+            (np.append(rate, rate[:1], 0), np.append(time, time[0] + length), np.float64(length))
+        )
+        return dataclasses.replace(self, rate=rate, time=time, period=end)
 
     def fitted(self, duration: float | int) -> float:
         """The duration nearest to one of which the period is a whole multiple, or the other way
@@ -156,31 +151,48 @@ class Flow:
         have no end), and before the first and after the last record that of these records, if it
         does not repeat.
         """
-        records, _, rows, columns = self.rate.shape
-        if self.period is not None:
-            time = self.time[0] + (time - self.time[0]) % self.period
-        if records == 1:
-            along = self.rate[0]
-        else:
-            after = jnp.clip(jnp.searchsorted(self.time, time), 1, records - 1)
-            before = after - 1
-            share = (time - self.time[before]) / (self.time[after] - self.time[before])
-            share = jnp.clip(share, 0.0, 1.0)
-            along = (1 - share) * self.rate[before] + share * self.rate[after]
-        left, right, across = (_around if self.wraps else _between)(x, columns)
-        below, above, up = _between(y, rows)
+        return between(self, in_squares(self, time), x, y)
 
-        low, high = below * columns, above * columns
 
-        def value(field):  # type: ignore[no-untyped-def]
-            # By one index into all squares, which is faster than by two.
-            near, far = (
-                (1 - across) * field[row + left] + across * field[row + right]
-                for row in (low, high)
-            )
-            return (1 - up) * near + up * far
+def in_squares(flow: Flow, time: Float[Array, ""] | float) -> Float[Array, "axes squares"]:
+    """The flow at a time, in every square."""
+    records = flow.rate.shape[0]
+    if flow.period is not None:
+        time = flow.time[0] + (time - flow.time[0]) % flow.period
+    if records == 1:
+        along = flow.rate[0]
+    else:
+        after = jnp.clip(jnp.searchsorted(flow.time, time), 1, records - 1)
+        before = after - 1
+        share = (time - flow.time[before]) / (flow.time[after] - flow.time[before])
+        share = jnp.clip(share, 0.0, 1.0)
+        along = (1 - share) * flow.rate[before] + share * flow.rate[after]
+    return along.reshape(2, -1)
 
-        return value(along[0].ravel()), value(along[1].ravel())
+
+def between(
+    flow: Flow,
+    rate: Float[Array, "axes squares"],
+    x: Float[Array, "*points"],
+    y: Float[Array, "*points"],
+) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
+    """The flow at points of the grid, from that in the squares at one time."""
+    rows, columns = flow.rate.shape[2:]
+    left, right, across = (_around if flow.wraps else _between)(x, columns)
+    below, above, up = _between(y, rows)
+
+    low, high = below * columns, above * columns
+
+    def value(field):  # type: ignore[no-untyped-def]
+        # By one index into all squares, which is faster than by two.
+        near, far = (
+            (1 - across) * field.at[row + left].get(mode="promise_in_bounds")
+            + across * field.at[row + right].get(mode="promise_in_bounds")
+            for row in (low, high)
+        )
+        return (1 - up) * near + up * far
+
+    return value(rate[0]), value(rate[1])
 
 
 def steps_in(seconds: float | int, duration: float | int) -> int:
@@ -205,107 +217,6 @@ def _around(
     first = jnp.floor(place)
     near = (first % size).astype(jnp.int32)
     return near, (near + 1) % size, place - first
-
-
-@functools.partial(jax.jit, static_argnames=("method", "steps"))
-def advect(
-    flow: Flow,
-    x: Float[Array, "*points"],
-    y: Float[Array, "*points"],
-    duration: Float[Array, ""] | float,
-    *,
-    start: Float[Array, ""] | float = 0.0,
-    method: str = "euler",
-    steps: int = 1,
-) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
-    """Where the flow takes points of the grid. Works under `jit`, `vmap` and `grad`.
-
-    **Arguments:**
-
-    - `flow`: the flow.
-    - `x`, `y`: the points, in cells.
-    - `duration`: for how long, in seconds; backwards if negative.
-    - `start`: when, in seconds as in `Flow.time`.
-    - `method`: `"euler"`, Eq. 5.3 of Alam 2018, or `"rk4"`, the Runge-Kutta method of order 4.
-    - `steps`: number of steps of the method.
-
-    **Returns:** where the points are then, `x` and `y` in cells.
-
-    **Raises:** `ValueError` for an unknown method, or fewer steps than 1.
-
-    A flow of a tenth of a cell a second to the East, everywhere and always:
-
-        >>> import jax.numpy as jnp
-        >>> from jaxcell import drift
-        >>> rate = jnp.stack([jnp.full((3, 5), 0.1), jnp.zeros((3, 5))])[None]
-        >>> flow = drift.Flow(rate, jnp.zeros(1))
-        >>> x, y = drift.advect(flow, jnp.array([1.0]), jnp.array([2.0]), 20.0)
-        >>> x.round(6).tolist(), y.tolist()
-        ([3.0], [2.0])
-    """
-    _check_method(method, steps)
-    length = duration / steps
-    ahead, weight = (jnp.asarray(row, jnp.float64) for row in zip(*_STAGES[method], strict=True))
-    share = length * weight / jnp.sum(weight)
-
-    # A stage at a time, which adds what the one before has found: of more at once XLA would compute
-    # early stages anew in the later ones.
-    def stage(number, state):  # type: ignore[no-untyped-def]
-        begun, reached, rates = state
-        step, stage = number // ahead.size, number % ahead.size
-        reached = _moved(reached, rates, share[stage - 1])
-        begun = jax.tree.map(lambda new, old: jnp.where(stage, old, new), reached, begun)
-        further = length * ahead[stage]
-        now = start + step.astype(jnp.float64) * length + further
-        x, y = _moved(begun, rates, further)
-        return begun, reached, flow.at(x, y, now)
-
-    begun = jnp.asarray(x, jnp.float64), jnp.asarray(y, jnp.float64)
-    still = jnp.zeros_like(begun[0]), jnp.zeros_like(begun[1])
-    state = jax.lax.fori_loop(0, ahead.size * steps, stage, (begun, begun, still))
-    return _moved(state[1], state[2], share[-1])
-
-
-def _moved(places: _Pair, rates: _Pair, time: Any) -> _Pair:
-    return places[0] + time * rates[0], places[1] + time * rates[1]
-
-
-def flow_map(
-    water: Water,
-    flow: Flow,
-    duration: float | int | None = None,
-    *,
-    start: float | int = 0.0,
-    method: str = "euler",
-    steps: int = 1,
-) -> Float[Array, "axes cells"]:
-    """How far the centre of every cell drifts (Alam 2018, section 5.4.2).
-
-    **Arguments:**
-
-    - `water`: the cells.
-    - `flow`: the flow of the same layer.
-    - `duration`: for how long, in seconds; backwards if negative. By default
-        [`crossing_time`][].
-    - `start`, `method`, `steps`: as for [`advect`][].
-
-    **Returns:** the displacements along the axes x and y of the grid, in cells.
-
-    **Raises:** `ValueError` for a duration that is 0 or not finite, an unknown method, or fewer
-    steps than 1.
-
-    In the time to cross a cell, cells drift by one on average:
-
-        >>> from jaxcell import drift, examples
-        >>> water, flow = examples.gyres()
-        >>> shift = drift.flow_map(water, flow)
-        >>> shift.shape, round(float(((shift**2).sum(axis=0) ** 0.5).mean()), 6)
-        ((2, 538), 1.0)
-    """
-    duration = checked_duration(flow, water, duration, method, steps)
-    places = np.stack([water.column, water.row]).astype(np.float64)
-    ends = advect(flow, *places, float(duration), start=float(start), method=method, steps=steps)
-    return jnp.stack(ends) - places
 
 
 def crossing_time(water: Water, flow: Flow) -> float:
@@ -350,35 +261,3 @@ def check_step(duration: float | int | None, crossing: float) -> None:
             f"duration: expected {least:.3g} to {most:.3g} s, in which drifters go by "
             f"{1 / _LONGEST:g} to {_LONGEST:g} cells on average, got {duration:g}"
         )
-
-
-def checked_duration(
-    flow: Flow, water: Water, duration: float | int | None, method: str, steps: int
-) -> float:
-    """A duration in seconds, by default the time to cross a cell.
-
-    **Raises:** as [`flow_map`][].
-    """
-    _check_method(method, steps)
-    if flow.rate.shape[2:] != water.number.shape:
-        raise ValueError(
-            f"flow: expected one over the {list(water.number.shape)} squares of this water, got "
-            f"one over {list(flow.rate.shape[2:])}"
-        )
-    if flow.wraps != water.wraps:
-        raise ValueError(
-            f"flow: wraps: expected {water.wraps} as for this water, got {flow.wraps}; only one of "
-            "them goes round the Earth"
-        )
-    if duration is None:
-        return crossing_time(water, flow)
-    if not (np.isfinite(duration) and duration != 0):
-        raise ValueError(f"duration: expected a number of seconds other than 0, got {duration}")
-    return float(duration)
-
-
-def _check_method(method: str, steps: int) -> None:
-    if method not in METHODS:
-        raise ValueError(f"method: expected 'euler' or 'rk4', got {method!r}")
-    if steps < 1:
-        raise ValueError(f"steps: expected 1 or more, got {steps}")

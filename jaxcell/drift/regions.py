@@ -21,6 +21,7 @@ from ..mapping.sequence import as_sequence
 from ..markov.hitting import leaving_times
 from .behaviour import LongTermBehaviour
 from .flow import steps_in
+from .pushed import push
 from .water import Water
 
 
@@ -110,8 +111,7 @@ class Exchange(Result):
     @functools.cached_property
     def after(self) -> Float[np.ndarray, "regions cells"]:
         """The share of the drifters of each region in each cell then."""
-        sequence = as_sequence(self.chain)
-        return np.stack([np.asarray(sequence.push(one, self.steps)) for one in self._begin])
+        return np.stack([push(self.chain, one, self.steps) for one in self._begin])
 
 
 def read_regions(

@@ -2,6 +2,7 @@ import dataclasses
 import functools
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
@@ -82,7 +83,6 @@ class Sea:
         phases = {tide.phases for tide in tides}
         if len(phases) > 1:
             raise ValueError(f"chains: expected as many phases in each layer, got {sorted(phases)}")
-        together = [_side_by_side([tide.at(k) for tide in tides]) for k in range(*phases)]
         sizes = [water.cells for water in waters]
         first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         dry = np.full((1, *shape), -1)
@@ -95,12 +95,12 @@ class Sea:
         row = np.concatenate([water.row for water in waters])
         column = np.concatenate([water.column for water in waters])
         return cls(
-            ChainSequence.of(together).unrolled,
+            _side_by_side(tides).unrolled,
             layer.astype(np.int32),
             number[layer, row, column].astype(np.int32),
             number[layer + 2, row, column].astype(np.int32),
             number[1:-1].astype(np.int32),
-            len(together),
+            *phases,
         )
 
     @property
@@ -146,16 +146,17 @@ class Sea:
         return np.any(mask.reshape(self.phases, self.cells), axis=0)
 
 
-def _side_by_side(chains: Sequence[Chain]) -> Chain:
-    """One chain of several, with nothing between them."""
-    branches = max(chain.image.shape[0] for chain in chains)
+def _side_by_side(tides: Sequence[ChainSequence]) -> ChainSequence:
+    """One sequence of several, with nothing between them."""
+    branches = max(tide.image.shape[1] for tide in tides)
     images, probabilities, start = [], [], 0
-    for chain in chains:
-        image = np.tile(np.arange(chain.cells), (branches, 1))
+    for tide in tides:
+        image = np.tile(np.arange(tide.cells, dtype=np.int32), (tide.phases, branches, 1))
         probability = np.zeros(image.shape)
-        used = chain.image.shape[0]
-        image[:used], probability[:used] = chain.image, chain.probability
+        used = tide.image.shape[1]
+        image[:, :used], probability[:, :used] = tide.image, tide.probability
         images.append(image + start)
         probabilities.append(probability)
-        start += chain.cells
-    return Chain(np.concatenate(images, axis=1), np.concatenate(probabilities, axis=1))
+        start += tide.cells
+    both = (np.concatenate(one, axis=2) for one in (images, probabilities))
+    return ChainSequence(*map(jax.device_put, both))

@@ -108,7 +108,7 @@ def voyage_model(sea: Sea, goal: npt.ArrayLike | int, discount: float) -> Decisi
     chains, allowed = _actions(sea)
     # From the goal everything goes to the sink.
     ended = [Chain(chain.image, np.where(there, 0, chain.probability)) for chain in chains]
-    arrives = np.stack([chain.pull(there.astype(np.float64)) for chain in chains])
+    arrives = np.stack([chain.to_scipy() @ there for chain in chains])
     lost = np.stack([chain.leaving for chain in chains])
     reward = _STEP_REWARD + (_ARRIVAL_REWARD - _STEP_REWARD) * arrives
     reward = reward + _STEP_REWARD * discount / (1 - discount) * lost

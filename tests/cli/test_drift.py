@@ -193,13 +193,13 @@ def test_a_goal_up_the_stream_has_no_answer(capsys, stream):
     assert [one["groups"] for one in found["sensitivity"]][1:] == [0, 0, 0]
 
 
-@pytest.mark.slow
 def test_the_step_is_long_enough_for_the_slowest_layer(capsys):
-    _, found, _ = run(capsys, "--method", "source")
+    part = (-118.1, 33.44, -117.9, 33.54)
+    _, found, _ = run(capsys, "--method", "source", "--bounds", *part)
     shifts = [layer["mean_shift_cells"] for layer in found["layers"]]
     assert min(shifts) == pytest.approx(1)
-    _, found, _ = run(capsys, "--depths", 0)
-    currents = drift.open_currents(GYRES, depths=0)
+    _, found, _ = run(capsys, "--depths", 0, "--bounds", *part)
+    currents = drift.open_currents(GYRES, depths=0, bounds=part)
     layer = [drift.Water.of(currents)], [drift.Flow.of(currents).repeated()]
     nearest = drift.nearest_step(*layer, **drift.METHODS["drifters"])
     assert found["duration_s"] == pytest.approx(nearest)
@@ -234,9 +234,8 @@ def test_a_step_that_is_too_short_is_warned_of(capsys):
     assert "The rest is in the files of --out, and in --json." in captured.out
 
 
-@pytest.mark.slow
 def test_advice_names_no_option_that_is_on(capsys):
-    args = ("--duration", "900", "--depths", "0", "--spread", "sampled")
+    args = ("--duration", "900", "--time", "0", "--depths", "0", "--spread", "sampled")
     assert main(["drift", str(GYRES), *args]) == 0
     error = capsys.readouterr().err
     assert "; take a longer duration.\n" in error
@@ -258,7 +257,6 @@ def test_velocities_by_name(capsys, stream, tmp_path):
     assert found["east_from"] == "p (as asked)"
 
 
-@pytest.mark.slow
 def test_around_the_earth(capsys, tmp_path):
     """A jet goes on for ever, also as computed anew and in the recording."""
     lon, lat = np.arange(0.0, 360, 10), np.arange(-15.0, 20, 10)

@@ -144,13 +144,12 @@ def test_the_walk_of_a_member(ran):
     assert found["mean_commute_time"] == pytest.approx(member["mean_commute_time"], rel=1e-4)
 
 
-@pytest.mark.slow
 def test_the_drift_of_a_member(ran):
     folder = ran(
-        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ndepths = 0\nspread = "all"\n'
-        "[grid]\nrho = [0.7, 0.9]\n"
+        f'task = "drift"\n[fixed]\nfile = "{GYRES}"\ntime = 0\ndepths = 0\nspread = "all"\n'
+        "[grid]\nrho = [0.7, 1.0]\n"
     )
-    found, member, _ = detail(folder, "rho=0.9")
+    found, member, _ = detail(folder, "rho=1.0")
     layer = found["layers"][0]
     assert found["duration_s"] == pytest.approx(member["step"])
     assert layer["persistent_groups"] == member["persistent_groups"]

@@ -9,10 +9,11 @@ from seas import double_gyre, sea, seas
 from jaxcell import examples
 from jaxcell.base import memory
 from jaxcell.base.certificate import Outcome
+from jaxcell.drift.advection import flow_map
 from jaxcell.drift.behaviour import long_term_behaviour
 from jaxcell.drift.chains import METHODS, drift_map, drift_maps
 from jaxcell.drift.ends import LayerEnds
-from jaxcell.drift.flow import Flow, crossing_time, flow_map
+from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.truth.diagnosis import diagnose, group_counts
 from jaxcell.drift.water import Water
 from jaxcell.mapping import Chain, persistent_groups

@@ -104,7 +104,6 @@ def test_distances_are_those_of_the_definitions(getkey):
         assert found.hours[k] == pytest.approx(step * duration / 3600)
 
 
-@pytest.mark.slow
 def test_sampling_a_cell_is_nearer_to_the_drifters_than_its_centre(getkey):
     currents = double_gyre(12, 24)
     water, flow = Water.of(currents), Flow.of(currents)

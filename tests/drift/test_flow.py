@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from seas import sea, seas
 
-from jaxcell.drift.flow import Flow, advect, crossing_time, flow_map
+from jaxcell.drift.advection import advect, carried, flow_map
+from jaxcell.drift.flow import Flow, crossing_time
 from jaxcell.drift.water import Water
 
 
@@ -216,6 +217,16 @@ def test_works_under_jit_vmap_and_grad():
     np.testing.assert_allclose(batch, [end(600.0), end(1200.0)])
     slope = (end(601.0) - end(599.0)) / 2
     np.testing.assert_allclose(jax.grad(end)(600.0), slope, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(0,), (7,), (3, 500)])
+def test_any_number_of_points_is_carried_as_by_advect(shape):
+    flow = Flow.of(rotation(9)).repeated()
+    x, y = np.random.default_rng(0).uniform(0, 8, (2, *shape))
+    for method, steps in ("rk4", 3), ("euler", 1):
+        expected = advect(flow, x, y, 900.0, start=60.0, method=method, steps=steps)
+        found = carried(flow, x, y, 900.0, 60.0, method, steps)
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_layers_have_cells_of_their_own():

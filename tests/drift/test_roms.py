@@ -290,7 +290,6 @@ def test_surface_files(tmp_path):
     np.testing.assert_allclose(currents.u.values[:, 0, away_from_land()], 0.3)
 
 
-@pytest.mark.slow
 @given(st.data())
 def test_a_block_is_a_part_of_the_whole(tmp_path_factory, data):
     """Also along its edges, where the sides of cells outside of it count."""

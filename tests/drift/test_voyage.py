@@ -132,7 +132,6 @@ def test_several_goals():
     assert np.asarray(found.probability)[goals].tolist() == [1, 1]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("leak", [0.0, 0.3])
 def test_simulated_drifters_arrive_as_often_as_predicted(leak):
     sea = random_sea(11, leak=leak)

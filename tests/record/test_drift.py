@@ -507,7 +507,6 @@ def test_what_takes_almost_for_ever_is_told(tmp_path, read):
     assert "take what holds" in text.replace("\n", " ")
 
 
-@pytest.mark.slow
 def test_a_large_sea_makes_a_small_file(tmp_path):
     row, column = np.mgrid[:60, :90] / 15
     currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=500.0)

@@ -2,6 +2,7 @@ import dataclasses
 from typing import Annotated
 
 import numpy as np
+import numpy.typing as npt
 from jaxtyping import Float, Int
 
 from ...base.certificate import Outcome
@@ -33,21 +34,24 @@ class SeaVoyage(Result):
     @property
     def arrives(self) -> bool:
         """Whether a drifter from the start may arrive; true without a start."""
-        return self.start is None or float(self.policy.probability[self.start]) > 0
+        return self.start is None or self._at_start(self.policy.probability) > 0
 
     @derived("", "probability of arriving from the start", kind="share")
     def start_probability(self) -> float | None:
-        return None if self.start is None else float(self.policy.probability[self.start])
+        return None if self.start is None else self._at_start(self.policy.probability)
 
     @derived("", "time from the start; infinite if it may fail", "h", kind="time")
     def start_hours(self) -> float | None:
-        return None if self.start is None else float(self.policy.time[self.start]) * self.hours
+        return None if self.start is None else self._at_start(self.policy.time) * self.hours
 
     @derived("", "time from the start, if it arrives", "h", kind="time")
     def start_hours_if_it_arrives(self) -> float | None:
         if self.start is None:
             return None
-        return float(self.policy.conditional_time[self.start]) * self.hours
+        return self._at_start(self.policy.conditional_time) * self.hours
+
+    def _at_start(self, values: npt.ArrayLike) -> float:
+        return float(np.asarray(values)[self.start])
 
     @derived("", "probability of arriving, mean over all cells", kind="share")
     def mean_probability(self) -> float:

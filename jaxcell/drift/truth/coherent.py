@@ -5,9 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.ndimage
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
-from ..flow import Flow, advect, checked_duration
+from ..advection import carried, checked_duration
+from ..flow import Flow
 from ..water import Water
 from .drifters import nearest_square
 
@@ -58,10 +59,8 @@ def ftle(
     sides = np.stack([water.dx, water.dy])
     x, y = np.stack([water.column, water.row]).astype(np.float64)
 
-    def end(right: float, up: float) -> tuple[Float[Array, "cells"], Float[Array, "cells"]]:
-        return advect(
-            flow, x + right, y + up, duration, start=float(start), method=method, steps=steps
-        )
+    def end(right: float, up: float) -> tuple[np.ndarray, np.ndarray]:
+        return carried(flow, x + right, y + up, duration, start, method, steps)
 
     east, west, north, south = end(0.5, 0.0), end(-0.5, 0.0), end(0.0, 0.5), end(0.0, -0.5)
     exponent = _exponent(sides, x, y, east, west, north, south, wraps=water.wraps)

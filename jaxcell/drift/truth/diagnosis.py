@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Int
 
 from ...mapping import PersistentGroups, persistent_groups
+from ..advection import carried, checked_duration, flow_map
 from ..chains import drift_maps, phases
-from ..flow import Flow, advect, checked_duration, flow_map
+from ..flow import Flow
 from ..water import Water, square
 
 
@@ -128,13 +129,10 @@ def diagnose(
     whole = size == pieces[water.piece[group >= 0][first]]
     alone = np.flatnonzero(group >= 0)[first][(size == 1) & ~whole]
     x, y = (v[alone].astype(np.float64) for v in (water.column, water.row))
-    away = advect(
-        flow, x, y, _LONG * duration, start=float(start), method="rk4", steps=4 * _LONG * steps
-    )
-    to_x, to_y = (np.asarray(place)[None] for place in away)
-    locked = water.landing(to_x, to_y, origin=alone, exits=True)[0] != alone
+    to = carried(flow, x, y, _LONG * duration, start, "rk4", 4 * _LONG * steps)
+    locked = water.landing(to[0][None], to[1][None], origin=alone, exits=True)[0] != alone
     # What runs ashore is in the nearest cell, as in the map, though it may be off the square.
-    cell, _ = water.at(*square(to_x[0], to_y[0]))
+    cell, _ = water.at(*square(*to))
     return Diagnosis(
         duration=duration,
         mean_shift=float(np.hypot(right, up).mean()),

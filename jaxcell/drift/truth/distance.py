@@ -11,9 +11,10 @@ from jaxtyping import Float, Int
 
 from ...mapping import Chain, ChainSequence
 from ...mapping.section import bucket
-from ...mapping.sequence import as_sequence
+from ..advection import carried
 from ..chains import diffused_cells, drift_maps, phases
-from ..flow import Flow, advect, crossing_time, steps_in
+from ..flow import Flow, crossing_time, steps_in
+from ..pushed import pushed
 from ..water import Water, on_grid
 from .drifters import diffuse, total_variation
 
@@ -108,12 +109,8 @@ def distances(
     share = _shares(water, flow, begin, times)
     found = []
     for counts, (chain, step) in zip(wanted, maps, strict=True):
-        tide = as_sequence(chain)
-        pushed, done, of_map = jax.device_put(begin / begin.sum()), 0, []
-        for count in counts:
-            pushed = tide.push(pushed, count - done, done)
-            done = count
-            of_map.append(np.asarray(pushed))
+        later = [*pushed(chain, begin / begin.sum(), counts[-1])]
+        of_map = [later[count] for count in counts]
         of_drifters = [share[count * step] for count in counts]
         found.append(
             Distance(
@@ -227,9 +224,7 @@ def _shares(
         moves = math.ceil((time - now) / longest)
         for start in np.linspace(now, time, moves, endpoint=False).tolist():
             on = on_grid(water.number.shape, water.wraps, x, y)
-            after = advect(
-                flow, x, y, (time - now) / moves, start=start, method="rk4", steps=_STEPS
-            )
+            after = carried(flow, x, y, (time - now) / moves, start, "rk4", _STEPS)
             if flow.diffusivity:
                 key, drawn = jax.random.split(key)
                 after = diffuse(drawn, flow, sides, wet, *after, (time - now) / moves)

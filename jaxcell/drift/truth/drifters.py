@@ -10,7 +10,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ...mapping import Chain
 from ...markov.hitting import cell_mask
-from ..flow import Flow, advect, checked_duration
+from ..advection import advect, checked_duration
+from ..flow import Flow
+from ..pushed import pushed
 from ..water import Water, on_grid
 
 
@@ -87,22 +89,21 @@ def simulate_drifters(
     centre = np.stack([water.column, water.row]).astype(np.float64)[:, there]
     sides, wet = np.stack([water.dx, water.dy]), water.number >= 0
     begin = start + np.arange(steps) * duration
-    choice, x, y = _release(key, centre, drifters)
+    choice, off = map(np.asarray, _release(key, there.size, drifters))
+    x, y = centre[:, choice] + off
     xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, float(rho), substeps)
     # A coast that a drifter ran over is the nearest water.
-    origin = there[np.asarray(choice)]
+    origin = there[choice]
     cell = water.landing(np.asarray(xs), np.asarray(ys), origin=origin, exits=True)
     return Drifters(xs, ys, cell, duration)
 
 
 @functools.partial(jax.jit, static_argnames="drifters")
-def _release(key, centre, drifters):  # type: ignore[no-untyped-def]
-    """Places in squares about some centres, anywhere alike, and which of the squares."""
+def _release(key, squares, drifters):  # type: ignore[no-untyped-def]
+    """Which of so many squares, and places in it off its centre, anywhere alike."""
     choosing, placing = jax.random.split(jax.random.fold_in(key, 0))
-    choice = jax.random.randint(choosing, (drifters,), 0, centre.shape[1])
-    off = jax.random.uniform(placing, (2, drifters), centre.dtype, -0.5, 0.5)
-    x, y = centre[:, choice] + off
-    return choice, x, y
+    choice = jax.random.randint(choosing, (drifters,), 0, squares)
+    return choice, jax.random.uniform(placing, (2, drifters), jnp.float64, -0.5, 0.5)
 
 
 @functools.partial(jax.jit, static_argnames="substeps")
@@ -221,17 +222,12 @@ def compare(
         )
     share = drifted.share(water.cells)
     halves = [_share(drifted.cell[:, k::2], water.cells) for k in (0, 1)]
-    distribution = jax.device_put(share[0])
-    pushed = {0: share[0]}
-    for step in range(1, int(wanted.max()) + 1):
-        distribution = chain.push(distribution)
-        if step in wanted:
-            pushed[step] = np.asarray(distribution)
+    by_map = [*pushed(chain, share[0], int(wanted.max()))]
     return Comparison(
         wanted * drifted.duration / 3600,
-        np.array([total_variation(pushed[k], share[k]) for k in wanted]),
+        np.array([total_variation(by_map[k], share[k]) for k in wanted]),
         np.array([total_variation(*(half[k] for half in halves)) for k in wanted]),
-        np.array([_transport(water, pushed[k], share[k]) for k in wanted]),
+        np.array([_transport(water, by_map[k], share[k]) for k in wanted]),
     )
 
 

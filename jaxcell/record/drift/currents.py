@@ -74,7 +74,7 @@ def _log_arrows(map: CurrentMap, layers: int) -> None:
     """Log the current at some of the cells, record by record."""
     water, flow, clock = map.water, map.flow, map.clock
     cells = map.thinned(_MAX_ARROWS)
-    since, count = np.asarray(flow.time - flow.time[0]), len(flow.recorded)
+    since, count = np.asarray(flow.time) - np.asarray(flow.time)[0], len(flow.recorded)
     if flow.period is not None:
         again = np.arange(0.0, clock.last * clock.seconds, float(flow.period))
         since = (again[:, None] + since[:count]).ravel()
@@ -126,14 +126,15 @@ def _log_drifters(map: CurrentMap, seed: int) -> None:
     xy[dry] = map.xy(moved.cell[dry])
     # A trail around the Earth begins beyond the edge of the map rather than at its other side.
     turns = map.on_grid(whole, y) - map.on_grid(x, y)
-    trails = [
-        (xy + turns - turns[time])[max(0, time - _TRAIL) : time + 1, there[time]].swapaxes(0, 1)
-        for time in range(len(xy))
-    ]
+    # At first trails stay where they begin: those of one length are logged much faster.
+    trails = []
+    for time in range(len(xy)):
+        past = np.arange(time - _TRAIL, time + 1).clip(0)
+        trails.append((xy[past] + turns[past] - turns[time])[:, there[time]].swapaxes(0, 1))
+    strips, counts = np.concatenate(trails), there.sum(axis=1)
     path, at = f"map/drifters_{map.number}", clock.frame * np.arange(len(xy))
     dot = {"colors": DRIFTER, "radii": 0.55 * map.mark, "draw_order": 40}
     line = {"colors": DRIFTER, "radii": points(0.8), "draw_order": 30}
-    strips, counts = [strip for trail in trails for strip in trail], there.sum(axis=1)
     for name, kind, style, columns in (
         ("here", rr.Points2D, dot, {"positions": xy[there]}),
         ("trail", rr.LineStrips2D, line, {"strips": strips}),
