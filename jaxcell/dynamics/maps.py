@@ -337,7 +337,9 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
     # Components apart: a batch is then one array for each, which is what vector units read.
     start = tuple(x)
 
-    def slope(t: Any, at: Sequence[Any]) -> tuple[Any, ...]:
+    # Traced once for all four.
+    @jax.jit
+    def slope(t: Any, at: tuple[Any, ...]) -> tuple[Any, ...]:
         found = jnp.asarray(with_sines(field)(t, jnp.stack(at)))
         if found.shape != (len(at),):
             raise ValueError(
@@ -345,8 +347,8 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
             )
         return tuple(found)
 
-    def ahead(slopes: Sequence[Any], dt: Any) -> list[Any]:
-        return [y + dt * one for y, one in zip(start, slopes, strict=True)]
+    def ahead(slopes: Sequence[Any], dt: Any) -> tuple[Any, ...]:
+        return tuple(y + dt * one for y, one in zip(start, slopes, strict=True))
 
     # A number of Python has no width of its own, so that points of 32 bits stay so.
     one = slope(t, start)
