@@ -293,7 +293,7 @@ def basins_of_each(
     found = of_map.attractors(
         map, box, members, groups, follow=follow, scattered=scattered, seed=seed
     )
-    changed = changed_by_half_step(map, box, members, follow=follow)
+    changed = changed_by_half_step(map, box, members, image, follow=follow, dtype=dtype)
     each: list[Basins] = []
     for params, ends, *parts in zip(members, torn, image, groups, found, changed, strict=True):
         one = _by_cells(box, params, *parts)

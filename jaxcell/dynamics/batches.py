@@ -10,9 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..mapping.section import bucket
+
 
 Part = TypeVar("Part")
 Found = TypeVar("Found")
+
+
+# Rows up to which a first stage has a few more rather than a program of its own.
+_FEW = 1 << 12
 
 
 def with_last(rows: np.ndarray, size: int) -> np.ndarray:
@@ -48,8 +54,7 @@ def in_stages(
     """
     left, found = np.arange(len(state[0])), None
     for k in itertools.count():
-        # After the first, a quarter of each other.
-        size = max(1 << 10, 4 ** math.ceil(math.log(left.size, 4))) if k else left.size
+        size = bucket(left.size) if k == 0 and left.size > _FEW else _coarse(left.size)
         after = stage(tuple(with_last(rows, size) for rows in state), k)
         state, ended, given = jax.tree.map(lambda rows, n=left.size: np.asarray(rows)[:n], after)
         found = found or tuple(np.empty_like(rows) for rows in given)
@@ -59,6 +64,11 @@ def in_stages(
         if not left.size:
             break
     return found or ()
+
+
+def _coarse(rows: int) -> int:
+    """The next of sizes that are a quarter of each other."""
+    return max(1 << 10, 4 ** math.ceil(math.log(rows, 4)))
 
 
 def in_threads(compute: Callable[[Part], Found], parts: Iterable[Part]) -> Iterator[Found]:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from ..base.precision import require_x64
 from ..mapping import Chain
 from ..space.box import Box
-from .imaging import check_map, torn_axes
+from .imaging import check_begin, check_map, torn_axes
 from .maps import Flow, Map
 
 
@@ -72,12 +72,14 @@ def chain(
     torn_axes(map, box, [params])
     key = jax.random.key(0) if key is None else key
     nodes, weights = _nodes(deviation, quadrature) if quadrature else (None, np.ones(1))
-    image = _sampled(map, box, params, deviation, key, samples, nodes)
+    image = np.asarray(_sampled(map, box, params, deviation, key, samples, nodes))
+    if (image == box.nowhere).all():
+        check_begin(map, box, params)
     inside = image < box.size
     # What left the box is missing from the probabilities of its cell.
     cells = np.arange(box.size, dtype=np.int32)
     share = np.tile(weights / samples, samples)[:, None]
-    return Chain(jnp.where(inside, image, cells), jnp.where(inside, share, 0.0))
+    return Chain(*jax.device_put((np.where(inside, image, cells), np.where(inside, share, 0.0))))
 
 
 def _nodes(

@@ -113,33 +113,31 @@ class Section:
 
     def timed(self, x: Any, params: Any) -> tuple[Any, Any]:
         """Where a point comes back to the surface, and when."""
-        # The first step leaves the surface, where the sign of zero says nothing.
-        first = self.flow.one(jnp.asarray(self.lift(x, params)), params)
+        start = jnp.asarray(self.lift(x, params))
 
         def before(state):  # type: ignore[no-untyped-def]
-            _, y, steps = state
-            here = self.surface(state[0], params)
-            return ~((here < 0) & (self.surface(y, params) >= 0)) & (steps < self.max_steps)
+            last, y, steps = state
+            crossed = (self.surface(last, params) < 0) & (self.surface(y, params) >= 0)
+            # The first step leaves the surface, where the sign of zero says nothing.
+            return (~crossed | (steps < 2)) & (steps < self.max_steps + 2)
 
         def step(state):  # type: ignore[no-untyped-def]
             _, y, steps = state
             return y, self.flow.one(y, params), steps + 1
 
-        last, _, steps = jax.lax.while_loop(before, step, (first, self.flow.one(first, params), 0))
-        time = _crossing_time(self._height(last, params), self.flow.dt)
-        there = self._partial(last, params, time)
-        back = jnp.where(steps < self.max_steps, self.project(there, params), jnp.nan)
-        return back, (steps + 1) * self.flow.dt + time
+        last, y, steps = jax.lax.while_loop(before, step, (start, start, 0))
+
+        def after(dt):  # type: ignore[no-untyped-def]
+            return _rk4(lambda _, y: self.flow.field(y, params), last, 0.0, dt)
+
+        ends = self.surface(last, params), self.surface(y, params)
+        time = _crossing_time(lambda dt: self.surface(after(dt), params), *ends, self.flow.dt)
+        back = jnp.where(steps < self.max_steps + 2, self.project(after(time), params), jnp.nan)
+        return back, (steps - 1) * self.flow.dt + time
 
     def velocity(self, x: Any, params: Any) -> Any:
         """The field at a point of the surface."""
         return self.flow.field(jnp.asarray(self.lift(x, params)), params)
-
-    def _partial(self, x: Any, params: Any, dt: Any) -> Any:
-        return _rk4(lambda _, y: self.flow.field(y, params), x, 0.0, dt)
-
-    def _height(self, x: Any, params: Any) -> Callable[[Any], Any]:
-        return lambda dt: self.surface(self._partial(x, params, dt), params)
 
     def halved(self) -> "Section":
         """The same with steps of half the length."""
@@ -161,9 +159,10 @@ class Impacts:
 
         def step(_, y):  # type: ignore[no-untyped-def]
             after = _rk4(field, y, 0.0, self.flow.dt)
-            hit = (self.surface(y, params) > 0) & (self.surface(after, params) <= 0)
+            ends = -self.surface(y, params), -self.surface(after, params)
+            hit = (ends[0] < 0) & (ends[1] >= 0)
             time = _crossing_time(
-                lambda dt: -self.surface(_rk4(field, y, 0.0, dt), params), self.flow.dt
+                lambda dt: -self.surface(_rk4(field, y, 0.0, dt), params), *ends, self.flow.dt
             )
             met = self.reset(_rk4(field, y, 0.0, time), params)
             return jnp.where(hit, _rk4(field, met, 0.0, self.flow.dt - time), after)
@@ -337,7 +336,9 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
     # Components apart: a batch is then one array for each, which is what vector units read.
     start = tuple(x)
 
-    def slope(t: Any, at: Sequence[Any]) -> tuple[Any, ...]:
+    # Traced once for all four.
+    @jax.jit
+    def slope(t: Any, at: tuple[Any, ...]) -> tuple[Any, ...]:
         found = jnp.asarray(with_sines(field)(t, jnp.stack(at)))
         if found.shape != (len(at),):
             raise ValueError(
@@ -345,8 +346,8 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
             )
         return tuple(found)
 
-    def ahead(slopes: Sequence[Any], dt: Any) -> list[Any]:
-        return [y + dt * one for y, one in zip(start, slopes, strict=True)]
+    def ahead(slopes: Sequence[Any], dt: Any) -> tuple[Any, ...]:
+        return tuple(y + dt * one for y, one in zip(start, slopes, strict=True))
 
     # A number of Python has no width of its own, so that points of 32 bits stay so.
     one = slope(t, start)
@@ -366,8 +367,8 @@ def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: float, step
     return jnp.stack(jax.lax.fori_loop(0, steps, step, start))
 
 
-def _crossing_time(height: Callable[[Any], Any], dt: float) -> Any:
-    """When a height that is negative at 0 and not at `dt` is zero, by regula falsi (Illinois)."""
+def _crossing_time(height: Callable[[Any], Any], below: Any, above: Any, dt: float) -> Any:
+    """When a height from `below` at 0 to `above` at `dt` is zero, by regula falsi (Illinois)."""
 
     def narrow(_, state):  # type: ignore[no-untyped-def]
         low, high, below, above = state
@@ -383,6 +384,5 @@ def _crossing_time(height: Callable[[Any], Any], dt: float) -> Any:
             jnp.where(up, value, above / 2),
         )
 
-    below, above = height(jnp.zeros(())), height(jnp.asarray(dt))
     ends = jnp.zeros_like(below), jnp.full_like(below, dt)
     return jax.lax.fori_loop(0, 12, narrow, (*ends, below, above))[1]

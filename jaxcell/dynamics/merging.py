@@ -44,24 +44,40 @@ def _linked(
     """Components of orbits that come into one of the parts of a cell, half of each overlapping."""
     orbits = len(place)
     bits = orbits.bit_length()
+    orbit, halves = _visited(box, place, parts)
     along = []
-    for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
-        count, at = parts * cells, parts * place[..., axis]
-        at[~np.isfinite(at)] = -1
-        both = (np.floor(at + shift) for shift in (0.0, 0.5))
+    for half, cells, kind in zip(halves, box.cells, box.axes, strict=True):
+        both = half >> 1, (half + 1) >> 1
         if kind == "periodic":
-            both = (one - count * np.floor(one / count) for one in both)
-        along.append([np.clip(one, -1, count + 1).astype(np.int32) + 1 for one in both])
+            both = both[0], both[1] % (parts * cells)
+        along.append([one + 1 for one in both])
     label = np.arange(orbits)
     for corner in itertools.product(*along):
-        key = np.zeros(place.shape[:2], np.int64)
+        key = np.zeros(orbit.size, np.int64)
         for one, cells in zip(corner, box.cells, strict=True):
             key = key * (parts * cells + 3) + one
         # Sorted by cells, so that orbits in one cell are next to each other.
-        key = np.sort(((key << bits) + label[:, None]).ravel())
+        key = np.sort((key << bits) + label[orbit])
         between = key[1:] ^ key[:-1]
         two = np.flatnonzero((between > 0) & (between < 1 << bits))
         ends = key[two] & ((1 << bits) - 1), key[two + 1] & ((1 << bits) - 1)
         meets = coo_array((np.ones(two.size, np.int8), ends), shape=(orbits, orbits))
         label = connected_components(meets, directed=False)[1][label]
     return np.unique(label, return_inverse=True)[1]
+
+
+def _visited(
+    box: Box, place: Float[np.ndarray, "orbits window axes"], parts: int
+) -> tuple[Int[np.ndarray, "visits"], list[Int[np.ndarray, "visits"]]]:
+    """The halves of parts of cells that orbits come into, one after the other: few at rest."""
+    halves = []
+    new = np.zeros(place.shape[:2], bool)
+    new[:, 0] = True
+    for axis, (cells, kind) in enumerate(zip(box.cells, box.axes, strict=True)):
+        count, half = 2 * parts * cells, np.floor(2 * parts * place[..., axis])
+        half[~np.isfinite(half)] = -2
+        if kind == "periodic":
+            half -= count * np.floor(half / count)
+        halves.append(np.clip(half, -2, count + 2).astype(np.int32))
+        new[:, 1:] |= halves[-1][:, 1:] != halves[-1][:, :-1]
+    return np.nonzero(new)[0], [half[new] for half in halves]

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..space.box import Box
-from .batches import with_last
-from .imaging import check_map
+from .batches import stacked, with_last
+from .imaging import check_begin, check_map, mapped_points
 from .maps import Map
 
 
@@ -46,6 +45,7 @@ def unstable_set(
         [2, 4, 5, 6]
     """
     check_map(map, box, params)
+    check_begin(map, box, params)
     place = np.linspace(-0.5, 0.5, samples)
     offsets = np.array(list(itertools.product(place, repeat=box.dimensions)))
     reached = np.zeros(box.size, bool)
@@ -93,6 +93,7 @@ def morse_sets(
         ([[0], [6], [3]], [[False, False, False], [False, False, False], [True, True, False]])
     """
     check_map(map, box, params)
+    check_begin(map, box, params)
     count = points if isinstance(points, int) else {"corners": 2, "centre": 1}[points]
     place = np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)
     offsets = np.array(list(itertools.product(place, repeat=box.dimensions)))
@@ -169,7 +170,7 @@ def _blocks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest and the highest cell, along each axis, of the images of points of each cell."""
     points = box.centre(cells)[:, None] + offsets * box.width
-    image = np.asarray(jax.vmap(jax.vmap(lambda x: map(x, params)))(jnp.asarray(points)))
+    image = np.asarray(mapped_points(map, stacked([params]), np.arange(1), points))[0]
     place = (image - np.array(box.lower)) / box.width
     low = np.ceil(place.min(axis=1) - edge) - 1 if edge > 0 else np.floor(place.min(axis=1) - edge)
     high = np.floor(place.max(axis=1) + edge)

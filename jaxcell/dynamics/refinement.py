@@ -6,20 +6,22 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..space.box import Box
 from ..space.cells import TOLERANCE
 from .basin import Basins
-from .imaging import CHUNK, check_map
+from .batches import with_last
+from .imaging import CHUNK, check_begin, check_map
 from .maps import Map
 from .orbits import VISITS, attractor_owners, orbit_ends
 
 
 # Points that are followed for what is not cut, of each level; so many cells have as many around.
 _SAMPLED = 1 << 16
+# Cells of a cover whose points are mapped at once; what the last lack of it is for nothing.
+_PART = 1 << 12
 
 
 class Refined(NamedTuple):
@@ -143,17 +145,17 @@ def relative_attractor(
         [-0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875, 1.125]
     """
     check_map(map, box, params)
+    check_begin(map, box, params)
     place = np.linspace(-0.5, 0.5, samples)
     offsets = np.array(list(itertools.product(place, repeat=box.dimensions))) * box.width
-    params, keys = jax.tree.map(jnp.asarray, params), np.arange(box.size)
-    part = max(1, CHUNK // len(offsets))
+    keys = np.arange(box.size)
     for level in range(levels + 1):
         keys = _halved(box, keys, level) if level else keys
         points = _centres(box, keys, level)[:, None] + offsets / 2**level
-        hit = [
-            _keys_of(box, np.asarray(_image(map, params, points[k : k + part])), level)
-            for k in range(0, keys.size, part)
-        ]
+        hit = []
+        for k in range(0, keys.size, _PART):
+            part = with_last(points[k : k + _PART], _PART)
+            hit.append(_keys_of(box, np.asarray(_image(map, params, part)), level))
         keys = np.intersect1d(keys, np.concatenate([keys[:0], *hit]))
     return _centres(box, keys, levels)
 

@@ -65,7 +65,12 @@ def groups_on_host(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     Beside the image and the result it takes at most 16 bytes a cell. There are no zeros behind the
     periods of the groups.
     """
-    found = _peeled_groups(image) if _worth_peeling(image) else jax.device_get(_groups(image, None))
+    if _worth_peeling(image):
+        found = _peeled_groups(image)
+    elif image.size < _MANY:
+        found = _groups_of_longer(image)
+    else:
+        found = jax.device_get(_groups(image, None))
     return dataclasses.replace(found, group_period=found.group_period[: found.count].copy())
 
 
@@ -99,19 +104,16 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
     dropped, left = _peeled(image)
     place = np.empty_like(image)
     place[left] = np.arange(left.size, dtype=image.dtype)
-    # Few lengths, each of which is compiled once: the others lead to the last, a group behind all.
-    size = bucket(max(left.size + 1, _FEWEST))
-    rest = np.full(size, size - 1, image.dtype)
-    rest[: left.size] = place[image[left]]
+    rest = place[image[left]]
     del place
-    found = jax.device_get(_groups(rest, None))
+    found = _groups_of_longer(rest)
     del rest
     # Both numbers of a cell in one, so that they are read and written at once.
     both = np.empty(image.size, np.int64)
-    both[left] = (found.group[: left.size].astype(np.int64) << 32) + found.step[: left.size]
-    count = found.count - 1
+    both[left] = (found.group.astype(np.int64) << 32) + found.step
     period = np.zeros(image.size, image.dtype)
-    period[:count] = found.group_period[:count]
+    period[: left.size] = found.group_period
+    count = found.count
     del found, left
     while dropped:
         cells = dropped.pop()
@@ -119,7 +121,22 @@ def _peeled_groups(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
             both[part] = both[image[part]] + 1
     step = both.astype(np.int32).astype(image.dtype, copy=False)
     group = np.right_shift(both, 32, out=both).astype(image.dtype)
-    return PeriodicGroups(group, step, period, np.asarray(count))
+    return PeriodicGroups(group, step, period, count)
+
+
+def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
+    """The groups of a map as that of a longer one, of few lengths, each of which is compiled once.
+
+    Cells that are added lead to the last of them, a group behind all.
+    """
+    size = bucket(max(image.size + 1, _FEWEST))
+    longer = np.full(size, size - 1, image.dtype)
+    longer[: image.size] = image
+    found = jax.device_get(_groups(longer, None))
+    period = found.group_period[: image.size].copy()
+    period[found.count - 1 :] = 0
+    group, step = found.group[: image.size], found.step[: image.size]
+    return PeriodicGroups(group, step, period, np.asarray(found.count - 1))
 
 
 def _peeled(

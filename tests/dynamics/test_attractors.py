@@ -89,6 +89,12 @@ def test_orbits_are_merged_as_pairs_of_them_are():
     assert sorted(np.flatnonzero(label == k).tolist() for k in range(label.max() + 1)) == expected
 
 
+@pytest.mark.parametrize(("kind", "label"), [("periodic", [0, 0]), ("sink", [0, 1])])
+def test_orbits_at_the_two_ends_of_a_periodic_axis_are_one(kind, label):
+    orbit = np.array([0.999, 0.001])[:, None, None]
+    assert merged(Box([0], [1], [9], kind), orbit, 0).tolist() == label
+
+
 @pytest.mark.parametrize("chunk", [7, 1 << 20])
 def test_starts_are_even_among_the_cells_of_a_group(chunk, monkeypatch):
     monkeypatch.setattr(attractors, "CHUNK", chunk)

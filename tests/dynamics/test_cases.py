@@ -17,10 +17,6 @@ MU = 0.1 * np.pi
 C, D = (1 - np.exp(-2 * MU)) / (2 * MU), np.exp(-2 * MU)
 
 
-def duffing(t, x, p):
-    return jnp.stack([x[1], -0.25 * x[1] - 0.05 * x[0] - x[0] ** 3 + 8.5 * jnp.cos(t)])
-
-
 def double_well(x, p):
     return jnp.stack([x[1], -1.2 * x[1] + x[0] - x[0] ** 3])
 
@@ -38,10 +34,6 @@ def edges(x, p):
     return jnp.stack([0.9 * x[1] + 1.81 * x[0] ** 2, -0.9 * x[0]])
 
 
-def henon(x, p):
-    return jnp.stack([1 - 1.4 * x[0] ** 2 + x[1], 0.3 * x[0]])
-
-
 def pendulum(x, p):
     return jnp.stack([x[1], p["T"] - 0.1 * x[1] - jnp.sin(x[0])])
 
@@ -51,8 +43,9 @@ def pendulum(x, p):
 # to 1e-9 of a cell.
 CASES = {
     "Duffing": (
-        dynamics.strobe(duffing, 2 * np.pi, 50),
-        Box([1.6, -3.5], [3.6, 5.5], [151, 151]),
+        systems.duffing.map,
+        systems.duffing.box,
+        systems.duffing.params,
         {2: 2, 3: 2, 28: 1},
         0,
         31,
@@ -61,6 +54,7 @@ CASES = {
     "double well": (
         dynamics.flow(double_well, 0.05, 20),
         Box([-1.5, -1.5], [1.5, 1.5], [151, 151]),
+        None,
         {1: 3},
         0,
         15,
@@ -69,20 +63,37 @@ CASES = {
     "Hsu's bar": (
         kicked_bar,
         Box([-np.pi, -7], [np.pi, 7], [115, 151]),
+        None,
         {1: 1, 6: 2},
         11070,
         24,
         [5042, 1252, 1],
     ),
-    "edges": (edges, Box([-1.5] * 2, [1.5] * 2, [151] * 2), {1: 1, 4: 11}, 17207, 37, [2120, 1961]),
-    "Henon": (henon, Box([-2] * 2, [2] * 2, [151] * 2), {2: 1, 14: 1}, 12974, 52, [9789, 38]),
+    "edges": (
+        edges,
+        Box([-1.5] * 2, [1.5] * 2, [151] * 2),
+        None,
+        {1: 1, 4: 11},
+        17207,
+        37,
+        [2120, 1961],
+    ),
+    "Henon": (
+        systems.henon.map,
+        Box([-2] * 2, [2] * 2, [151] * 2),
+        systems.henon.params,
+        {2: 1, 14: 1},
+        12974,
+        52,
+        [9789, 38],
+    ),
 }
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_groups_are_those_that_were_published(name):
-    map, box, periods, lost, longest, largest = CASES[name]
-    found = dynamics.basins(map, box)
+    map, box, params, periods, lost, longest, largest = CASES[name]
+    found = dynamics.basins(map, box, params)
     assert Counter(found.group_period.tolist()) == periods
     basin = np.bincount(found.group, minlength=found.groups + 2)
     assert basin[found.groups] == lost
@@ -103,10 +114,9 @@ def test_a_bijection_has_as_many_groups_as_published():
     assert np.count_nonzero(groups.group[: box.size] >= 90) == 18347
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("time", [0.5, 2.0, 6.0])
+@pytest.mark.parametrize("time", [0.5, 2.0])
 def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
-    box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
+    box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, int(time / 0.05)), box, {"T": 0.5})
     assert found.groups > 2
     assert found.attractors == 2
@@ -120,14 +130,16 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
     # 0.152 of 10,000 starts of bSTAB, 0.1523 of a grid of 150^2.
     assert found.fraction.min() == pytest.approx(0.152, abs=0.004)
+    assert found.groups > found.attractors == 2
+    assert sorted(found.period)[1] == 1
     assert found.changed < 0.01
     assert found.remarks == ()
 
 
-@pytest.mark.slow
 def test_crossing_times_leave_few_cells_where_they_are():
     box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
-    slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), box, {"T": 0.5})
+    coarse = Box(box.lower, box.upper, [21, 21], box.axes)
+    slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), coarse, {"T": 0.5})
     assert slow.self_images > 0.1
     assert any("own images" in said for said in slow.remarks)
     crossing = dynamics.basins(dynamics.flow(pendulum, 0.05), box, {"T": 0.5})
@@ -137,7 +149,7 @@ def test_crossing_times_leave_few_cells_where_they_are():
 
 
 def test_henons_map_has_one_attractor_and_loses_the_rest():
-    found = dynamics.basins(henon, Box([-2, -2], [2, 2], [501, 501]))
+    found = dynamics.basins(systems.henon.map, systems.henon.box, systems.henon.params)
     assert (found.groups, found.attractors) == (4, 1)
     # 0.43249 of grids of 1000^2 and 2000^2.
     assert found.fraction[0] == pytest.approx(0.4325, abs=0.001)
@@ -225,7 +237,6 @@ def test_morse_sets_of_a_product():
     assert (len(sets), edges.nnz) == (25, 119)
 
 
-@pytest.mark.slow
 def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     def lorenz(x, p):
         return jnp.stack(
@@ -239,17 +250,16 @@ def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
     assert dynamics.unstable_set(dynamics.flow(lorenz, 0.01, 10), box, start).size == 33_320
 
 
-@pytest.mark.slow
 def test_attractors_that_come_near_to_each_other_are_two():
-    # A chaotic one and a cycle, half a cell apart. Attractors.jl: 0.645 of 1,000 starts, 0.18 and
-    # 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
-    found = dynamics.basins(systems.lorenz84.map, systems.lorenz84.box, systems.lorenz84.params)
+    # A chaotic one and a cycle, less than half a cell apart. Attractors.jl: 0.645 of 1,000 starts,
+    # 0.18 and 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
+    box = Box([-3] * 3, [3] * 3, [71] * 3)
+    found = dynamics.basins(systems.lorenz84.map, box, systems.lorenz84.params)
     assert found.period.tolist() == [1, 0, 0]
     np.testing.assert_allclose(found.sampled, [0.645, 0.18, 0.175], atol=0.08)
     assert sum("take basins by orbits" in said for said in found.remarks) == 3
 
 
-@pytest.mark.slow
 def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
     # Of starts at rest; on their way orbits leave the thin box around that, and come back.
     system = systems.magnetic
@@ -260,9 +270,8 @@ def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
     np.testing.assert_allclose(found.fraction, [0.337, 0.332, 0.331], atol=0.01)
 
 
-@pytest.mark.slow
 def test_fractions_of_the_pendulum_along_its_torque():
-    box = Box([-np.pi, -10], [np.pi, 10], [101, 101], ["periodic", "sink"])
+    box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
     torque = np.array([0.11, 0.26, 0.46, 0.66, 0.96])
     # bSTAB, 10,000 starts each, of a standard error up to 0.005.
     rest = [1, 0.3268, 0.1703, 0.0839, 0.0071]
@@ -331,11 +340,10 @@ def test_boxes_of_many_axes_have_the_product_of_the_groups_of_each(axes):
     np.testing.assert_array_equal(image, expected)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("axes", [4, 5])
 def test_wells_of_many_axes_are_as_many_as_corners(axes):
     box = Box([-2] * axes, [2] * axes, [4] * axes)
-    found = dynamics.basins(lambda x, p: jnp.sign(x) * 0.7 + 0.3 * x, box)
+    found = dynamics.basins(lambda x, p: jnp.sign(x) * 0.6 + 0.1 * x, box)
     assert found.attractors == 2**axes
     assert found.period.tolist() == [1] * 2**axes
     np.testing.assert_allclose(found.fraction, 0.5**axes)

@@ -169,7 +169,7 @@ def found(cells):
 
 found(1100)
 before = psutil.Process().memory_info().rss
-one = found(4000)
+one = found(2000)
 # What getrusage says counts the process that began this one too.
 status = pathlib.Path("/proc/self/status").read_text()
 peak = int(re.search(r"VmHWM:\\s*(\\d+) kB", status)[1]) * 1024
@@ -178,7 +178,6 @@ print((peak - before - sum(array.nbytes for array in kept)) / one.box.size)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
 def test_basins_take_16_bytes_a_cell_beside_the_result():
     # Programs that are not optimized keep what is between their steps.
@@ -219,8 +218,8 @@ def test_bad_questions_are_refused_in_one_line(asked, said):
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["duffing", "pendulum", "henon", "magnetic", "lorenz84", "thomas"])
+# Those that no published case is of.
+@pytest.mark.parametrize("name", ["pendulum", "thomas"])
 def test_our_systems_have_attractors(name):
     found = study.Dynamics(system=name, cells=(11,)).run()
     assert found.attractors >= 1
