@@ -1,5 +1,6 @@
 """Robots in maps, and the filters of maps, for the tests of `jaxcell.robot`."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from jaxcell.automata import Filter, subset_construction
 from jaxcell.robot.emulation.body import Body, bumper_give
 from jaxcell.robot.emulation.simulated import SimulatedCreate
-from jaxcell.robot.walker import Walker, cell_strides
+from jaxcell.robot.walker import Drivable, Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace, free_steps
 
 
@@ -45,12 +46,14 @@ def body_in(cells: CellSpace, cell: int, **fields) -> Body:
     return Body(cells.workspace, pose_of(cells, cell), **{"give": bumper_give(cells.cell)} | fields)
 
 
-def walker_in(cells: CellSpace, cell: int, **fields) -> tuple[Walker, Body]:
-    """A walker with the driver and the emulated robot, and the body that this moves."""
+def walker_in(
+    cells: CellSpace, cell: int, *, robot: Callable[[Body], Drivable] = SimulatedCreate, **fields
+) -> tuple[Walker, Body]:
+    """A walker with the driver and the emulated robot, or another, and the body that this moves."""
     body = body_in(cells, cell, **fields)
     strides = cell_strides(cells.directions, cells.cell, cells.cell)
     direction = cell // cells.positions
-    return Walker(SimulatedCreate(body), cells.cell, strides=strides, direction=direction), body
+    return Walker(robot(body), cells.cell, strides=strides, direction=direction), body
 
 
 def place_of(cells: CellSpace, body: Body) -> int | None:

@@ -1,35 +1,32 @@
+import functools
 import json
 import math
 
 import numpy as np
 import pytest
-from wheels import bounce_filter, bounce_tables, map_cells, pose_of, walker_in
+from wheels import bounce_filter, bounce_tables, map_cells, walker_in as walker_with
 
-from jaxcell.robot.create.motion import Create
-from jaxcell.robot.emulation.body import Body, Noise
-from jaxcell.robot.emulation.emulator import Emulator, Line
+from jaxcell.robot.emulation.body import Noise
+from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.run_log import RunLog, read_log
 from jaxcell.robot.runner import plan_outcome, replay_filter, run_filter, run_plan
-from jaxcell.robot.walker import Walker, cell_strides
 
 
 LAB_A, LAB_B = map_cells("lab_a.json"), map_cells("lab_b.json")
-STRIDES = cell_strides(8, 1.0, 1.0)
+# What is tested here is above the driver.
+walker_in = functools.partial(walker_with, robot=DirectBody)
 
 
-# The serial line, the driver and the wheels are all in this one.
+# The commands, the driver and the wheels are all in this one.
 @pytest.mark.parametrize(("cell", "bounce_deg"), [(70, 45), (33, 135)])
 def test_the_emulated_robot_is_localized_to_its_true_configuration(cell, bounce_deg):
     filter = bounce_filter(LAB_A, bounce_deg)
-    with Emulator(Body(LAB_A.workspace, pose_of(LAB_A, cell)), line=Line(speedup=100.0)) as robot:
-        with Create.open(robot.port, patience=5.0) as create:
-            create.arm()
-            walker = Walker(create, 1.0, strides=STRIDES, direction=cell // LAB_A.positions)
-            outcome = run_filter(walker, filter, math.radians(bounce_deg))
-            assert outcome.result == "localized"
-        assert int(LAB_A.index(*robot.pose)) in outcome.cells
-        state = filter.run(outcome.observations).states[-1].item()
-        assert outcome.cells == tuple(filter.cells(state).tolist())
+    walker, body = walker_with(LAB_A, cell)
+    outcome = run_filter(walker, filter, math.radians(bounce_deg))
+    assert outcome.result == "localized"
+    assert int(LAB_A.index(*body.pose)) in outcome.cells
+    state = filter.run(outcome.observations).states[-1].item()
+    assert outcome.cells == tuple(filter.cells(state).tolist())
 
 
 @pytest.mark.parametrize("bounce_deg", [45, 135])

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxcell.robot.emulation.body import Body, Noise
+from jaxcell.robot.emulation.direct import DirectBody
 from jaxcell.robot.emulation.simulated import SimulatedCreate
 from jaxcell.robot.walker import Walker, cell_strides
 from jaxcell.space import CellSpace, Workspace
@@ -53,7 +54,7 @@ def test_slip_is_not_seen_by_the_estimate(seed):
     hall = Workspace([(-9, -9), (9, -9), (9, 9), (-9, 9)])
     noise = Noise(distance=0.1, rotation=0.05)
     body = Body(hall, (0.0, 0.0, 0.0), noise=noise, rng=np.random.default_rng(seed))
-    walker = Walker(SimulatedCreate(body), 1.0)
+    walker = Walker(DirectBody(body), 1.0)
     for _ in range(2):
         walker.step()
     assert walker.estimate == pytest.approx((2, 0, 0), abs=0.01)

@@ -1,5 +1,6 @@
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -8,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float, Int
-from scipy.stats import qmc
 
 from ...automata import HiddenMap
 from ...base import memory
@@ -19,7 +19,7 @@ from ..dynamics import bounce_shift
 
 # Configurations and errors that are tried in each cell, a power of two.
 _SAMPLES = 128
-# Cells that are sampled at once.
+# Squares that are sampled at once.
 _CHUNK = 2048
 MAX_CELLS = 100_000
 "How many fine cells a map is cut into at most, unless told otherwise."
@@ -156,7 +156,7 @@ class FineCells:
         return np.bincount(where, minlength=self.size) / where.size
 
     def index(
-        self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."]
+        self, pose: Float[np.ndarray, "*batch 3"], believed: Int[np.ndarray, "..."] | int
     ) -> Int[np.ndarray, "*batch"]:
         """The fine cell of configurations with believed directions, or the nearest one."""
         square = nearest_cell(self.fine, pose[..., 0], pose[..., 1], 0.0)
@@ -200,6 +200,9 @@ def slip_map(
         >>> hidden.moves[[1]].indices.tolist(), hidden.moves[[1]].data.tolist()
         ([2], [1.0])
     """
+    # Slow to import.
+    from scipy.stats import qmc
+
     coarse, fine = cells.cells, cells.fine
     assert coarse.workspace is not None
     size = cells.size
@@ -221,26 +224,31 @@ def slip_map(
     walls = felt_walls(coarse.workspace, slip.give)
     shifts = bounce_shift(np.asarray(bounces, float), coarse.directions).tolist()
     parts: list[list[scipy.sparse.csr_array]] = [[] for _ in range(1 + len(shifts))]
-    for begin in range(0, size, _CHUNK):
-        rows = np.minimum(np.arange(begin, begin + _CHUNK), size - 1)
-        told = cells.believed[rows]
-        after, bumped = map(
-            np.asarray,
-            _drive(cells.poses[rows], legs[told], offsets, errors, walls, slip),
-        )
+    squares = np.stack(fine.centre(np.arange(fine.positions)), axis=1)
+    chunk = min(_CHUNK, fine.positions)
+    for row, begin in itertools.product(
+        range(size // fine.positions), range(0, fine.positions, chunk)
+    ):
+        cell = row * fine.positions
+        told = int(cells.believed[cell])
+        start = offsets + np.array([0.0, 0.0, cells.poses[cell, 2]])
         # Chunks have one shape; what the last has too many is dropped.
-        count = min(_CHUNK, size - begin)
+        here = np.minimum(np.arange(begin, begin + chunk), fine.positions - 1)
+        count = min(chunk, fine.positions - begin)
+        after, bumped = map(
+            np.asarray, _drive(squares[here], start, legs[told], errors, walls, slip)
+        )
         after = after + turned
-        row, sample = np.nonzero(~bumped[:count])
-        image = cells.index(after[row, sample], told[row])
-        parts[0].append(_shares(row, image, count, size))
-        row, sample = np.nonzero(bumped[:count])
+        begun, sample = np.nonzero(~bumped[:count])
+        image = cells.index(after[begun, sample], told)
+        parts[0].append(_shares(begun, image, count, size))
+        begun, sample = np.nonzero(bumped[:count])
         for shift, found in zip(shifts, parts[1:], strict=True):
-            pose = after[row, sample]
+            pose = after[begun, sample]
             turn = math.remainder(shift * 2 * math.pi / coarse.directions, 2 * math.pi)
             pose[:, 2] += turn * (1 + slip.turn * errors[sample, TURNING])
-            image = cells.index(pose, (told[row] + shift) % coarse.directions)
-            found.append(_shares(row, image, count, size))
+            image = cells.index(pose, (told + shift) % coarse.directions)
+            found.append(_shares(begun, image, count, size))
     moves, *bumps = (scipy.sparse.vstack(part, format="csr") for part in parts)
     return HiddenMap.of(moves, bumps, cells.coarse, cells.centres)
 
@@ -298,25 +306,33 @@ def needed(cells: int = MAX_CELLS, angles: int = 1) -> int:
 
 @functools.partial(jax.jit, static_argnames="slip")
 def _drive(
-    middle: Float[Array, "cells 3"],
-    legs: Float[Array, "cells 3"],
-    offsets: Float[Array, "samples 3"],
+    squares: Float[Array, "squares 3"],
+    start: Float[Array, "samples 3"],
+    leg: Float[Array, "3"],
     errors: Float[Array, "samples errors"],
     walls: Float[Array, "walls 2 2"],
     slip: Slip,
-) -> tuple[Float[Array, "cells samples 3"], Array]:
-    """Where the samples of each cell are after a step, without a turn, and whether they bump."""
-    shape = (middle.shape[0], *offsets.shape)
-    pose = middle[:, None] + offsets[None]
-    return slipping_step(
-        pose,
-        jnp.broadcast_to(legs[:, None], shape),
-        0.0,
-        jnp.broadcast_to(errors, (*shape[:2], errors.shape[-1])),
-        walls,
-        slip,
-        ahead_of=jax_free_ahead,
-    )
+) -> tuple[Float[Array, "squares samples 3"], Array]:
+    """Where samples around the middle of each square are after a step, and whether they bump.
+
+    All but the walls is the same around each square, so that it is computed once.
+    """
+
+    def around(middle: Float[Array, "1 3"]) -> tuple[Array, Array]:
+        after, bumped = slipping_step(
+            start,
+            jnp.broadcast_to(leg, start.shape),
+            0.0,
+            errors,
+            walls,
+            slip,
+            ahead_of=lambda walls, place, heading: jax_free_ahead(
+                walls, middle[:, :2] + place, heading
+            ),
+        )
+        return after + middle, bumped
+
+    return jax.vmap(around)(squares[:, None])
 
 
 def jax_free_ahead(
@@ -330,4 +346,4 @@ def jax_free_ahead(
     def nearer(nearest, wall):  # type: ignore[no-untyped-def]
         return jnp.minimum(nearest, to_wall(wall, place, ux, uy)), None
 
-    return jax.lax.scan(nearer, jnp.full(heading.shape, jnp.inf), walls)[0]
+    return jax.lax.scan(nearer, jnp.full(place.shape[:-1], jnp.inf), walls)[0]

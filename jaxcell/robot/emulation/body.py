@@ -125,8 +125,11 @@ class Body:
     @property
     def counts(self) -> tuple[int, int]:
         """What the left and the right encoder show, from 0 to 65535."""
-        left, right = np.floor(self.travelled / METRES_PER_COUNT).astype(int) % 65536
-        return int(left), int(right)
+        left, right = self.travelled.tolist()
+        return (
+            math.floor(left / METRES_PER_COUNT) % 65536,
+            math.floor(right / METRES_PER_COUNT) % 65536,
+        )
 
     def advance(self, left: float, right: float, seconds: float) -> None:
         """Let the wheels turn for a tick, each at its speed in m/s."""
