@@ -6,10 +6,11 @@ A worker starts in a second, and sweeps whose workers die or are ended start man
 import contextlib
 import multiprocessing
 import os
+import types
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 
-from jaxcell.sweep.workers.process import serve
+from jaxcell.sweep.workers import process
 
 
 CONTEXT = multiprocessing.get_context("forkserver")
@@ -27,9 +28,18 @@ class Forked:
         self.kill, self.wait = self._process.kill, self._process.join
 
 
+FORKED = types.SimpleNamespace(Popen=Forked, DEVNULL=None)
+"In place of `subprocess`."
+
+
 def _served(connection, environment):
     os.environ.update(environment)
-    serve(connection.fileno())
+    process.serve(connection.fileno())
+
+
+def dask_setup(worker):
+    """Workers of Dask, which preload this, start theirs so too."""
+    process.subprocess = FORKED
 
 
 @contextlib.contextmanager

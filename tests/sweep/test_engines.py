@@ -36,7 +36,7 @@ def server():
 @pytest.fixture
 def forked(server, monkeypatch):
     """Workers that start in no time."""
-    monkeypatch.setattr("jaxcell.sweep.workers.process.subprocess.Popen", sweep_workers.Forked)
+    monkeypatch.setattr("jaxcell.sweep.workers.process.subprocess", sweep_workers.FORKED)
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +44,8 @@ def cluster(server):
     """The address of a cluster that was started by somebody else."""
     settings = {
         "distributed.worker.multiprocessing-method": "forkserver",
+        "distributed.worker.preload": ["sweep_workers"],
+        "distributed.worker.daemon": False,
         # We try again what was on a worker that died, in halves.
         "distributed.scheduler.allowed-failures": 0,
     }
@@ -175,9 +177,9 @@ def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path
     calls = tmp_path / "calls"
     calls.mkdir()
     spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=5.0)
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
     assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 5 s"
+    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [1, 2]
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
@@ -248,7 +250,7 @@ def test_the_recipe_for_a_queue(spec_file, tmp_path):
         assert script.count(there) == 1
         script = script.replace(there, here)
     (tmp_path / "slurm.py").write_text(script)
-    spec_file(name="angles.toml", head="chunk = 1", fixed="seconds = 0.2")
+    spec_file("[grid]\nx = {count = 6}", "angles.toml", head="chunk = 1", fixed="seconds = 0.2")
     environment = {**os.environ, "PYTHONPATH": f"{TESTS}:{TESTS.parent}"}
     subprocess.run(
         [sys.executable, "slurm.py"], cwd=tmp_path, env=environment, check=True, timeout=120
