@@ -110,12 +110,16 @@ def patrol() -> "tuple[Graph, Bool[np.ndarray, '5 5']]":
 
 def basins(cells: int = 8) -> "Basins":
     """The basins of a map of numbers from 0 to 1: those above 1/2 go to 0.6, the others to 0.1."""
-    import jax.numpy as jnp
-
     from .dynamics import basins
     from .space import Box
 
-    return basins(lambda x, p: jnp.where(x > 0.5, 0.6, 0.1), Box([0], [1], cells=[cells]))
+    return basins(_two_ends, Box([0], [1], cells=[cells]))
+
+
+def _two_ends(x: Any, p: Any) -> Any:
+    import jax.numpy as jnp
+
+    return jnp.where(x > 0.5, 0.6, 0.1)
 
 
 def angles() -> "Spec":

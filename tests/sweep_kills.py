@@ -10,10 +10,12 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import jaxcell.sweep.boxes
 import jaxcell.sweep.pending
@@ -87,30 +89,42 @@ def await_chunks(folder: Path, count: int) -> None:
         time.sleep(0.005)
 
 
-def main() -> None:
-    file, base, engine, kills, seed, *begun = sys.argv[1:]
-    jaxcell.sweep.boxes._FILE_BYTES = int(os.environ.get("SWEEP_FILE_BYTES", "1"))
-    # The sweeps take less than the second that chunks wait to be written.
-    between = float(os.environ.get("SWEEP_SECONDS", "0"))
-    jaxcell.sweep.pending._SECONDS = jaxcell.sweep.pending._TIMES = between
-    spec, rng = Spec.load(file), random.Random(int(seed))
-    whole, folder = Path(base) / "whole", Path(base) / "killed"
+def kill(
+    file: str,
+    base: str,
+    kills: int,
+    engine: str = "local",
+    begun: str | None = None,
+    file_bytes: int = 1,
+    seconds: float = 0.0,
+) -> dict[str, int]:
+    """Kills a sweep so often, and gives how often, and in how many rounds it was done.
+
+    `begun` is a smaller sweep to grow. Files hold `file_bytes`, and chunks wait for `seconds` to be
+    written, which is more than the sweep takes or nothing.
+    """
+    jaxcell.sweep.boxes._FILE_BYTES = file_bytes
+    jaxcell.sweep.pending._SECONDS = jaxcell.sweep.pending._TIMES = seconds
+    spec, rng = Spec.load(file), random.Random(1)
+    base = Path(base)
+    base.mkdir(exist_ok=True)
+    whole, folder = base / "whole", base / "killed"
     began = time.monotonic()
     assert ended(forked(spec, whole, "local")) == 0
-    seconds = time.monotonic() - began
+    lasts = time.monotonic() - began
     expected = tree(whole)
     done, rounds, partial = 0, 0, 0
-    while done < int(kills):
+    while done < kills:
         if begun and not folder.exists():
-            # A smaller sweep, to grow.
-            shutil.copytree(begun[0], folder)
+            shutil.copytree(begun, folder)
         # Half of the kills at a moment, half at an operation on a file.
         if engine == "local" and rng.random() < 0.5:
-            killed = ended(forked(spec, folder, engine, events=rng.randrange(200 if begun else 60)))
+            events = rng.randrange(200 if begun else 60)
+            killed = ended(forked(spec, folder, engine, events))
         else:
             process = forked(spec, folder, engine)
             if engine == "local":
-                time.sleep(rng.uniform(0, seconds))
+                time.sleep(rng.uniform(0, lasts))
             else:
                 # Its workers take long to start, and nobody knows how long.
                 await_chunks(folder, rng.randrange(spec.chunk_count))
@@ -123,12 +137,26 @@ def main() -> None:
             assert tree(folder) == expected, "another result"
             rounds += 1
             shutil.rmtree(folder)
-    assert ended(forked(spec, folder, engine)) == 0
+    # Whatever engine a sweep was begun on, another goes on with it.
+    assert ended(forked(spec, folder, "local")) == 0
     assert tree(folder) == expected, "another result"
-    print(json.dumps({"kills": done, "rounds": rounds + 1, "partial": partial}))
+    return {"kills": done, "rounds": rounds + 1, "partial": partial}
+
+
+def kill_apart(*sweeps: dict[str, Any]) -> list[dict[str, int]]:
+    """Kills sweeps, one after the other, in a process without threads."""
+    found = subprocess.run(
+        [sys.executable, __file__, *map(json.dumps, sweeps)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout)
 
 
 if __name__ == "__main__":
     import dask.array  # noqa: F401  xarray imports it when it makes its first dataset.
 
-    main()
+    print(json.dumps([kill(**json.loads(one)) for one in sys.argv[1:]]))

@@ -54,11 +54,11 @@ def advect(
 
     A flow of a tenth of a cell a second to the East, everywhere and always:
 
-        >>> import jax.numpy as jnp
+        >>> import numpy as np
         >>> from jaxcell import drift
-        >>> rate = jnp.stack([jnp.full((3, 5), 0.1), jnp.zeros((3, 5))])[None]
-        >>> flow = drift.Flow(rate, jnp.zeros(1))
-        >>> x, y = drift.advect(flow, jnp.array([1.0]), jnp.array([2.0]), 20.0)
+        >>> rate = np.stack([np.full((3, 5), 0.1), np.zeros((3, 5))])[None]
+        >>> flow = drift.Flow(rate, np.zeros(1))
+        >>> x, y = drift.advect(flow, np.array([1.0]), np.array([2.0]), 20.0)
         >>> x.round(6).tolist(), y.tolist()
         ([3.0], [2.0])
     """

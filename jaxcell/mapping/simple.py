@@ -14,9 +14,9 @@ class SimpleMap:
 
     Two steps around a ring of three cells:
 
-        >>> import jax.numpy as jnp
+        >>> import numpy as np
         >>> from jaxcell import mapping
-        >>> ring = mapping.SimpleMap(jnp.array([1, 2, 0]), jnp.array([False, False, True]))
+        >>> ring = mapping.SimpleMap(np.array([1, 2, 0]), np.array([False, False, True]))
         >>> ring.image[ring.image].tolist()
         [2, 0, 1]
     """

@@ -24,12 +24,11 @@ def filtered(
 
     A robot in one of three cells in a row, which goes on for sure and bumps at the end:
 
-        >>> import jax.numpy as jnp
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
         >>> moves, bumps = np.eye(3, k=1), np.diag([0.0, 0.0, 1.0])
         >>> model = mapping.ObservedChain.from_scipy(moves, bumps)
-        >>> found, _ = markov.filtered(model, jnp.ones(3) / 3, jnp.array([0, 1]))
+        >>> found, _ = markov.filtered(model, np.ones(3) / 3, np.array([0, 1]))
         >>> found.round(3).tolist()
         [[0.333, 0.333, 0.333], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]
     """
@@ -60,13 +59,12 @@ def smoothed(
 
     A robot in one of three cells in a row that does not bump in two steps began in the first:
 
-        >>> import jax.numpy as jnp
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
         >>> moves, bumps = np.eye(3, k=1), np.diag([0.0, 0.0, 1.0])
         >>> model = mapping.ObservedChain.from_scipy(moves, bumps)
-        >>> markov.smoothed(model, jnp.ones(3) / 3, jnp.array([0, 0]))[0].tolist()
-        [1.0, 0.0, 0.0]
+        >>> markov.smoothed(model, np.ones(3) / 3, np.array([0, 0])).tolist()
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
     forward, _ = filtered(model, start, observations)
 
@@ -99,13 +97,12 @@ def possible(
 
     A robot in one of three cells in a row, which goes on for sure and bumps at the end:
 
-        >>> import jax.numpy as jnp
         >>> import numpy as np
         >>> from jaxcell import mapping, markov
         >>> moves, bumps = np.eye(3, k=1), np.diag([0.0, 0.0, 1.0])
         >>> model = mapping.ObservedChain.from_scipy(moves, bumps)
-        >>> markov.possible(model, jnp.ones(3, bool), jnp.array([0])).astype(int).tolist()
-        [[1, 1, 1], [0, 1, 1]]
+        >>> markov.possible(model, np.ones(3, bool), np.array([0])).tolist()
+        [[True, True, True], [False, True, True]]
     """
 
     def observe(known, observation):  # type: ignore[no-untyped-def]

@@ -21,8 +21,10 @@ INCLUDED = re.compile(r'^--8<-- "([^":]+)"$', re.MULTILINE)
 # What needs a network, a screen, a robot, a cluster or half an hour is read, and not run.
 NOT_HERE = ("jaxcell view", "/dev/tty", "dask://", "--live", "jaxcell demo")
 SHELL = ("pip install ",)
-# What these say takes seconds to do.
-LONG = ("gallery.md", "create.md", "current.md", "dynamics.md", "map.md")
+GALLERY = ROOT / "docs" / "pages" / "gallery.md"
+SHOWN = re.findall(r"\(pictures/(\w+)\.png", GALLERY.read_text(encoding="utf-8"))
+# The sections of these stand by themselves, and take seconds.
+LONG = ("create.md", "current.md")
 
 
 @dataclass
@@ -32,12 +34,21 @@ class Block:
     body: str
 
 
-def blocks(page):
-    found = FENCE.findall(page.read_text(encoding="utf-8"))
+def sections(page):
+    """The blocks of a page, section by section."""
+    text = page.read_text(encoding="utf-8")
+    parts = re.split(r"^## ", text, flags=re.MULTILINE) if page.name in LONG else [text]
     return [
-        Block(language, title, INCLUDED.sub(lambda name: (ROOT / name[1]).read_text(), body))
-        for language, title, body in found
+        [
+            Block(language, title, INCLUDED.sub(lambda name: (ROOT / name[1]).read_text(), body))
+            for language, title, body in FENCE.findall(part)
+        ]
+        for part in parts
     ]
+
+
+def blocks(page):
+    return [block for section in sections(page) for block in section]
 
 
 def commands(block):
@@ -87,11 +98,18 @@ def test_links_lead_somewhere(page):
             assert (page.parent / link).exists(), link
 
 
-def run(page, folder, capsys, monkeypatch, with_commands=True):
-    """Do what a page says in a folder, from the top to the bottom."""
-    monkeypatch.chdir(folder)
+@pytest.fixture
+def as_users_have_it(tmp_path, monkeypatch):
+    """An empty folder, and JAX not as strict as in these tests."""
+    monkeypatch.chdir(tmp_path)
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+def run(section, capsys):
+    """Do what the blocks of a section say, from the first to the last."""
     names, printed = {}, ""
-    for block in blocks(page):
+    for block in section:
         if block.title:
             Path(block.title).write_text(block.body)
         elif block.language == "python":
@@ -100,33 +118,40 @@ def run(page, folder, capsys, monkeypatch, with_commands=True):
             assert printed
         elif block.language == "text":
             assert printed == block.body
-        elif with_commands:
+        else:
             for line in commands(block):
                 if line.startswith("jaxcell") and not any(one in line for one in NOT_HERE):
                     assert main(shlex.split(line)[1:]) == 0, line
             capsys.readouterr()
 
 
-@pytest.fixture
-def as_it_comes():
-    """JAX as users have it, and not as strict as in these tests."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
-
-
-@pytest.mark.usefixtures("as_it_comes")
-def test_the_code_of_readme_works(tmp_path, capsys, monkeypatch):
-    run(README, tmp_path, capsys, monkeypatch, with_commands=False)
-
-
-@pytest.mark.usefixtures("as_it_comes")
+@pytest.mark.usefixtures("as_users_have_it")
 @pytest.mark.parametrize(
-    "page",
-    [pytest.param(one, marks=[pytest.mark.slow] if one.name in LONG else []) for one in PAGES],
-    ids=name,
+    "section",
+    [
+        pytest.param(section, id=f"{name(page)}-{number}")
+        for page in PAGES
+        if page != GALLERY
+        for number, section in enumerate(sections(page))
+        if section
+    ],
 )
-def test_it_does_what_it_says(page, tmp_path, capsys, monkeypatch):
-    run(page, tmp_path, capsys, monkeypatch)
+def test_it_does_what_it_says(section, capsys):
+    run(section, capsys)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    """How the pictures of the gallery are made, by their names."""
+    return runpy.run_path(str(ROOT / "data" / "pictures" / "make_pictures.py"))["PICTURES"]
+
+
+@pytest.mark.usefixtures("as_users_have_it")
+@pytest.mark.parametrize("picture", SHOWN)
+def test_the_commands_of_a_picture(pictures, picture):
+    for line in pictures[picture].commands:
+        assert main(shlex.split(line)) == 0, line
+    assert Path("runs", pictures[picture].recording).exists()
 
 
 def test_readme_is_short():
@@ -141,10 +166,7 @@ def test_readme_has_rows_of_the_benchmarks():
         assert row in table
 
 
-def test_the_gallery_has_the_commands_of_its_pictures():
-    pictures = runpy.run_path(str(ROOT / "data" / "pictures" / "make_pictures.py"))["PICTURES"]
-    page = ROOT / "docs" / "pages" / "gallery.md"
-    shown = {line for block in blocks(page) for line in commands(block)}
+def test_the_gallery_has_the_commands_of_its_pictures(pictures):
+    shown = {line for block in blocks(GALLERY) for line in commands(block)}
     assert {f"jaxcell {line}" for one in pictures.values() for line in one.commands} == shown
-    text = page.read_text(encoding="utf-8")
-    assert set(re.findall(r"pictures/(\w+)\.png", text)) == set(pictures)
+    assert set(SHOWN) == set(pictures)

@@ -14,8 +14,6 @@ from jaxcell.cli import main
 from jaxcell.sweep import open_sweep, sweep_status
 
 
-slow = pytest.mark.slow
-
 PROGRAM = "import sys; from jaxcell.cli import main; sys.exit(main())"
 
 
@@ -107,7 +105,7 @@ def test_a_task_that_prints_leaves_the_output_to_the_result(spec, tmp_path, capf
     assert told.err.count("from Python") == told.err.count("from elsewhere") == 3
 
 
-@pytest.mark.parametrize("engine", ["processes", pytest.param("dask", marks=slow)])
+@pytest.mark.parametrize("engine", ["processes", "dask"])
 def test_workers_that_print_leave_the_output_to_the_result(spec, tmp_path, engine):
     environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
     text = Path(spec()).read_text().replace(":stub", ":chatty")
@@ -189,7 +187,7 @@ def test_bad_input_is_one_line(spec, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
+def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, capsys, number):
     path, out = spec("seconds = 0.1", grid="x = {count = 4000}"), tmp_path / "out"
     given = ["--workers", "1", "--engine", "processes", "--max-failures", "3"]
     environment = {**os.environ, "PYTHONPATH": str(Path(sweep_stub.__file__).parent)}
@@ -215,14 +213,8 @@ def test_an_interrupted_sweep_says_how_to_go_on(spec, tmp_path, number):
         f"jaxcell sweep {path} --out {out} --resume "
         "--engine processes --workers 1 --max-failures 3\n"
     ) in told
-    sent = subprocess.run(
-        [sys.executable, "-c", PROGRAM, "sweep", "status", str(out), "--json"],
-        check=False,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    found = json.loads(sent.stdout)
-    assert sent.returncode == 1
+    assert main(["sweep", "status", str(out), "--json"]) == 1
+    found = described(capsys)
     assert 0 < found["done"] < found["chunks"]
     assert found["running"] is None
 

@@ -1,11 +1,8 @@
 """Files that hold several chunks: as crash-safe as those of one, and few."""
 
-import json
 import os
 import random
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +10,7 @@ import pytest
 import sweep_kills
 import sweep_stub
 import xarray as xr
-from sweep_kills import tree
+from sweep_kills import kill_apart, tree
 
 from jaxcell.sweep import open_sweep, run_sweep, sweep_status, verify_sweep
 from jaxcell.sweep.boxes import stored_lengths
@@ -268,23 +265,15 @@ def test_a_sweep_of_a_file_for_each_chunk_goes_on_so(stub_spec, tmp_path, monkey
     assert tree(out) == tree(tmp_path / "whole")
 
 
-@pytest.mark.parametrize(
-    ("most", "seconds", "kills"),
-    [("1048576", "1", "12"), ("1048576", "0", "24"), ("300", "0", "24")],
-)
-def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path, most, seconds, kills):
-    spec = stub_spec()
-    script = [sys.executable, Path(sweep_kills.__file__), spec.path, tmp_path, "local", kills, "1"]
-    found = subprocess.run(
-        script,
-        env={**os.environ, "SWEEP_FILE_BYTES": most, "SWEEP_SECONDS": seconds},
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=300,
+def test_runs_that_are_killed_at_any_moment(stub_spec, tmp_path):
+    file = str(stub_spec().path)
+    late, whole, part = kill_apart(
+        {"file": file, "base": f"{tmp_path}/late", "kills": 12, "file_bytes": 2**20, "seconds": 1},
+        {"file": file, "base": f"{tmp_path}/whole", "kills": 24, "file_bytes": 2**20},
+        {"file": file, "base": f"{tmp_path}/part", "kills": 24, "file_bytes": 300},
     )
-    assert found.returncode == 0, found.stderr
-    told = json.loads(found.stdout)
-    assert told["kills"] >= int(kills)
-    # Some were in the middle of it, where it is not written at the end alone.
-    assert told["partial"] > 0 or seconds == "1"
+    assert late["kills"] >= 12
+    for told in (whole, part):
+        assert told["kills"] >= 24
+        # Some were in the middle of it, where it is not written at the end alone.
+        assert told["partial"] > 0

@@ -12,8 +12,9 @@ import dask
 import numpy as np
 import pytest
 import sweep_kills
+import sweep_workers
 from distributed import LocalCluster
-from sweep_kills import tree
+from sweep_kills import kill_apart, tree
 
 from jaxcell.cli import main
 from jaxcell.sweep import engine_named, open_sweep, run_sweep, scheduler_address, sweep_status
@@ -26,18 +27,34 @@ LOCAL_QUEUE = 'LocalCluster(cores=1, memory="1GB", interface="lo")'
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def server():
+    """Where workers are forked from."""
+    with sweep_workers.server():
+        yield
+
+
+@pytest.fixture
+def forked(server, monkeypatch):
+    """Workers that start in no time."""
+    monkeypatch.setattr("jaxcell.sweep.workers.process.subprocess", sweep_workers.FORKED)
+
+
+@pytest.fixture(scope="module")
+def cluster(server):
     """The address of a cluster that was started by somebody else."""
-    # We try again what was on a worker that died, in halves.
-    with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+    settings = {
+        "distributed.worker.multiprocessing-method": "forkserver",
+        "distributed.worker.preload": ["sweep_workers"],
+        "distributed.worker.daemon": False,
+        # We try again what was on a worker that died, in halves.
+        "distributed.scheduler.allowed-failures": 0,
+    }
+    with dask.config.set(settings):
         found = LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
         )
     with found:
         yield found.scheduler_address.replace("tcp://", "dask://")
-
-
-slow = pytest.mark.slow
 
 
 def jobs_of(count, task="sweep_stub:stub", **fixed):
@@ -62,6 +79,7 @@ def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
     assert dict(os.environ) == before
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
@@ -75,7 +93,7 @@ def test_a_worker_that_dies_is_replaced(stub_spec, tmp_path):
     assert not any(alive(process) for process in processes)
 
 
-@slow
+@pytest.mark.usefixtures("forked")
 def test_a_job_that_kills_its_workers_takes_no_other_with_it(tmp_path):
     take, _ = jobs_of(3, kill=1, folder=str(tmp_path))
     outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1)(take)}
@@ -127,7 +145,7 @@ def test_deaths_are_counted_for_each_job_and_forgotten_with_it(monkeypatch):
     assert len(made) == 1 + 29 * 2 + 3
 
 
-@slow
+@pytest.mark.usefixtures("forked")
 def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path, monkeypatch):
     # At the first death, of the chunk, of a half of it, and of the member.
     monkeypatch.setattr("jaxcell.sweep.workers.engines._MAX_DEATHS", 1)
@@ -140,30 +158,30 @@ def test_a_member_that_kills_its_workers_fails_alone(stub_spec, tmp_path, monkey
         assert dataset.status.values.tolist() == [1] * 5 + [2] + [1] * 6
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_job_that_hangs_is_ended():
     take, _ = jobs_of(1, hang=0)
     outcomes = [outcome for _, outcome in engine_named("processes", 1, 0.5)(take)]
     assert outcomes == [Failed("TimeoutError: it was not done after 0.5 s")]
 
 
-@slow
+@pytest.mark.usefixtures("forked")
 def test_a_job_that_hangs_takes_no_other_with_it():
     take, _ = jobs_of(3, hang=1)
-    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 10.0)(take)}
-    assert outcomes[1] == Failed("TimeoutError: it was not done after 10 s")
+    outcomes = {job.number: outcome for job, outcome in engine_named("processes", 1, 1.0)(take)}
+    assert outcomes[1] == Failed("TimeoutError: it was not done after 1 s")
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
 
 
-@slow
 def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
-    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 4}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=10.0)
+    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
     assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 10 s"
+    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
     with open_sweep(tmp_path / "out") as dataset:
-        assert dataset.status.values.tolist() == [1, 2, 1, 1]
+        assert dataset.status.values.tolist() == [1, 2]
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
@@ -232,7 +250,7 @@ def test_the_recipe_for_a_queue(spec_file, tmp_path):
         assert script.count(there) == 1
         script = script.replace(there, here)
     (tmp_path / "slurm.py").write_text(script)
-    spec_file(name="angles.toml", head="chunk = 1", fixed="seconds = 0.2")
+    spec_file("[grid]\nx = {count = 6}", "angles.toml", head="chunk = 1", fixed="seconds = 0.2")
     environment = {**os.environ, "PYTHONPATH": f"{TESTS}:{TESTS.parent}"}
     subprocess.run(
         [sys.executable, "slurm.py"], cwd=tmp_path, env=environment, check=True, timeout=120
@@ -248,6 +266,7 @@ def test_a_timeout_that_is_none():
             engine_named("processes", timeout=timeout)
 
 
+@pytest.mark.usefixtures("forked")
 def test_workers_end_with_the_run(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()
@@ -273,7 +292,6 @@ def test_dask_gives_the_same(cluster, stub_spec, tmp_path, whole):
     assert tree(out) == whole
 
 
-@slow
 def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
     spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"')
     assert run_sweep(spec, tmp_path / "out", engine=cluster).complete
@@ -285,6 +303,7 @@ def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
     assert found.failures[0].message.startswith("KilledWorker: ")
 
 
+@pytest.mark.usefixtures("forked")
 def test_few_jobs_are_on_their_way():
     take, taken = jobs_of(100)
     outcomes = engine_named("processes", 1)(take)
@@ -327,24 +346,15 @@ def test_dask_is_an_extra(monkeypatch):
         engine_named("dask")
 
 
-@slow
 @pytest.mark.parametrize(("engine", "kills"), [("processes", 2), ("dask", 1)])
 def test_sweeps_that_are_killed_and_gone_on_with(stub_spec, tmp_path, engine, kills):
     spec = stub_spec("seconds = 0.01")
-    found = subprocess.run(
-        [sys.executable, TESTS / "sweep_kills.py", spec.path, tmp_path, engine, str(kills), "1"],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=300,
+    (told,) = kill_apart(
+        {"file": str(spec.path), "base": str(tmp_path), "kills": kills, "engine": engine}
     )
-    assert found.returncode == 0, found.stderr
-    told = json.loads(found.stdout)
     assert told["kills"] >= kills
-    assert told["rounds"] >= 1
 
 
-@slow
 def test_a_killed_run_leaves_its_workers_to_die(stub_spec, tmp_path):
     calls = tmp_path / "calls"
     calls.mkdir()

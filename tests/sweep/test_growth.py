@@ -2,16 +2,12 @@
 
 import json
 import os
-import subprocess
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import sweep_kills
 import sweep_stub
-from sweep_kills import tree
+from sweep_kills import kill_apart, tree
 
 from jaxcell.sweep import open_sweep, run_sweep, verify_sweep
 
@@ -168,21 +164,12 @@ def test_a_growth_that_was_stopped_is_ended_by_the_next_run(stub_spec, tmp_path,
 def test_runs_that_are_killed_while_a_sweep_grows(stub_spec, tmp_path):
     small, large = stub_spec(text=SMALL), stub_spec(text=GROWN["between"], name="large.toml")
     run_sweep(small, tmp_path / "small")
-    found = subprocess.run(
-        [
-            sys.executable,
-            Path(sweep_kills.__file__),
-            large.path,
-            tmp_path,
-            "local",
-            "10",
-            "1",
-            tmp_path / "small",
-        ],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=300,
+    (told,) = kill_apart(
+        {
+            "file": str(large.path),
+            "base": str(tmp_path),
+            "kills": 10,
+            "begun": str(tmp_path / "small"),
+        }
     )
-    assert found.returncode == 0, found.stderr
-    assert json.loads(found.stdout)["kills"] >= 10
+    assert told["kills"] >= 10

@@ -42,13 +42,13 @@ def particle_run(
     In a corridor of three cells, all particles that go East to the end and turn there look West:
 
         >>> import jax
-        >>> import jax.numpy as jnp
+        >>> import numpy as np
         >>> from jaxcell import bounce, examples, space
         >>> room = examples.corridor().workspace
         >>> walls, legs = space.felt_walls(room, 0.0), space.stride_legs(2, 1.0, 1.0)
-        >>> pose, east = jnp.tile(jnp.array([1.5, 0.5, 0.0]), (5, 1)), jnp.zeros(5, int)
+        >>> pose, east = np.tile([1.5, 0.5, 0.0], (5, 1)), np.zeros(5, int)
         >>> after, matched = bounce.particle_run(
-        ...     pose, east, jnp.array([0, 1]), jax.random.key(0), legs, walls,
+        ...     pose, east, np.array([0, 1]), jax.random.key(0), legs, walls,
         ...     shift=1, slip=space.Slip(), directions=2,
         ... )
         >>> after[-1, 0].round(2).tolist(), matched.tolist()
