@@ -177,7 +177,7 @@ def value_iteration(
         )
     if not tolerance > 0:
         raise ValueError(f"tolerance: expected a positive number, got {tolerance}")
-    value, policy, gap, sweeps = _iterate(model, jnp.float64(discount), jnp.float64(tolerance))
+    value, policy, gap, sweeps = _iterate(model, float(discount), float(tolerance), _MAX_SWEEPS)
     certificate = Certificate(int(sweeps), float(gap), float(tolerance))
     certificate.check("value_iteration", throw)
     return Optimum(value, policy, certificate)
@@ -218,7 +218,7 @@ def policy_chain(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
     if forbidden.size:
         cell = forbidden[0]
         raise ValueError(f"policy: action {chosen[cell]} is not allowed in cell {cell}")
-    return _closed(model, jnp.asarray(policy))
+    return _closed(model, chosen)
 
 
 @jax.jit
@@ -239,7 +239,10 @@ def _closed(model: DecisionModel, policy: Int[Array, "cells"]) -> Chain:
 
 @jax.jit
 def _iterate(
-    model: DecisionModel, discount: Float[Array, ""], tolerance: Float[Array, ""]
+    model: DecisionModel,
+    discount: Float[Array, ""],
+    tolerance: Float[Array, ""],
+    max_sweeps: Int[Array, ""],
 ) -> tuple[Float[Array, "cells"], Int[Array, "cells"], Float[Array, ""], Int[Array, ""]]:
     """Value, policy, bound of the error, and number of sweeps."""
     ahead = discount / (1 - discount)
@@ -280,7 +283,7 @@ def _iterate(
 
     def going_on(state):  # type: ignore[no-untyped-def]
         (_, _, _, low, high, rounding), sweeps = state
-        return (gap(low, high) > tolerance) & ~rounding & (sweeps < _MAX_SWEEPS)
+        return (gap(low, high) > tolerance) & ~rounding & (sweeps < max_sweeps)
 
     def improve(state):  # type: ignore[no-untyped-def]
         (value, policy, *_), sweeps = state

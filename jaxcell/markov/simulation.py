@@ -96,9 +96,8 @@ def simulate_arrival(
     else:
         total = jax.device_put(np.cumsum(race.start, axis=1))
         cells = _place(placing, total, _TURNS * lanes)
-    cells = cells.reshape(-1, _TURNS, lanes)
-    time = _walk(walking, _Tables.of(race), cells, jnp.int32(horizon))
-    return Arrivals(time.ravel()[:runs], horizon)
+    time = _walk(walking, _Tables.of(race), cells, np.int32(horizon))
+    return Arrivals(jax.device_put(np.asarray(time)[:runs]), horizon)
 
 
 @jax.tree_util.register_dataclass
@@ -225,16 +224,16 @@ def _place_apart(
 def _walk(
     key: jax.Array,
     tables: _Tables,
-    cells: Int[Array, "robots turns lanes"],
+    cells: Int[Array, "robots runs"],
     horizon: Int[Array, ""],
-) -> Float[Array, "turns lanes"]:
+) -> Float[Array, "runs"]:
     """Walk from the starts until all runs have arrived or are given up.
 
     A lane makes its runs one after the other. That takes fewer steps than all runs side by side,
     which would wait for the longest of them, several times the mean.
     """
-    robots, turns, lanes = cells.shape
-    start = tables.offset[:, None, None] + cells
+    robots, turns, lanes = len(cells), _TURNS, cells.shape[1] // _TURNS
+    start = (tables.offset[:, None] + cells).reshape(robots, turns, lanes)
     lane = jnp.arange(lanes)
 
     def going_on(state):  # type: ignore[no-untyped-def]
@@ -261,4 +260,4 @@ def _walk(
 
     none = jnp.zeros(lanes, jnp.int32)
     state = (start[:, 0], none, none, jnp.zeros((turns, lanes)), jnp.int32(0))
-    return jax.lax.while_loop(going_on, chunk, state)[3]
+    return jax.lax.while_loop(going_on, chunk, state)[3].ravel()

@@ -2,7 +2,7 @@ import dataclasses
 import itertools
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import scipy.optimize
 import scipy.sparse
@@ -129,13 +129,10 @@ def stackelberg(
             found, certificate = certified(_multiple_lp(paid, unit_C))
     weights, answer, each = found[0], found[1], np.arange(types)
     certificate.check("stackelberg", throw)
-    return Commitment(
-        jnp.asarray(weights),
-        jnp.asarray(answer),
-        float(probability @ (weights @ R)[each, answer]),
-        jnp.asarray((weights @ C)[each, answer]),
-        certificate,
-    )
+    value = float(probability @ (weights @ R)[each, answer])
+    gained = (weights @ C)[each, answer]
+    weights, answer, gained = jax.device_put((weights, answer, gained))
+    return Commitment(weights, answer, value, gained, certificate)
 
 
 # A commitment with the answers to it, an upper bound on the value of any, and the iterations.

@@ -1,7 +1,7 @@
 import dataclasses
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -68,7 +68,8 @@ def mixture(A: Any, b: Any, *, throw: bool = True) -> Mixture:
     certificate.check("mixture", throw)
     value = A @ weights
     distance = float(np.linalg.norm(value - b))
-    return Mixture(jnp.asarray(weights), jnp.asarray(value), distance, certificate)
+    weights, value = jax.device_put((weights, value))
+    return Mixture(weights, value, distance, certificate)
 
 
 def _checked(name: str, values: Any, dimensions: int) -> Float[np.ndarray, "..."]:

@@ -1,6 +1,6 @@
 import dataclasses
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -67,4 +67,4 @@ def payoffs(
     patroller = caught * given.get("rewards", vertices - place) + (1 - caught) * goods
     paid = -given["costs"] if "costs" in given else place + 1
     adversary = caught * paid + (1 - caught) * given.get("adversary_values", goods)
-    return jnp.asarray(patroller), jnp.asarray(adversary)
+    return jax.device_put((patroller, adversary))

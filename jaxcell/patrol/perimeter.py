@@ -287,7 +287,7 @@ def mean_hitting_times(perimeter: Perimeter, p: float) -> Float[Array, "segments
     # Segment 0 waits for a robot to come back, for which at least one cycle passes.
     step = chain.to_scipy()[[0]]
     back = 1 + step.data @ time[step.indices]
-    return jnp.asarray(np.concatenate([[back], time[1 : perimeter.distance]]))
+    return jax.device_put(np.concatenate([[back], time[1 : perimeter.distance]]))
 
 
 def simulate(
@@ -326,7 +326,7 @@ def simulate(
     wrong = segment[(segment < 0) | (segment >= perimeter.distance)]
     if wrong.size:
         raise ValueError(f"segment: expected 0 to {perimeter.distance - 1}, got {wrong[0]}")
-    return _walk(perimeter, float(p), jnp.asarray(segment, jnp.int32), steps, key)
+    return _walk(perimeter, float(p), np.asarray(segment, np.int32), steps, key)
 
 
 @functools.partial(jax.jit, static_argnames=("perimeter", "steps"))

@@ -1,4 +1,5 @@
 import ctypes
+import functools
 import importlib
 import json
 import os
@@ -14,6 +15,7 @@ from jaxcell.cli import main
 from jaxcell.optimize import Graph, minimum_commute
 from jaxcell.patrol import (
     MaximinCapture,
+    maximin_capture,
     random_walk,
     walk_capture_probabilities,
     walk_hitting_times,
@@ -86,21 +88,11 @@ def test_emphasis_is_by_name(capsys):
     assert (found["emphasis"], found["share"]) == (["2", "5", "8"], 0.9)
 
 
-STRATEGIES = {
-    "toward": ("--vertex", 3),
-    "mixing": (),
-    "kemeny": (),
-    "entropy": (),
-    "return-time": (),
-    "capture": ("--attack-time", 4),
-}
-
-
-@pytest.mark.slow
 def test_each_strategy_is_best_at_what_it_is_for(capsys):
     """Among the walks with the same measure, its own is the best."""
     found, said = {}, {}
-    for name, args in {"commute": (), **STRATEGIES}.items():
+    for name in ("commute", "toward", "mixing", "kemeny", "entropy"):
+        args = ("--vertex", 3) if name == "toward" else ()
         status, found[name], said[name] = run(capsys, "--strategy", name, *args)
         assert status == 0
         check_chain(found[name])
@@ -111,14 +103,11 @@ def test_each_strategy_is_best_at_what_it_is_for(capsys):
     assert min(every, key=lambda name: found[name]["kemeny_constant"]) == "kemeny"
     assert max(found, key=lambda name: found[name]["entropy_rate_nats"]) == "entropy"
     assert min(every, key=lambda name: found[name]["mean_commute_time"]) in ("commute", "kemeny")
-    for name in ("kemeny", "return-time", "capture"):
-        assert "the walk is a local optimum" in said[name]
+    assert "the walk is a local optimum" in said["kemeny"]
     assert "local optimum" not in said["entropy"]
     assert "in the long run the walk leaves out 4 of the vertices" in said["toward"]
     to_3 = {name: one["vertices"][2]["mean_time_to"] for name, one in found.items()}
     assert to_3["toward"] < min(to_3["commute"], to_3["entropy"], to_3["mixing"])
-    assert found["capture"]["goal"].endswith("captures within 4 steps")
-    assert 0 < found["capture"]["value"] < 1
 
 
 def test_the_game(capsys):
@@ -502,8 +491,9 @@ def test_sharing_against_dividing(capsys, line):
     assert kept["worst_idleness"] == pytest.approx(shared["worst_idleness"])
 
 
-@pytest.mark.slow
-def test_a_team_captures_in_seconds_what_its_law_says(capsys, line):
+def test_a_team_captures_in_seconds_what_its_law_says(capsys, line, monkeypatch):
+    once = functools.partial(maximin_capture, starts=1)
+    monkeypatch.setattr("jaxcell.patrol.maximin_capture", once)
     asked = ("--strategy", "capture", "--speed", 1, "--robots", 2, "--attack-time", 11)
     status, found, _ = run(capsys, *asked, "--division", "shared", file=line)
     assert status == 0

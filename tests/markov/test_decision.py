@@ -1,5 +1,4 @@
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
@@ -19,9 +18,9 @@ def of_policy(matrices, reward, policy, discount):
     return np.linalg.solve(np.eye(len(policy)) - discount * chosen, discount * reward[policy, cell])
 
 
-def grid_model(side, seed, stays):
+def grid_model(seed, stays):
     """Four directions on a torus, with noise; nothing leaves it, or something does in one cell."""
-    draw = np.random.default_rng(seed)
+    side, draw = 7, np.random.default_rng(seed)
     y, x = np.divmod(np.arange(side * side), side)
     to = [((y + v) % side) * side + (x + u) % side for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1))]
     noise = draw.uniform(0.05, 0.2, side * side)
@@ -51,7 +50,7 @@ def test_the_best_of_all_policies(parts, discount):
 
 @pytest.mark.parametrize("stays", [True, False])
 def test_a_linear_program_agrees(stays):
-    model = grid_model(7, 0, stays)
+    model = grid_model(0, stays)
     matrices = np.stack([chain.to_scipy().toarray() for chain in model.chains])
     discount = 0.95
     # The least W with W >= r_u + discount * P_u W for all actions.
@@ -66,22 +65,23 @@ def test_a_linear_program_agrees(stays):
 @pytest.mark.parametrize("stays", [True, False])
 @pytest.mark.parametrize("tolerance", [10.0, 1.0, 1e-2, 1e-5, 1e-8])
 def test_the_bounds_hold_at_any_tolerance(stays, tolerance):
-    model = grid_model(12, 1, stays)
+    model = grid_model(1, stays)
     exact = value_iteration(model, 0.98, 1e-10)
     found = value_iteration(model, 0.98, tolerance)
-    error = float(jnp.abs(found.value - exact.value).max())
+    error = np.abs(np.asarray(found.value) - np.asarray(exact.value)).max()
     assert error <= found.gap + 2e-10
     assert found.gap <= tolerance
     assert found.iterations <= exact.iterations
     own = value_iteration(
         DecisionModel.of(
             [policy_chain(model, found.policy)],
-            np.asarray(model.reward)[found.policy, np.arange(144)][None],
+            np.asarray(model.reward)[found.policy, np.arange(model.cells)][None],
         ),
         0.98,
         1e-10,
     )
-    assert float((exact.value - own.value).max()) <= 2 * found.gap + 1e-9
+    lost = (np.asarray(exact.value) - np.asarray(own.value)).max()
+    assert lost <= 2 * found.gap + 1e-9
 
 
 def test_bounds_are_close_where_nothing_leaves():
@@ -115,23 +115,20 @@ def test_an_action_that_is_a_little_worse_is_not_as_good():
     np.testing.assert_allclose(found.value, [0.9e13, 0.9], rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_more_sweeps_than_are_allowed(monkeypatch):
-    model = grid_model(5, 0, True)
+    model = grid_model(0, True)
     monkeypatch.setattr(decision, "_MAX_SWEEPS", 3)
-    jax.clear_caches()
     with pytest.raises(RuntimeError, match=r"value_iteration: the residual stayed above"):
         value_iteration(model, 0.999)
     found = value_iteration(model, 0.999, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     monkeypatch.undo()
-    jax.clear_caches()
     exact = value_iteration(model, 0.999)
-    assert float(jnp.abs(found.value - exact.value).max()) <= found.gap
+    assert np.abs(np.asarray(found.value) - np.asarray(exact.value)).max() <= found.gap
 
 
 def test_rounding_ends_it():
-    model = grid_model(5, 0, True)
+    model = grid_model(0, True)
     found = value_iteration(model, 0.999, 1e-300, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     assert found.iterations < 50_000
@@ -142,7 +139,7 @@ def test_rounding_ends_it():
 def test_the_closed_loop(parts, data):
     matrices, _, allowed = parts
     policy = data.draw(st.sampled_from(policies(allowed)))
-    found = policy_chain(as_model(*parts), jnp.asarray(policy)).to_scipy().toarray()
+    found = policy_chain(as_model(*parts), jax.device_put(policy)).to_scipy().toarray()
     np.testing.assert_array_equal(found, matrices[policy, np.arange(policy.size)])
 
 
@@ -166,6 +163,6 @@ def test_refusals():
     with pytest.raises(ValueError, match="tolerance: expected a positive number, got 0"):
         value_iteration(model, 0.9, 0)
     with pytest.raises(ValueError, match="policy: cell 1 has action 2; actions are 0 to 1"):
-        policy_chain(model, jnp.array([0, 2]))
+        policy_chain(model, jax.device_put(np.array([0, 2])))
     with pytest.raises(ValueError, match="action 1 is not allowed in cell 0"):
-        policy_chain(model, jnp.array([1, 1]))
+        policy_chain(model, jax.device_put(np.array([1, 1])))

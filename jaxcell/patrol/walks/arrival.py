@@ -51,7 +51,7 @@ def walk_capture_probabilities(
     if wrong.size:
         raise ValueError(f"matrix{wrong[0].tolist()} is positive, but no edge of the graph")
     require_x64("walk_capture_probabilities")
-    return np.asarray(first_passage(jnp.asarray(given), *on_device(delays, attack)))
+    return np.asarray(first_passage(given, *on_device(delays, attack)))
 
 
 def captured_by_any(
@@ -107,8 +107,8 @@ def on_device(
     delays: Int[np.ndarray, "vertices vertices"], attack: Int[np.ndarray, "vertices"]
 ) -> tuple[Array, Array, Array, Array]:
     """What [`first_passage`][] takes beside a matrix."""
-    slots = jnp.zeros(int(delays.max())), jnp.zeros(int(attack.max()))
-    return jnp.asarray(delays), jnp.asarray(attack), *slots
+    slots = np.zeros(delays.max()), np.zeros(attack.max())
+    return jax.device_put((delays, attack, *slots))
 
 
 def _whole(name: str, given: Any, count: int, what: str) -> Int[np.ndarray, "count"]:

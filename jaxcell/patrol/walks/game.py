@@ -2,7 +2,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -142,7 +141,7 @@ def strategy_game(
     for v in every:
         chain = toward(graph, v, paths)
         weights.append(edge_shares(graph, chain))
-        times.append(np.asarray(dense.hitting(jnp.asarray(chain.to_scipy().toarray()))))
+        times.append(np.asarray(dense.hitting(chain.to_scipy().toarray())))
     weights.append(minimum_commute(graph).weights)
     if emphasis is not None:
         preferred.append(tuple(emphasis))

@@ -1,7 +1,6 @@
 import dataclasses
 from typing import Annotated, ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -100,7 +99,7 @@ def measure(chain: Chain) -> Measures:
     if int(groups.count) == 1 and (np.asarray(groups.group) < 0).any():
         visited = np.asarray(groups.group) == 0
         core = Chain.from_scipy(P[np.ix_(visited, visited)])
-        times = np.asarray(dense.hitting(jnp.asarray(P))).copy()
+        times = np.asarray(dense.hitting(P)).copy()
         times[:, ~visited] = np.inf
         np.fill_diagonal(times, 0)
     if times is None:

@@ -37,7 +37,7 @@ class Steps(NamedTuple):
         image[slot, tail] = head
         even[slot, tail] = 1 / degree[tail]
         back[slot, tail] = slot[np.searchsorted(tail * cells + head, head * cells + tail)]
-        return cls(jnp.asarray(image), jnp.asarray(even), jnp.asarray(back))
+        return cls(*jax.device_put((image, even, back)))
 
     def logits(
         self, matrices: Float[np.ndarray, "*some cells cells"]
@@ -56,6 +56,7 @@ class Steps(NamedTuple):
         np.add.at(found, places, chance)
         return found
 
+    @jax.jit
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:
@@ -97,6 +98,7 @@ class ChargedSteps(NamedTuple):
     rare: Float[Array, ""]
     "Of the likeliest step: what is less likely is never made."
 
+    @jax.jit
     def chances(
         self, logits: Float[Array, "robots branches cells"], floor: float | Float[Array, ""]
     ) -> Float[Array, "robots branches cells"]:

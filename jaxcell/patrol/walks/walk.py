@@ -1,6 +1,5 @@
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -100,7 +99,7 @@ def edge_shares(graph: Graph, chain: Chain) -> Float[np.ndarray, "edges"]:
         [1.0, 0.0]
     """
     matrix = chain.to_scipy().toarray()
-    flow = np.asarray(dense.stationary(jnp.asarray(matrix)))[:, None] * matrix
+    flow = np.asarray(dense.stationary(matrix))[:, None] * matrix
     tail, head = graph.edges.T
     return np.maximum(0.0, flow[tail, head] + flow[head, tail])
 

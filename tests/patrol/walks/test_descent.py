@@ -123,7 +123,7 @@ def test_descent_to_the_nearest_chain(given_share):
     # Far outside, so that the nearest is on the boundary.
     target = random.normal(size=(4, 4))
     among = ChainPolytope.on(SQUARE, share if given_share else None, stay=True)
-    found, values, _ = descend(off_target, among, among.starts(3, 1, 0), (jnp.asarray(target),))
+    found, values, _ = descend(off_target, among, among.starts(3, 1, 0), (target,))
     chain = cvxpy.Variable(among.tails.size, nonneg=True)
     sums, sides = among.equalities()
     wanted = target[among.tails, among.heads]
@@ -134,6 +134,13 @@ def test_descent_to_the_nearest_chain(given_share):
     outside = (target**2).sum() - (wanted**2).sum()
     np.testing.assert_allclose(values, problem.value + outside, rtol=1e-7)
     np.testing.assert_allclose(found[:, 0], np.tile(chain.value, (3, 1)), atol=1e-4)
+
+
+def test_two_vertices_leave_no_choice():
+    among = ChainPolytope.on(Graph([[0, 1]]))
+    found, values, _ = descend(off_target, among, among.starts(1, 1, 0), (np.eye(2),))
+    assert found.tolist() == [[[1, 1]]]
+    assert values.tolist() == [4]
 
 
 def test_starts_differ_and_the_first_is_not_random():

@@ -1,7 +1,6 @@
 import itertools
 
 import jax
-import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
@@ -76,9 +75,9 @@ def test_entropy_rate_where_some_moves_are_ruled_out():
     np.testing.assert_allclose(found.matrix, expected, atol=1e-9)
 
 
-def test_return_time_law_against_all_walks(getkey):
-    P = np.asarray(jax.nn.softmax(2 * jax.random.normal(getkey(), (3, 3)), axis=1))
-    law = np.asarray(return_time_law(jnp.asarray(P), 5))
+def test_return_time_law_against_all_walks():
+    P = np.random.default_rng(0).dirichlet(np.full(3, 0.5), 3)
+    law = np.asarray(jax.jit(return_time_law, static_argnums=1)(P, 5))
     expected = np.zeros((5, 3))
     for steps in range(1, 6):
         for start in range(3):
@@ -87,36 +86,37 @@ def test_return_time_law_against_all_walks(getkey):
                 walk = [start, *between, start]
                 expected[steps - 1, start] += np.prod(P[walk[:-1], walk[1:]])
     np.testing.assert_allclose(law, expected, atol=1e-14)
-    share = np.asarray(dense.stationary(jnp.asarray(P)))
+    share = np.asarray(dense.stationary(P))
+    entropy_within = jax.jit(return_time_entropy, static_argnums=1)
     entropy = -(share * (expected * np.log(expected)).sum(axis=0)).sum()
-    assert float(return_time_entropy(jnp.asarray(P), 5)) == pytest.approx(entropy, rel=1e-12)
+    assert float(entropy_within(P, 5)) == pytest.approx(entropy, rel=1e-12)
     # Without a horizon, it is between the entropy rate and n times that.
-    rate = float(dense.entropy_rate(jnp.asarray(P)))
-    assert rate <= float(return_time_entropy(jnp.asarray(P), 2000)) <= 3 * rate
+    rate = float(dense.entropy_rate(P))
+    assert rate <= float(entropy_within(P, 2000)) <= 3 * rate
 
 
-def test_gradient_of_the_return_time_entropy_against_differences(getkey):
-    logits = jax.random.normal(getkey(), (4, 4))
+def test_gradient_of_the_return_time_entropy_against_differences():
+    logits, direction = np.random.default_rng(0).normal(size=(2, 4, 4))
 
     @jax.jit
+    @jax.value_and_grad
     def entropy(logits):
         # Some returns cannot be: the graph is a square.
-        ways = jnp.asarray(np.roll(np.eye(4), 1, 0) + np.roll(np.eye(4), -1, 0))
+        ways = np.roll(np.eye(4), 1, 0) + np.roll(np.eye(4), -1, 0)
         return return_time_entropy(jax.nn.softmax(logits, axis=1, where=ways > 0), 9)
 
-    gradient = np.asarray(jax.grad(entropy)(logits))
-    direction = np.asarray(jax.random.normal(getkey(), (4, 4)))
-    step = 1e-5 * jnp.asarray(direction)
-    numeric = float(entropy(logits + step) - entropy(logits - step)) / 2e-5
+    gradient = np.asarray(entropy(logits)[1])
+    step = 1e-5 * direction
+    numeric = float(entropy(logits + step)[0] - entropy(logits - step)[0]) / 2e-5
     assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-7)
 
 
 def test_the_most_entropy_there_can_be():
     # Of laws with the mean 1 / pi_i, the geometric one has most entropy, and a patroller that draws
     # each vertex anew from pi has it at all of them.
-    graph = Graph(np.array(nx.complete_graph(4).edges))
-    share = np.array([0.15, 0.2, 0.3, 0.35])
-    found = maximum_return_time_entropy(graph, share, stay=True, horizon=200, starts=2)
+    graph = Graph(np.array(nx.complete_graph(3).edges))
+    share = np.array([0.25, 0.35, 0.4])
+    found = maximum_return_time_entropy(graph, share, stay=True, horizon=80, starts=2)
     most = -np.sum((1 - share) * np.log(1 - share) + share * np.log(share))
     assert found.value == pytest.approx(most, rel=1e-7)
     np.testing.assert_allclose(share @ found.matrix, share, atol=1e-9)
@@ -124,14 +124,14 @@ def test_the_most_entropy_there_can_be():
 
 def test_no_chain_of_another_solver_is_better():
     found = maximum_return_time_entropy(TRIANGLE, horizon=12, starts=4)
-    assert found.value == pytest.approx(float(return_time_entropy(jnp.asarray(found.matrix), 12)))
+    entropy = jax.jit(return_time_entropy, static_argnums=1)
+    assert found.value == pytest.approx(float(entropy(found.matrix, 12)))
     among = ChainPolytope.on(TRIANGLE)
     sums, sides = among.equalities()
     rule = {"type": "eq", "fun": lambda p: sums @ p - sides, "jac": lambda p: sums}
-    entropy = jax.jit(lambda P: -return_time_entropy(P, 12))
     for start in among.starts(4, 1, 7)[:, 0]:
         other = scipy.optimize.minimize(
-            lambda p: float(entropy(jnp.asarray(among.matrix(p)))),
+            lambda p: -float(entropy(among.matrix(p), 12)),
             start,
             bounds=[(1e-6, 1)] * start.size,
             constraints=rule,
@@ -139,12 +139,6 @@ def test_no_chain_of_another_solver_is_better():
         )
         if np.abs(sums @ other.x - sides).max() < 1e-9:
             assert found.value >= -other.fun - 1e-6
-
-
-def test_two_vertices_leave_no_choice():
-    found = maximum_return_time_entropy(Graph([[0, 1]]), horizon=3, starts=1)
-    assert found.value == pytest.approx(0, abs=1e-12)
-    np.testing.assert_allclose(found.matrix, [[0, 1], [1, 0]])
 
 
 def test_refusals():

@@ -57,26 +57,27 @@ class Ascent:
         """
         fixed = self.attack_time, self.start
         if not isinstance(begin, tuple):
-            logits = jnp.asarray(begin, jnp.float32)
-            begin = logits, optax.scale_by_adam().init(logits)
+            logits = np.asarray(begin, np.float32)
+            none = np.zeros_like(logits)
+            begin = logits, optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
         robots, targets = begin[0].shape[0], self.unseen.shape[1]
         kept = int(_KEPT / (self.unseen.shape[0] * self.attack_time * robots))
         active = min(targets, max(8, min(_ACTIVE, kept)))
         rate = _RATE * 0.5 * (1 + np.cos(np.pi * progress))
         soft, hard = self.hardness
         hardness = soft * (hard / soft) ** progress
-        unseen, may = jnp.asarray(self.unseen), jnp.asarray(self.begin)
+        all_targets = jax.device_put((self.unseen, self.begin))
         best = begin[0] if best is None else best
-        value, course = float(_least(best, self.steps, unseen, may, self.floor, *fixed)[0]), []
-        missed = _least(begin[0], self.steps, unseen, may, self.floor, *fixed)[1]
+        value, course = float(_least(best, self.steps, *all_targets, self.floor, *fixed)[0]), []
+        missed = _least(begin[0], self.steps, *all_targets, self.floor, *fixed)[1]
         for first in range(0, progress.size, _BLOCK):
             weak = np.argsort(-np.asarray(missed))[:active]
             block = slice(first, first + _BLOCK)
-            schedule = jnp.asarray(rate[block], "f4"), jnp.asarray(hardness[block], "f4")
-            some = unseen[:, weak], may[:, weak]
+            schedule = rate[block].astype("f4"), hardness[block].astype("f4")
+            some = self.unseen[:, weak], self.begin[:, weak]
             begin = _follow(*begin, self.steps, *some, self.floor, schedule, *fixed)
-            now, missed = _least(begin[0], self.steps, unseen, may, self.floor, *fixed)
-            if now > value:
+            now, missed = _least(begin[0], self.steps, *all_targets, self.floor, *fixed)
+            if float(now) > value:
                 best, value = begin[0], float(now)
             course.append(value)
         return best, value, begin, course

@@ -186,7 +186,7 @@ def _ascend(
     # Values that differ by rounding count as equal, and the first of them is taken.
     first = int(np.argmax(values >= values.max() - _EQUAL * abs(values.max())))
     best, _, _, course = found[first]
-    drawn = np.asarray(steps.chances(jnp.asarray(best, jnp.float64), _FLOOR))
+    drawn = np.asarray(steps.chances(np.asarray(best, np.float64), _FLOOR))
     return steps.matrices(drawn), first, count * len(starts), late_gain(course)
 
 
@@ -211,7 +211,7 @@ def _missed(
 def _value(
     matrices: Float[np.ndarray, "robots vertices vertices"], arguments: tuple[Any, ...]
 ) -> float:
-    each = np.stack([first_passage(jnp.asarray(one), *arguments) for one in matrices])
+    each = np.stack([first_passage(one, *arguments) for one in matrices])
     return float(captured_by_any(each).min())
 
 

@@ -2,7 +2,7 @@ import dataclasses
 import itertools
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -86,9 +86,7 @@ def charged_capture(
     image = np.asarray(near.image)
     allowed = in_time_for_charge(graph, charger, every)[:, image] & (np.asarray(near.even) > 0)
     shape = (robots, image.shape[0], every * graph.vertices)
-    steps = ChargedSteps(
-        near, jnp.asarray(allowed), jnp.asarray(charger), jnp.asarray(_RARE[0], jnp.float32)
-    )
+    steps = ChargedSteps(near, *jax.device_put((allowed, charger, np.float32(_RARE[0]))))
 
     def logits(
         chance: Float[np.ndarray, "robots ages vertices vertices"],
@@ -112,7 +110,7 @@ def charged_capture(
     best, _, _, course = max(tries, key=lambda one: one[1])
     found = [led]
     for rare in _RARE:
-        made = steps._replace(rare=jnp.asarray(rare)).chances(jnp.asarray(best, jnp.float64), 0.0)
+        made = steps._replace(rare=jax.device_put(rare)).chances(np.asarray(best, np.float64), 0.0)
         drawn = np.asarray(made).reshape(robots, -1, every, graph.vertices).swapaxes(1, 2)
         found.append(Charged.of(near.matrices(drawn), charger, **given))
     walk = max(found, key=lambda one: one.least_capture or 0.0)

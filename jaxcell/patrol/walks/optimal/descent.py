@@ -75,7 +75,7 @@ def minimize(
     best = int(np.nanargmin(values))
     moves = found[best, 0]
     matrix = polytope.matrix(moves)
-    gradient = np.asarray(_gradient(measure, jnp.asarray(matrix[None]), arguments))[0]
+    gradient = np.asarray(_gradient(measure, matrix[None], arguments))[0]
     gap = polytope.gap(moves, -gradient[polytope.tails, polytope.heads])
     value = float(values[best])
     certificate = Certificate(steps, gap / max(1, abs(value)), tolerance)
@@ -113,17 +113,10 @@ def descend(
 
     **Returns:** the chains, what they measure, and the number of steps taken.
     """
-    fixed = (
-        jnp.asarray(polytope.tails),
-        jnp.asarray(polytope.heads),
-        jnp.asarray(polytope.equalities()[0]),
-    )
+    fixed = polytope.tails, polytope.heads, polytope.equalities()[0]
     # Inside of optax, integers of 32 and 64 bits meet.
     with jax.numpy_dtype_promotion("standard"):
-        paths = [
-            _path(measure, polytope.vertices, *fixed, jnp.asarray(start), arguments)
-            for start in starts
-        ]
+        paths = [_path(measure, polytope.vertices, *fixed, start, arguments) for start in starts]
     found, values, steps = (np.array(part) for part in zip(*paths, strict=True))
     return found, values, int(steps.sum())
 

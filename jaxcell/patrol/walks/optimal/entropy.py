@@ -133,7 +133,7 @@ def maximum_return_time_entropy(
         "maximum_return_time_entropy",
         _predictable,
         among,
-        (jnp.zeros(horizon),),
+        (np.zeros(horizon),),
         starts=starts,
         seed=seed,
         tolerance=tolerance,
