@@ -355,7 +355,6 @@ def test_an_emphasis_that_lowers_capture_is_remarked(alone):
     assert dataclasses.replace(alone, chosen_share=0.0).remarks == ()
 
 
-@pytest.mark.slow
 def test_the_recording_shows_a_search_and_its_frontier(alone, tmp_path, read, monkeypatch):
     for steps in ("_TRIAL", "_STEPS"):
         monkeypatch.setattr(f"jaxcell.patrol.map.capture.{steps}", 25)

@@ -73,7 +73,6 @@ def test_every_cell_equals_the_joint_chain_of_the_robots():
     assert found.max() < 1
 
 
-@pytest.mark.slow
 def test_one_cell_three_ways():
     graph, visible, policies = small()
     everywhere = capture_probabilities(graph, visible, policies, TIMES)
@@ -174,7 +173,6 @@ def each_start(policy, view, steps):
     return np.linalg.matrix_power(stop, steps).sum(axis=1) * ~view
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("start", ["stationary", "worst"])
 def test_robots_may_begin_as_in_the_long_run_or_where_the_adversary_likes(start):
     graph, visible, policies = small()
