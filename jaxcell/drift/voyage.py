@@ -52,7 +52,7 @@ class Voyage:
     @property
     def action(self) -> Int[Array, "cells"]:
         """What to do at phase 0."""
-        return self.actions[0]
+        return jax.device_put(np.asarray(self.actions)[0])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -284,18 +284,21 @@ def _voyage(
         np.where(there, np.arange(there.size, dtype=np.int32), loop.image),
         np.where(there, stay.astype(np.float64), loop.probability),
     )
-    begins = slice(0, sea.cells)
-    probability = arrival_probabilities(chain, there, throw=False).value[begins]
+
+    def begins(values: npt.ArrayLike) -> np.ndarray:
+        return np.asarray(values)[: sea.cells]
+
+    probability = begins(arrival_probabilities(chain, there, throw=False).value)
     arrival = conditional_hitting_times(chain, there, throw=False)
-    conditional = arrival.value[begins]
+    conditional = begins(arrival.value)
     return Voyage(
-        there[begins],
+        begins(there),
         jax.device_put(np.array(ACTIONS, np.int32)[taken].reshape(sea.phases, sea.cells)),
         chain,
-        probability,
-        jax.device_put(np.where(np.asarray(probability) == 1, conditional, np.inf)),
-        conditional,
-        None if value is None else value[begins],
+        jax.device_put(probability),
+        jax.device_put(np.where(probability == 1, conditional, np.inf)),
+        jax.device_put(conditional),
+        None if value is None else jax.device_put(begins(value)),
         certificate,
         arrival.certificate,
     )

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import networkx as nx
 import numpy as np
 import pytest
+import scipy.sparse.linalg
 import xarray as xr
 from seas import sea
 
@@ -70,6 +71,10 @@ def matrix_of(dataset):
     return matrix
 
 
+def graph_of(matrix):
+    return nx.from_scipy_sparse_array(scipy.sparse.csr_array(matrix), create_using=nx.DiGraph)
+
+
 def by_cell(dataset, name):
     """The values of a variable by the number of the cell."""
     wet = dataset.cell.values >= 0
@@ -83,7 +88,7 @@ def test_the_dataset_holds_the_chain_and_what_follows_from_it(gyres, dataset):
     np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-12)
     layer = np.repeat(np.arange(3), [538, 538, 436])
     assert (matrix[layer[:, None] != layer] == 0).all()
-    graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
+    graph = graph_of(matrix)
     ends = list(nx.attracting_components(graph))
     group = by_cell(dataset, "group")
     persistent = group >= 0
@@ -93,8 +98,9 @@ def test_the_dataset_holds_the_chain_and_what_follows_from_it(gyres, dataset):
         for k in range(3)
         for number in range(group[layer == k].max() + 1)
     }
-    inner = matrix[np.ix_(~persistent, ~persistent)]
-    steps = np.linalg.solve(np.eye(len(inner)) - inner, np.ones(len(inner)))
+    inner = scipy.sparse.csc_array(matrix[np.ix_(~persistent, ~persistent)])
+    solve = scipy.sparse.linalg.splu(scipy.sparse.eye_array(inner.shape[0]).tocsc() - inner).solve
+    steps = solve(np.ones(inner.shape[0]))
     hours = by_cell(dataset, "absorption_time")
     np.testing.assert_allclose(hours[~persistent], steps * 3400 / 3600, rtol=1e-7)
     assert (hours[persistent] == 0).all()
@@ -104,7 +110,7 @@ def test_the_dataset_holds_the_chain_and_what_follows_from_it(gyres, dataset):
         for index in range(int(number.max()) + 1):
             into = matrix[np.ix_(~persistent, number == index)].sum(axis=1)
             chance = (number == index).astype(float)
-            chance[~persistent] = np.linalg.solve(np.eye(len(inner)) - inner, into)
+            chance[~persistent] = solve(into)
             told = dataset.probability.sel(layer=k, group_index=index)
             wet = dataset.cell[k].values >= 0
             np.testing.assert_allclose(
@@ -115,7 +121,7 @@ def test_the_dataset_holds_the_chain_and_what_follows_from_it(gyres, dataset):
 
 def test_the_dataset_holds_the_domiciles(dataset):
     matrix = matrix_of(dataset)
-    graph = nx.from_numpy_array(matrix, create_using=nx.DiGraph)
+    graph = graph_of(matrix)
     group, part = by_cell(dataset, "group"), by_cell(dataset, "transient_group")
     basin = by_cell(dataset, "basin")
     layer = np.repeat(np.arange(3), [538, 538, 436])
@@ -151,7 +157,7 @@ def test_the_dataset_says_where_and_with_what(gyres, dataset):
 
 
 def test_the_dataset_holds_the_reach_and_the_voyage(gyres, dataset):
-    graph = nx.from_numpy_array(matrix_of(dataset), create_using=nx.DiGraph)
+    graph = graph_of(matrix_of(dataset))
     column = dataset.cell.values[:, *np.argwhere(dataset.cell[0].values == 317)[0]].tolist()
     reached = set(column).union(*(nx.descendants(graph, cell) for cell in column))
     assert set(np.flatnonzero(by_cell(dataset, "reached")).tolist()) == reached
@@ -207,7 +213,7 @@ def test_deployment_files(gyres, dataset, tmp_path):
     assert [int(row["cell"]) for row in rows if row["purpose"] == "view"] == (
         gyres.views.cells.tolist()
     )
-    graph = nx.from_numpy_array(matrix_of(dataset), create_using=nx.DiGraph)
+    graph = graph_of(matrix_of(dataset))
     for cells in (reach, dataset.minimum_cell.values.tolist()):
         assert len(set(cells).union(*(nx.descendants(graph, one) for one in cells))) == 538
     with pytest.raises(FileNotFoundError, match="no folder"):

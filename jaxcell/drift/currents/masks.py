@@ -62,21 +62,11 @@ def read_mask(
         and all(size == 1 for dim, size in variable.sizes.items() if dim not in (*dims, depth))
     }
 
-    def read(name: str) -> Float[np.ndarray, "#levels y x"]:
-        block: dict[str, object] = {dims[0]: rows, dims[1]: columns}
-        if depth in here[name].dims:
-            block[str(depth)] = places
-        return file.read(part(file, name, block), (depth or "", *dims))
-
-    def masked(name: str, row: Convention, known: str) -> Mask:
-        values = read(name)  # packed files have 0.99999 for 1
-        why = f"1 is {'water' if row.water else 'land'}, by {known}"
-        return Mask(name, values > 0.5 if row.water else values < 0.5, why)
-
+    read = functools.partial(_read, file, dims, {dims[0]: rows, dims[1]: columns}, depth, places)
     for row in table("mask"):
         for name in row.names:
             if name in here:
-                return masked(name, row, "its name")
+                return _as_named(name, read(name), row, "its name")
     for name, variable in here.items():
         meanings = flag_meanings(variable.attrs)
         land = [value for value, words in meanings.items() if _about(words, _LAND, _WATER)]
@@ -90,8 +80,29 @@ def read_mask(
         standard_name = variable.attrs.get("standard_name")
         for row in table("mask"):
             if standard_name in row.standard_names:
-                return masked(name, row, f"the standard name {standard_name}")
+                return _as_named(name, read(name), row, f"the standard name {standard_name}")
     return None
+
+
+def _read(
+    file: OceanFile,
+    dims: tuple[str, str],
+    block: dict[str, object],
+    depth: str | None,
+    places: Int[np.ndarray, " levels"] | None,
+    name: str,
+) -> Float[np.ndarray, "#levels y x"]:
+    if depth in file.dataset[name].dims:
+        block = {**block, str(depth): places}
+    return file.read(part(file, name, block), (depth or "", *dims))
+
+
+def _as_named(
+    name: str, values: Float[np.ndarray, "#levels y x"], row: Convention, known: str
+) -> Mask:
+    why = f"1 is {'water' if row.water else 'land'}, by {known}"
+    # Packed files have 0.99999 for 1.
+    return Mask(name, values > 0.5 if row.water else values < 0.5, why)
 
 
 def part(file: OceanFile, name: str, block: dict[str, object]) -> xr.DataArray:

@@ -56,7 +56,7 @@ class Clock:
         """One that is fine enough for a step of the chain, and goes on as the current changes."""
         total = _MIN_STEPS * drift.step
         if isinstance(drift, SeaDrift):
-            time = drift.layers[0].flow.time
+            time = np.asarray(drift.layers[0].flow.time)
             total = max(float(time[-1] - time[0]), total)
         wanted = max(drift.step / _FRAMES_PER_STEP, total / _MAX_FRAMES)
         unit = next((name for name, size in _UNITS.items() if wanted >= size), "second")
