@@ -137,7 +137,6 @@ def test_a_store_of_all_cells_takes_what_was_measured():
     assert memory.LIBRARIES + asked.memory(written=True) == pytest.approx(1.26e9, rel=0.3)
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak of a process is read on Linux")
 @pytest.mark.parametrize(
     "name", ["groups, 5.2e8 cells", "slanted, 6.3e7 cells", "filter, 6e4 cells"]

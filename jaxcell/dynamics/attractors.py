@@ -260,12 +260,20 @@ def _orbits_of(map: Map, box: Box, params: Any, member: Any, start: Any, settle:
 
     def orbit(member, x):  # type: ignore[no-untyped-def]
         own = params_of(params, member)
-        x = jax.lax.fori_loop(0, settle, lambda _, y: box.wrapped(map(y, own)), x)
 
-        def step(y, part):  # type: ignore[no-untyped-def]
-            y = box.wrapped(map.one(y, own, part) if isinstance(map, Flow) else map(y, own))
-            return y, y
+        def step(k, state):  # type: ignore[no-untyped-def]
+            y, window = state
+            looked, place = k >= settle, jnp.maximum(k - settle, 0)
+            if isinstance(map, Flow):
+                steps, part = jnp.where(looked, 1, map.usual), jnp.where(looked, parts[place], 1)
+                y = map.ahead(y, own, steps, part)
+            else:
+                y = map(y, own)
+            y = box.wrapped(y)
+            # Until then, over and over where the first will be.
+            return y, window.at[place].set(y)
 
-        return jax.lax.scan(step, x, parts)[1]
+        window = jnp.zeros((_WINDOW, x.size), x.dtype)
+        return jax.lax.fori_loop(0, settle + _WINDOW, step, (x, window))[1]
 
     return jax.vmap(orbit)(member, start)

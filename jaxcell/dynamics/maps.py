@@ -49,8 +49,12 @@ class Flow:
     "Cells that an image is away at least; 0 for the same number of steps everywhere."
 
     def __call__(self, x: Any, params: Any) -> Any:
-        steps = _LONG if self.crossing else self.steps
-        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt, steps)
+        return self.ahead(x, params, self.usual)
+
+    @property
+    def usual(self) -> int:
+        """Steps of an application, or some where cells have a number each."""
+        return _LONG if self.crossing else self.steps
 
     def velocity(self, x: Any, params: Any) -> Any:
         """The field at a point."""
@@ -61,9 +65,13 @@ class Flow:
         """The time of an application; none where cells have a time each."""
         return None if self.crossing else self.dt * self.steps
 
-    def one(self, x: Any, params: Any, part: Any = 1.0) -> Any:
-        """One step, of `dt` or a part of it."""
-        return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt * part)
+    def ahead(self, x: Any, params: Any, steps: Any, part: Any = 1.0) -> Any:
+        """Some steps, of `dt` or a part of it."""
+        return _advance(lambda _, y: self.field(y, params), x, 0.0, self.dt * part, steps)
+
+    def one(self, x: Any, params: Any) -> Any:
+        """One step."""
+        return _rk4(lambda _, y: self.field(y, params), x, 0.0, self.dt)
 
     def halved(self) -> "Flow":
         """The same with steps of half the length."""
@@ -358,7 +366,7 @@ def _rk4(field: Callable[[Any, Any], Any], x: Any, t: Any, dt: Any) -> Any:
     return jnp.stack(ahead(mean, dt / 6))
 
 
-def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: float, steps: int) -> Any:
+def _advance(field: Callable[[Any, Any], Any], x: Any, t: float, dt: Any, steps: Any) -> Any:
     def step(k, components):  # type: ignore[no-untyped-def]
         y = jnp.stack(components)
         return tuple(_rk4(field, y, t + dt * jnp.asarray(k, y.dtype), dt))

@@ -19,8 +19,8 @@ _WORTH = 0.2
 _FRONT = 200
 # Cells that are worked out at once.
 _PART = 1 << 20
-# Cells of the shortest map that is made of what is left.
-_FEWEST = 1 << 12
+# Cells of maps that shorter ones are made of; the walk over those that are added takes nothing.
+_LENGTHS = 1 << 12, 1 << 14, 1 << 16, 1 << 18
 
 
 def periodic_groups(
@@ -129,7 +129,7 @@ def _groups_of_longer(image: Int[np.ndarray, "cells"]) -> PeriodicGroups:
 
     Cells that are added lead to the last of them, a group behind all.
     """
-    size = bucket(max(image.size + 1, _FEWEST))
+    size = next((size for size in _LENGTHS if size > image.size), bucket(image.size + 1))
     longer = np.full(size, size - 1, image.dtype)
     longer[: image.size] = image
     found = jax.device_get(_groups(longer, None))

@@ -137,7 +137,7 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
 
 
 def test_crossing_times_leave_few_cells_where_they_are():
-    box = Box([-np.pi, -10], [np.pi, 10], [51, 51], ["periodic", "sink"])
+    box = Box([-np.pi, -10], [np.pi, 10], [41, 41], ["periodic", "sink"])
     coarse = Box(box.lower, box.upper, [21, 21], box.axes)
     slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), coarse, {"T": 0.5})
     assert slow.self_images > 0.1

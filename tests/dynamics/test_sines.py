@@ -18,7 +18,8 @@ def test_sines_are_those_of_the_library(name, dtype):
     assert found.dtype == dtype
     right = getattr(np, name)(angles.astype(np.longdouble))
     assert np.abs(np.asarray(found) - right).max() < 2 * np.finfo(dtype).eps
-    ends = with_sines(getattr(jnp, name))(jnp.asarray([np.inf, np.nan, 1e30], dtype))
+    far = np.asarray([np.inf, np.nan, 1e30], dtype)
+    ends = np.asarray(jax.jit(with_sines(getattr(jnp, name)))(far))
     assert np.isnan(ends[:2]).all()
     assert abs(float(ends[2])) <= 1
 
@@ -44,10 +45,10 @@ def test_sines_within_a_function_are_replaced_and_the_rest_is_as_before():
 
 def test_a_flow_has_no_sine_of_the_library_in_its_steps():
     swing = dynamics.flow(lambda x, p: jnp.stack([x[1], p["T"] - jnp.sin(x[0])]), 0.1, 5)
-    points = jnp.asarray(Box([-3, -3], [3, 3], [9, 9]).centre(np.arange(81)))
+    points = Box([-3, -3], [3, 3], [9, 9]).centre(np.arange(81))
     mapped = jax.jit(jax.vmap(lambda x: swing(x, {"T": 0.5})))
     assert " sine(" not in mapped.lower(points).compile().as_text()
-    energy = points[:, 1] ** 2 / 2 - jnp.cos(points[:, 0]) - 0.5 * points[:, 0]
-    after = mapped(points)
-    kept = after[:, 1] ** 2 / 2 - jnp.cos(after[:, 0]) - 0.5 * after[:, 0]
+    energy = points[:, 1] ** 2 / 2 - np.cos(points[:, 0]) - 0.5 * points[:, 0]
+    after = np.asarray(mapped(points))
+    kept = after[:, 1] ** 2 / 2 - np.cos(after[:, 0]) - 0.5 * after[:, 0]
     np.testing.assert_allclose(kept, energy, atol=1e-4)
