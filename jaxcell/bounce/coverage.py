@@ -2,7 +2,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, TypeAlias
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import Float
@@ -100,9 +100,9 @@ def coverage_policy(
         cells=cells,
         bounce=np.asarray(bounces, float),
         alpha=found.weights,
-        coverage=jnp.asarray(np.stack(coverage)),
+        coverage=jax.device_put(np.stack(coverage)),
         mixture=found.value,
-        target=jnp.asarray(wanted),
+        target=jax.device_put(wanted),
         distance=found.distance,
         certificate=found.certificate,
         groups=tuple(groups),

@@ -113,7 +113,7 @@ def noisy_chain(
     moves: Moves, turns: Int[np.ndarray, "branches"], probability: Float[np.ndarray, "branches"]
 ) -> Chain:
     """The chain of moves with these turns at a wall, the first of which is that without error."""
-    return Chain(*_slots(moves, jnp.asarray(turns), jnp.asarray(probability)))
+    return Chain(*_slots(moves, turns, probability))
 
 
 @jax.jit

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -16,6 +15,8 @@ from .trajectory import TeamOutcome, TeamTrajectory
 
 # Steps that are simulated at a time: parts are tens to thousands of steps long.
 _CHUNK = 256
+# Fewer lanes take hardly less time than these, and each number of lanes is compiled once.
+_LANES = 8
 # By default no part is longer, since all joint states that were there are kept.
 _MAX_PART_STEPS = 100_000
 
@@ -122,9 +123,8 @@ def team_trajectories(
         if value < 1:
             raise ValueError(f"{name}: expected at least 1, got {value}")
     moves = moves_of(cells, step=step, collision=collision)
-    orbits = functools.partial(
-        joint_orbits, moves, jnp.asarray(squares_of(cells)), jnp.asarray(shift), steps=_CHUNK
-    )
+    squares, shift = jax.device_put((squares_of(cells), shift))
+    orbits = functools.partial(joint_orbits, moves, squares, shift, steps=_CHUNK)
 
     target = np.asarray(moves.target)
     runs = [
@@ -314,9 +314,10 @@ def _simulate(
     """Complete parts side by side; one that has ended leaves its lane to others."""
     while growing := [part for part in parts if part.growing]:
         states = np.stack([part.state for part in growing])
-        # Each number of lanes is compiled once, so there are few: the powers of two.
-        states = np.resize(states, (1 << (len(growing) - 1).bit_length(), states.shape[1]))
-        joint = orbits(jnp.asarray(states))
+        # A power of two, so that there are few programs.
+        lanes = max(_LANES, 1 << (len(growing) - 1).bit_length())
+        states = np.resize(states, (lanes, states.shape[1]))
+        joint = orbits(jax.device_put(states))
         fields = jax.device_get((joint.image, joint.bumped, joint.collided, joint.collisions))
         for lane, part in enumerate(growing):
             part.extend(_Steps(*(field[:, lane] for field in fields)))

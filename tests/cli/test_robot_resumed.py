@@ -119,7 +119,7 @@ def test_a_program_that_was_ended(file, whole, tmp_path, capsys, kill):
         [
             *(sys.executable, "-c", MAIN, "robot", "run", file, "--json"),
             *("--simulate", MAPS / "lab_a.json", "--start", str(START)),
-            *("--speedup", "5", "--out", out),
+            *("--speedup", "10", "--out", out),
         ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -16,7 +16,6 @@ def groups_of(name, cell, directions, turns, **motion):
 
 
 # A grid, walls along squares that are not of it, and slanted walls in more ways than have tables.
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "cell", "directions", "motion"),
     [
