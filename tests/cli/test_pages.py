@@ -125,7 +125,7 @@ def run(section, capsys):
             capsys.readouterr()
 
 
-@pytest.mark.usefixtures("as_users_have_it")
+@pytest.mark.usefixtures("as_users_have_it", "few_drifters")
 @pytest.mark.parametrize(
     "section",
     [
@@ -146,7 +146,7 @@ def pictures():
     return runpy.run_path(str(ROOT / "data" / "pictures" / "make_pictures.py"))["PICTURES"]
 
 
-@pytest.mark.usefixtures("as_users_have_it")
+@pytest.mark.usefixtures("as_users_have_it", "few_drifters")
 @pytest.mark.parametrize("picture", SHOWN)
 def test_the_commands_of_a_picture(pictures, picture):
     for line in pictures[picture].commands:

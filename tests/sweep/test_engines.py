@@ -46,6 +46,7 @@ def cluster(server):
         "distributed.worker.multiprocessing-method": "forkserver",
         "distributed.worker.preload": ["sweep_workers"],
         "distributed.worker.daemon": False,
+        "distributed.worker.profile.enabled": False,
         # We try again what was on a worker that died, in halves.
         "distributed.scheduler.allowed-failures": 0,
     }
@@ -173,18 +174,6 @@ def test_a_job_that_hangs_takes_no_other_with_it():
     assert all(isinstance(outcomes[number], Computed) for number in (0, 2))
 
 
-def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path):
-    calls = tmp_path / "calls"
-    calls.mkdir()
-    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
-    assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
-    with open_sweep(tmp_path / "out") as dataset:
-        assert dataset.status.values.tolist() == [1, 2]
-    assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
-
-
 def test_workers_of_a_cluster_come_and_go(monkeypatch, tmp_path):
     # Jobs that are over in no time leave none for a look each second.
     monkeypatch.setattr("jaxcell.sweep.workers.engines._LOOK_SECONDS", 0.01)
@@ -286,23 +275,6 @@ def test_workers_end_with_the_run(stub_spec, tmp_path):
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
 
 
-def test_dask_gives_the_same(cluster, stub_spec, tmp_path, whole):
-    out = tmp_path / "out"
-    assert run_sweep(stub_spec(name="whole.toml"), out, engine=cluster).complete
-    assert tree(out) == whole
-
-
-def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
-    spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"')
-    assert run_sweep(spec, tmp_path / "out", engine=cluster).complete
-    assert (tmp_path / "once").exists()
-    always = stub_spec("kill = 1", text="[grid]\nx = [1]", name="always.toml")
-    found = run_sweep(always, tmp_path / "always", engine=cluster)
-    assert found.done == 0
-    assert [one.parameters["x"] for one in found.failures] == [1]
-    assert found.failures[0].message.startswith("KilledWorker: ")
-
-
 @pytest.mark.usefixtures("forked")
 def test_few_jobs_are_on_their_way():
     take, taken = jobs_of(100)
@@ -383,6 +355,35 @@ def test_a_killed_run_leaves_its_workers_to_die(stub_spec, tmp_path):
         time.sleep(0.01)
     assert not any(map(alive, workers))
     assert sweep_status(tmp_path / "out").running is None
+
+
+def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path):
+    calls = tmp_path / "calls"
+    calls.mkdir()
+    spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
+    assert [one.parameters for one in found.failures] == [{"x": 1}]
+    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
+    with open_sweep(tmp_path / "out") as dataset:
+        assert dataset.status.values.tolist() == [1, 2]
+    assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())
+
+
+def test_dask_gives_the_same(cluster, stub_spec, tmp_path, whole):
+    out = tmp_path / "out"
+    assert run_sweep(stub_spec(name="whole.toml"), out, engine=cluster).complete
+    assert tree(out) == whole
+
+
+def test_a_dask_worker_that_dies_mid_run(cluster, stub_spec, tmp_path):
+    spec = stub_spec(f'kill = 5\nonce = "{tmp_path / "once"}"')
+    assert run_sweep(spec, tmp_path / "out", engine=cluster).complete
+    assert (tmp_path / "once").exists()
+    always = stub_spec("kill = 1", text="[grid]\nx = [1]", name="always.toml")
+    found = run_sweep(always, tmp_path / "always", engine=cluster)
+    assert found.done == 0
+    assert [one.parameters["x"] for one in found.failures] == [1]
+    assert found.failures[0].message.startswith("KilledWorker: ")
 
 
 def alive(process: int) -> bool:
