@@ -59,7 +59,8 @@ class Ascent:
         if not isinstance(begin, tuple):
             logits = np.asarray(begin, np.float32)
             none = np.zeros_like(logits)
-            begin = logits, optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
+            state = optax.ScaleByAdamState(np.zeros((), np.int32), none, none)
+            begin = jax.device_put((logits, state))
         robots, targets = begin[0].shape[0], self.unseen.shape[1]
         kept = int(_KEPT / (self.unseen.shape[0] * self.attack_time * robots))
         active = min(targets, max(8, min(_ACTIVE, kept)))
