@@ -11,7 +11,6 @@ from ..mapping import Chain, ChainSequence
 from ..mapping.sequence import as_sequence
 from .behaviour import LongTermBehaviour
 from .flow import steps_in
-from .pushed import pushed
 from .water import NEIGHBORS, Water
 
 
@@ -191,4 +190,4 @@ class Stranded(Result):
         """Of the drifters in each cell and on each beach after each step, from the release on."""
         cells = self.water.cells
         share = np.where(np.arange(self.chain.cells) < cells, 1 / cells, 0.0)
-        return np.stack([*pushed(self.chain, share, self.steps)])
+        return np.stack([*as_sequence(self.chain).pushed(share, self.steps)])

@@ -21,7 +21,6 @@ from ..mapping.sequence import as_sequence
 from ..markov.hitting import leaving_times
 from .behaviour import LongTermBehaviour
 from .flow import steps_in
-from .pushed import push
 from .water import Water
 
 
@@ -111,7 +110,12 @@ class Exchange(Result):
     @functools.cached_property
     def after(self) -> Float[np.ndarray, "regions cells"]:
         """The share of the drifters of each region in each cell then."""
-        return np.stack([push(self.chain, one, self.steps) for one in self._begin])
+        chain = as_sequence(self.chain)
+        later = []
+        for one in self._begin:
+            *_, last = chain.pushed(one, self.steps)
+            later.append(last)
+        return np.stack(later)
 
 
 def read_regions(

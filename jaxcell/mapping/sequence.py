@@ -94,12 +94,18 @@ class ChainSequence:
         )
 
     def pushed(
-        self, distribution: Float[Array, "cells"], steps: int
-    ) -> Iterator[Float[Array, "cells"]]:
-        """The distribution at phase 0, and after each of so many steps from it."""
+        self, distribution: Float[np.ndarray, "cells"], steps: int, start: int = 0
+    ) -> Iterator[Float[np.ndarray, "cells"]]:
+        """The distribution at a phase, and after each of so many steps from it.
+
+        It is computed on the host, where nothing is compiled for each number of cells and phases.
+        """
+        image, probability = np.asarray(self.image), np.asarray(self.probability)
         yield distribution
-        for n in range(steps):
-            distribution = self.at(n).push(distribution)
+        for step in range(start, start + steps):
+            phase = step % self.phases
+            moved = probability[phase] * distribution
+            distribution = np.bincount(image[phase].ravel(), moved.ravel(), self.cells)
             yield distribution
 
     @jax.jit

@@ -45,6 +45,8 @@ def test_it_pushes_and_pulls_like_the_product(tide):
     for start, steps in ((0, 3), (2, 5), (1, 0)):
         whole = product(matrices, start, steps)
         np.testing.assert_allclose(sequence.push(values, steps, start), values @ whole)
+        *_, last = sequence.pushed(values, steps, start)
+        np.testing.assert_allclose(last, values @ whole)
         np.testing.assert_allclose(sequence.pull(values, steps, start), whole @ values)
 
 

@@ -8,12 +8,12 @@ from jaxtyping import Float, Int
 
 from ...base.quantities import derived
 from ...mapping import Chain, persistent_groups
+from ...mapping.sequence import as_sequence
 from ...markov import absorption_times, limiting_distribution
 from ..behaviour import long_term_behaviour
 from ..closed_sets import ClosedSets
 from ..ends import LayerEnds
 from ..flow import steps_in
-from ..pushed import push
 from ..results.sea_layers import SeaLayers
 from .counted import CountedMoves, Spread, bootstrap
 from .trajectories import Trajectories
@@ -198,7 +198,7 @@ def _answers(
     if after is None:
         later = np.asarray(limiting_distribution(chain, groups, throw=False).value)
     else:
-        later = push(chain, np.full(chain.cells, 1 / chain.cells), steps_in(after, lag))
+        later = _pushed(chain, np.full(chain.cells, 1 / chain.cells), steps_in(after, lag))
     median = np.median(hours[~persistent]) if not persistent.all() else 0.0
     whole = [groups.count, persistent.sum(), median, max(0.0, round(1 - later.sum(), 12))]
     of_sets = () if sets is None else _leakage(chain, sets, lag)
@@ -214,7 +214,12 @@ def _leakage(
     inside = found.begin == np.arange(found.count)[:, None]
     begin = inside * area
     begin /= begin.sum(axis=1, keepdims=True)
-    later = (push(chain, one, found.steps) for one in begin)
+    later = (_pushed(chain, one, found.steps) for one in begin)
     stays = np.array([one[here].sum() for one, here in zip(later, inside, strict=True)])
     again = dataclasses.replace(found, leakage=(1 - stays).clip(0))
     return again.leakage, again.time * (lag / 3600)
+
+
+def _pushed(chain: Chain, begin: Float[np.ndarray, "cells"], steps: int) -> np.ndarray:
+    *_, last = as_sequence(chain).pushed(begin, steps)
+    return last

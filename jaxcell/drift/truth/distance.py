@@ -11,10 +11,10 @@ from jaxtyping import Float, Int
 
 from ...mapping import Chain, ChainSequence
 from ...mapping.section import bucket
+from ...mapping.sequence import as_sequence
 from ..advection import carried
 from ..chains import diffused_cells, drift_maps, phases
 from ..flow import Flow, crossing_time, steps_in
-from ..pushed import pushed
 from ..water import Water, on_grid
 from .drifters import diffuse, total_variation
 
@@ -109,8 +109,9 @@ def distances(
     share = _shares(water, flow, begin, times)
     found = []
     for counts, (chain, step) in zip(wanted, maps, strict=True):
-        later = [*pushed(chain, begin / begin.sum(), counts[-1])]
-        of_map = [later[count] for count in counts]
+        later = as_sequence(chain).pushed(begin / begin.sum(), counts[-1])
+        kept = {count: one for count, one in enumerate(later) if count in counts}
+        of_map = [kept[count] for count in counts]
         of_drifters = [share[count * step] for count in counts]
         found.append(
             Distance(

@@ -9,10 +9,10 @@ import numpy.typing as npt
 from jaxtyping import Array, Bool, Float, Int
 
 from ...mapping import Chain
+from ...mapping.sequence import as_sequence
 from ...markov.hitting import cell_mask
 from ..advection import advect, checked_duration
 from ..flow import Flow
-from ..pushed import pushed
 from ..water import Water, on_grid
 
 
@@ -222,7 +222,8 @@ def compare(
         )
     share = drifted.share(water.cells)
     halves = [_share(drifted.cell[:, k::2], water.cells) for k in (0, 1)]
-    by_map = [*pushed(chain, share[0], int(wanted.max()))]
+    pushed = as_sequence(chain).pushed(share[0], int(wanted.max()))
+    by_map = {step: one for step, one in enumerate(pushed) if step in wanted}
     return Comparison(
         wanted * drifted.duration / 3600,
         np.array([total_variation(by_map[k], share[k]) for k in wanted]),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from ...drift.pushed import pushed
+from ...mapping.sequence import as_sequence
 from ..canvas.palette import FREE
 from ..canvas.scale import Scale
 from .map import SeaMap
@@ -67,9 +67,9 @@ def levels(share: np.ndarray) -> np.ndarray:
 
 def _pushed(map: SeaMap, steps: int, every: int) -> tuple[np.ndarray, np.ndarray]:
     """The classes of cells after every so many steps, and when that is."""
-    chain = map.drift.layers[map.number].behaviour.chain
+    chain = as_sequence(map.drift.layers[map.number].behaviour.chain)
     share = np.full(map.water.cells, 1 / map.water.cells)
-    shares = itertools.islice(pushed(chain, share, steps), 0, None, every)
+    shares = itertools.islice(chain.pushed(share, steps), 0, None, every)
     kept = np.stack([levels(one) for one in shares])
     seconds = np.arange(len(kept)) * every * map.drift.step
     return kept, np.rint(seconds / map.clock.seconds).astype(np.int64)
