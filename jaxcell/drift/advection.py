@@ -20,8 +20,8 @@ _STAGES = {
     "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
 }
 METHODS = tuple(_STAGES)
-# Fewer points than this share one compiled program.
-_FEW_POINTS = 1024
+# Fewer points than the first share one compiled program, and more than the second have their own.
+_FEW_POINTS, _MANY_POINTS = 1024, 1 << 18
 
 _Pair: TypeAlias = tuple[Array, Array]
 
@@ -76,7 +76,7 @@ def carried(
     steps: int,
 ) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
     """[`advect`][] by one program for any number of steps, and for about as many points."""
-    size = max(_FEW_POINTS, bucket(x.size))
+    size = max(_FEW_POINTS, bucket(x.size)) if x.size < _MANY_POINTS else x.size
     # What spreads drifters is not part of the program either.
     still = dataclasses.replace(flow, diffusivity=0.0)
     seconds = float(duration), float(start)
