@@ -2,6 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 
 # Commands, robots, sweeps and examples as users have them: types of arguments are not checked.
+# Some wait for robots and workers, so one process more is busy.
 AS_USERS := tests/cli tests/fuzz tests/golden tests/robot tests/sweep tests/test_doctests.py
 UNCHECKED := -o addopts="--strict-config --strict-markers --import-mode=importlib" $(AS_USERS)
 
@@ -19,8 +20,8 @@ robot: .venv/bin/python
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 
 test: .venv/.dev
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(AS_USERS:%=--ignore %)
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow" $(UNCHECKED)
+	$(BIN)/pytest -n 2 --dist loadfile $(AS_USERS:%=--ignore %)
+	$(BIN)/pytest -n 3 --dist loadfile $(UNCHECKED)
 
 test-all: .venv/.dev
 	XLA_FLAGS= $(BIN)/pytest --hypothesis-profile whole -n 2 --dist loadfile $(AS_USERS:%=--ignore %)

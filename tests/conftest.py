@@ -32,6 +32,11 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
+def pytest_sessionfinish():
+    # Nobody looks for garbage in a process that ends.
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True, scope="session")
 def one_thread():
     """Processes of tests beside each other leave no core to threads that wait by spinning."""

@@ -33,7 +33,6 @@ from jaxcell.cli.app import COMMANDS  # noqa: E402
 CASES = tomllib.loads((GOLDEN / "cases.toml").read_text(encoding="utf-8"))
 HELP = "help"
 NAMES = [HELP, *CASES]
-SLOW = {name for name, case in CASES.items() if case.get("slow")}
 # Commands that print no JSON.
 _PLAIN = ("demo", "export", "robot sketch", "sweep view", "view")
 

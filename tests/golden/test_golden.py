@@ -10,13 +10,7 @@ from golden.plain import differences, load
 _SHOWN = 12
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if name in record_golden.SLOW else [])
-        for name in record_golden.NAMES
-    ],
-)
+@pytest.mark.parametrize("name", record_golden.NAMES)
 def test_all_is_as_it_was(name):
     expected = load(record_golden.GOLDEN / f"{name}.json")
     found = list(differences(expected, record_golden.record(name)))
