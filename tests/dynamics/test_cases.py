@@ -126,7 +126,7 @@ def test_a_pendulum_has_two_attractors_at_any_time_of_a_mapping(time):
 
 
 def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
-    box = Box([-np.pi, -10], [np.pi, 10], [201, 201], ["periodic", "sink"])
+    box = Box([-np.pi, -10], [np.pi, 10], [151, 151], ["periodic", "sink"])
     found = dynamics.basins(dynamics.flow(pendulum, 0.05, 120), box, {"T": 0.5})
     # 0.152 of 10,000 starts of bSTAB, 0.1523 of a grid of 150^2.
     assert found.fraction.min() == pytest.approx(0.152, abs=0.004)
@@ -137,13 +137,14 @@ def test_a_fine_pendulum_rests_as_often_as_monte_carlo_says():
 
 
 def test_crossing_times_leave_few_cells_where_they_are():
-    box = Box([-np.pi, -10], [np.pi, 10], [41, 41], ["periodic", "sink"])
-    coarse = Box(box.lower, box.upper, [21, 21], box.axes)
+    box = Box([-np.pi, -10], [np.pi, 10], [31, 31], ["periodic", "sink"])
+    coarse = Box(box.lower, box.upper, [11, 11], box.axes)
     slow = dynamics.basins(dynamics.flow(pendulum, 0.01, 1), coarse, {"T": 0.5})
     assert slow.self_images > 0.1
     assert any("own images" in said for said in slow.remarks)
     crossing = dynamics.basins(dynamics.flow(pendulum, 0.05), box, {"T": 0.5})
-    assert crossing.self_images < 0.001
+    # That of the equilibrium alone.
+    assert round(crossing.self_images * box.size) <= 1
     assert crossing.attractors == 2
     assert crossing.fraction.min() == pytest.approx(0.152, abs=0.04)
 
@@ -253,7 +254,7 @@ def test_the_lorenz_attractor_covers_as_many_boxes_as_gaio_says():
 def test_attractors_that_come_near_to_each_other_are_two():
     # A chaotic one and a cycle, less than half a cell apart. Attractors.jl: 0.645 of 1,000 starts,
     # 0.18 and 0.175; by orbits of 61^3 cells 0.635, 0.185 and 0.175.
-    box = Box([-3] * 3, [3] * 3, [71] * 3)
+    box = Box([-3] * 3, [3] * 3, [63] * 3)
     found = dynamics.basins(systems.lorenz84.map, box, systems.lorenz84.params)
     assert found.period.tolist() == [1, 0, 0]
     np.testing.assert_allclose(found.sampled, [0.645, 0.18, 0.175], atol=0.08)
@@ -263,7 +264,7 @@ def test_attractors_that_come_near_to_each_other_are_two():
 def test_a_pendulum_at_rest_comes_to_each_of_three_magnets():
     # Of starts at rest; on their way orbits leave the thin box around that, and come back.
     system = systems.magnetic
-    box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [41, 41, 1, 1])
+    box = Box([-2, -2, -0.04, -0.04], [2, 2, 0.04, 0.04], [25, 25, 1, 1])
     found = dynamics.basins(system.map, box, system.params, follow=200)
     assert found.attractors == 3
     # Attractors.jl: 0.314, 0.309 and 0.377 of some hundred starts, by orbits 0.332, 0.331, 0.337.

@@ -515,8 +515,8 @@ def test_what_takes_almost_for_ever_is_told(tmp_path, read):
 
 def test_a_large_sea_makes_a_small_file(tmp_path):
     row, column = np.mgrid[:60, :90] / 15
-    currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=500.0)
-    large = study(currents, 200, spread="all", start=5, goal=np.arange(1500))
+    currents = sea(np.sin(np.pi * row), np.sin(np.pi * column), dx=5000.0)
+    large = study(currents, 2000, spread="all", start=5, goal=np.arange(1500))
     record.save_recording(large, tmp_path / "large.rrd")
     assert (tmp_path / "large.rrd").stat().st_size < 3_000_000
 

@@ -33,7 +33,8 @@ COMMANDS = {
     "patrol": "patrol graph {data}/graphs/eight.json --robots 2 --game",
     "charger": "patrol graph {data}/graphs/eight.json --charger 3 --every 8 --base 2",
     "patrol_map": "patrol map {room} --robots 2 --range 3 --attack-times 4 --runs 200",
-    "drift": "drift {sea} --duration 3400 --depths 5 --start=-117.93,33.5",
+    "drift": "drift {sea} --bounds -118.1 33.44 -118 33.54 --duration 3400 --depths 5 "
+    "--start=-118.01,33.5",
 }
 FAMILIES = [*COMMANDS, "robot", "sweep"]
 MAX_WORDS = 60

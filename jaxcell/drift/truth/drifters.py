@@ -91,7 +91,9 @@ def simulate_drifters(
     begin = start + np.arange(steps) * duration
     choice, off = map(np.asarray, _release(key, there.size, drifters))
     x, y = centre[:, choice] + off
-    xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, float(rho), substeps)
+    # None of those that go with the flow is drawn a turn.
+    turning = float(rho) if rho < 1 else None
+    xs, ys = _paths(key, flow, sides, wet, x, y, begin, duration, turning, substeps)
     # A coast that a drifter ran over is the nearest water.
     origin = there[choice]
     cell = water.landing(np.asarray(xs), np.asarray(ys), origin=origin, exits=True)
@@ -116,16 +118,11 @@ def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type
         x, y = place
         key, began = now
         on = on_grid((rows, columns), flow.wraps, x, y)
-        end_x, end_y = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
-        row, column = nearest_square((rows, columns), flow.wraps, x, y)
-        dx, dy = sides[:, row, column]
-        right, up = (end_x - x) * dx, (end_y - y) * dy
-        drawn = jax.random.uniform(key, x.shape, x.dtype)
-        side = jnp.where(drawn < (1 + rho) / 2, 1.0, -1.0)
-        angle = jnp.where(drawn < rho, 0.0, side * jnp.pi / 4)
-        cos, sin = jnp.cos(angle), jnp.sin(angle)
-        moved_x = x + jnp.where(on, (right * cos - up * sin) / dx, 0.0)
-        moved_y = y + jnp.where(on, (right * sin + up * cos) / dy, 0.0)
+        end = advect(flow, x, y, duration, start=began, method="rk4", steps=substeps)
+        if rho is not None:
+            row, column = nearest_square((rows, columns), flow.wraps, x, y)
+            end = _turned(key, rho, sides[:, row, column], place, end)
+        moved_x, moved_y = jnp.where(on, end[0], x), jnp.where(on, end[1], y)
         if flow.diffusivity:
             key = jax.random.fold_in(key, 1)
             moved_x, moved_y = diffuse(key, flow, sides, wet, moved_x, moved_y, duration)
@@ -133,6 +130,17 @@ def _paths(key, flow, sides, wet, x, y, begin, duration, rho, substeps):  # type
 
     _, (xs, ys) = jax.lax.scan(step, (x, y), (keys, begin))
     return jnp.concatenate([x[None], xs]), jnp.concatenate([y[None], ys])
+
+
+def _turned(key, rho, side, place, end):  # type: ignore[no-untyped-def]
+    """Where drifters go whose drift is turned by 45 degrees to either side, but for a share."""
+    (x, y), (dx, dy) = place, side
+    right, up = (end[0] - x) * dx, (end[1] - y) * dy
+    drawn = jax.random.uniform(key, x.shape, x.dtype)
+    to = jnp.where(drawn < (1 + rho) / 2, 1.0, -1.0)
+    angle = jnp.where(drawn < rho, 0.0, to * jnp.pi / 4)
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    return x + (right * cos - up * sin) / dx, y + (right * sin + up * cos) / dy
 
 
 @jax.jit

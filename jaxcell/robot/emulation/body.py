@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -80,8 +81,7 @@ class Body:
         """
         self.noise = noise or Noise()
         self._rng = rng or np.random.default_rng(0)
-        self._space = workspace.free_space.buffer(give, join_style="mitre")
-        shapely.prepare(self._space)
+        self._space = _felt(workspace.free_space, give)
         if not (
             np.isfinite(pose).all()
             and workspace.free_space.distance(shapely.Point(pose[:2])) < 1e-9
@@ -194,6 +194,15 @@ class Body:
         held = pushing or bool(walls.any())
         self.bump_left = held and side > -_MIDDLE
         self.bump_right = held and side < _MIDDLE
+
+
+# Many bodies in a row are among the same walls.
+@functools.lru_cache(maxsize=1)
+def _felt(free: shapely.Geometry, give: float) -> shapely.Geometry:
+    """Where a body may be with its bumper pressed in."""
+    space = free.buffer(give, join_style="mitre")
+    shapely.prepare(space)
+    return space
 
 
 def _sign(number: float) -> int:
