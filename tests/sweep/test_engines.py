@@ -72,6 +72,7 @@ def jobs_of(count, task="sweep_stub:stub", **fixed):
     return take, taken
 
 
+@pytest.mark.usefixtures("forked")
 def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
     before = dict(os.environ)
