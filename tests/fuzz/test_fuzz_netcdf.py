@@ -5,6 +5,7 @@ prevent, so all is read in another process.
 """
 
 import copy
+import functools
 
 import netCDF4
 import numpy as np
@@ -131,7 +132,8 @@ def write(path, described, form="NETCDF4"):
             fill = attributes.pop("_FillValue", None)
             dtype = str if one["dtype"] == "str" else one["dtype"]
             sizes = [described["dims"][dim] for dim in one["dims"]]
-            chunks = [min(size, 8) or 1 for size in sizes] if form == "NETCDF4" else None
+            # Not so small that the library is busy with millions of them.
+            chunks = [min(size, 64) or 1 for size in sizes] if form == "NETCDF4" else None
             made = file.createVariable(
                 name, dtype, one["dims"], fill_value=fill, chunksizes=chunks or None
             )
@@ -256,16 +258,28 @@ def test_files_that_are_wrong(tmp_path, worker, reader, data):
     assert worker(reader, path) in ("read", "refused")
 
 
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory):
+    """Gives the bytes of the undamaged files of a reader."""
+    path = tmp_path_factory.mktemp("corpus") / "f.nc"
+
+    @functools.cache
+    def contents(reader, form):
+        found = {}
+        for number, make in enumerate(FILES[reader]):
+            write(path, make(), form)
+            found[number] = path.read_bytes()
+        return found
+
+    return contents
+
+
 @readers
 @pytest.mark.parametrize("form", ["NETCDF4", "NETCDF3_CLASSIC"])
 @cases(50)
 @given(data=st.data())
-def test_damaged_bytes(tmp_path, worker, reader, form, data):
-    corpus = {}
-    for number, make in enumerate(FILES[reader]):
-        write(tmp_path / "f.nc", make(), form)
-        corpus[number] = (tmp_path / "f.nc").read_bytes()
-    _, content = data.draw(damaged(corpus))
+def test_damaged_bytes(tmp_path, worker, reader, form, corpus, data):
+    _, content = data.draw(damaged(corpus(reader, form)))
     path = tmp_path / "f.nc"
     path.write_bytes(content)
     found = worker(reader, path)

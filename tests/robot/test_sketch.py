@@ -9,6 +9,7 @@ import shutil
 import struct
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -63,27 +64,26 @@ def task_of(cells: CellSpace, bounce_deg: float, filter: Filter | None = None) -
     )
 
 
-@functools.cache
-def compiled(text: str, *flags: str) -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="sketch-"))
-    (folder / "sketch.ino").write_text(text)
-    program = folder / "board"
-    subprocess.run(
-        [
-            *(COMPILER, *STRICT, *flags, "-D__AVR__", f'-DSKETCH="{folder / "sketch.ino"}"'),
-            *(f"-I{STUB}", str(STUB / "board.cpp"), "-o", str(program)),
-        ],
-        check=True,
-    )
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory) -> Callable[..., Path]:
+    """Gives the program of a sketch on a board; the board itself is compiled once."""
+    folder = tmp_path_factory.mktemp("sketch")
+    # One with all ports.
+    build(STUB / "board.cpp", "-DHAVE_HWSERIAL1", "-c", "-o", folder / "board.o")
+
+    @functools.cache
+    def program(text: str, *flags: str) -> Path:
+        place = Path(tempfile.mkdtemp(dir=folder))
+        (place / "sketch.ino").write_text(text)
+        sketch = f'-DSKETCH="{place / "sketch.ino"}"'
+        build(STUB / "sketch.cpp", *flags, sketch, folder / "board.o", "-o", place / "program")
+        return place / "program"
+
     return program
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _no_programs_left():
-    yield
-    for folder in Path(tempfile.gettempdir()).glob("sketch-*"):
-        if (folder / "board").exists():
-            shutil.rmtree(folder)
+def build(*arguments: str | Path) -> None:
+    subprocess.run([COMPILER, *STRICT, "-D__AVR__", f"-I{STUB}", *arguments], check=True)
 
 
 class Robot(Emulator):
@@ -232,7 +232,7 @@ ROOM_IMAGE, ROOM_BUMPED = bounce_tables(ROOM, 90)
     ("cells", "bounce_deg", "cell"),
     [(LAB_A, 45, 28), (LAB_B, 135, 16), (MAZE, 45, 131), (ROOM, 90, 2), (ROOM, 90, 9)],
 )
-def test_the_colours_are_those_of_the_host(cells, bounce_deg, cell):
+def test_the_colours_are_those_of_the_host(compiled, cells, bounce_deg, cell):
     task = task_of(cells, bounce_deg)
     robot = Robot(body_in(cells, cell))
     program = compiled(filter_sketch(task, direction=cell // cells.positions))
@@ -252,7 +252,7 @@ def test_the_colours_are_those_of_the_host(cells, bounce_deg, cell):
 
 @needs_compiler
 @pytest.mark.parametrize("open_world", [False, True])
-def test_another_map_is_refuted_where_the_host_refutes_it(open_world):
+def test_another_map_is_refuted_where_the_host_refutes_it(compiled, open_world):
     cell = 9
     filter = bounce_filter(LAB_B, 45, open_world=open_world)
     task = task_of(ROOM, 45, filter)
@@ -273,7 +273,7 @@ def test_another_map_is_refuted_where_the_host_refutes_it(open_world):
 
 
 @needs_compiler
-def test_a_heading_is_not_needed_where_all_steps_are_equal():
+def test_a_heading_is_not_needed_where_all_steps_are_equal(compiled):
     program = compiled(filter_sketch(ROOM_TASK))
     # It faces north, and is not told.
     cell = 25
@@ -298,7 +298,7 @@ def policy_task() -> PolicyTask:
 
 
 @needs_compiler
-def test_a_policy_chooses_the_angles_that_the_host_does():
+def test_a_policy_chooses_the_angles_that_the_host_does(compiled):
     task, cell = policy_task(), 9
     robot = Robot(body_in(ROOM, cell))
     run = play(compiled(policy_sketch(task, direction=cell // ROOM.positions)), robot, seconds=600)
@@ -327,7 +327,7 @@ BOUNCE = bounce_sketch(math.radians(90), 0.25)
 
 
 @needs_compiler
-def test_a_robot_that_only_bounces_is_where_the_cells_say():
+def test_a_robot_that_only_bounces_is_where_the_cells_say(compiled):
     cell = 5
     robot = Robot(body_in(ROOM, cell))
     places: list[tuple[int, tuple[float, float, float]]] = []
@@ -375,7 +375,7 @@ def after(count: int, act):
         (lambda r: setattr(r._body, "advance", lambda *_: None), "a motion takes too long"),
     ],
 )
-def test_it_stops_the_robot(danger, end):
+def test_it_stops_the_robot(compiled, danger, end):
     robot = Robot(body_in(ROOM, 0))
     run = play(compiled(BOUNCE), robot, seconds=40, at=after(1, lambda: danger(robot)))
     assert run.observed.startswith("0")
@@ -384,7 +384,7 @@ def test_it_stops_the_robot(danger, end):
 
 
 @needs_compiler
-def test_a_lost_line_stops_the_wheels_at_once():
+def test_a_lost_line_stops_the_wheels_at_once(compiled):
     robot = Robot(body_in(ROOM, 0))
     silent: list[float] = []
     rolling: list[float] = []
@@ -404,7 +404,7 @@ def test_a_lost_line_stops_the_wheels_at_once():
 
 
 @needs_compiler
-def test_a_sketch_that_hangs_is_reset_and_stops_the_robot():
+def test_a_sketch_that_hangs_is_reset_and_stops_the_robot(compiled):
     robot = Robot(body_in(ROOM, 0))
     rolling: list[float] = []
 
@@ -422,7 +422,7 @@ def test_a_sketch_that_hangs_is_reset_and_stops_the_robot():
 
 @needs_compiler
 @pytest.mark.parametrize("flags", [(), ("-DHAVE_HWSERIAL1",)])
-def test_the_line_comes_to_19200_baud(flags):
+def test_the_line_comes_to_19200_baud(compiled, flags):
     program = compiled(BOUNCE, *flags)
     for fields in ({"baud": 19200}, {"baud": 115200}, {"baud": 115200, "wire": False}):
         robot = Robot(body_in(ROOM, 0), **fields)
@@ -432,14 +432,14 @@ def test_the_line_comes_to_19200_baud(flags):
 
 
 @needs_compiler
-def test_without_a_robot_it_says_so():
+def test_without_a_robot_it_says_so(compiled):
     robot = Robot(body_in(ROOM, 0))
     robot.deaf = True
     assert play(compiled(BOUNCE), robot, seconds=60).end == "stopped: the robot does not answer"
 
 
 @needs_compiler
-def test_a_robot_that_counts_its_modes_from_1():
+def test_a_robot_that_counts_its_modes_from_1(compiled):
     robot = Robot(body_in(ROOM, 0))
     robot.first_mode = 1
     run = play(compiled(BOUNCE), robot, seconds=9)
@@ -448,7 +448,7 @@ def test_a_robot_that_counts_its_modes_from_1():
 
 
 @needs_compiler
-def test_bytes_that_get_lost_change_nothing():
+def test_bytes_that_get_lost_change_nothing(compiled):
     cell = 9
     robot = Robot(body_in(ROOM, cell), line=Line(dropped=0.002), seed=1)
     run = play(compiled(filter_sketch(ROOM_TASK, direction=0)), robot, seconds=600)
@@ -476,7 +476,7 @@ def damaged(data: bytes, rng: np.random.Generator, rate: float) -> bytes:
 
 @needs_compiler
 @pytest.mark.parametrize("byte", [0, 10, 14])
-def test_an_answer_with_a_wrong_byte_fools_nobody(byte):
+def test_an_answer_with_a_wrong_byte_fools_nobody(compiled, byte):
     """The bumper, and the high byte of each encoder."""
     cell, count = 5, itertools.count()
     robot = Robot(body_in(ROOM, cell))
@@ -502,7 +502,7 @@ def test_an_answer_with_a_wrong_byte_fools_nobody(byte):
 
 
 @needs_compiler
-def test_the_data_of_a_drive_command_are_no_commands():
+def test_the_data_of_a_drive_command_are_no_commands(compiled):
     # The robot would obey them if the opcode got lost. Bad encoders make it steer a lot.
     noise = Noise(encoder=1.0)
     robot = Robot(body_in(ROOM, 0, noise=noise, rng=np.random.default_rng(0)))
@@ -515,7 +515,7 @@ def test_the_data_of_a_drive_command_are_no_commands():
 @needs_compiler
 @settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.01, 0.1, 0.5]))
-def test_no_damage_makes_it_hang(seed, rate):
+def test_no_damage_makes_it_hang(compiled, seed, rate):
     robot, rng = Robot(body_in(ROOM, 0)), np.random.default_rng(seed)
     asked: list[float] = []
 
@@ -587,7 +587,7 @@ def test_bad_input():
 
 
 @needs_compiler
-def test_no_name_of_a_file_gets_out_of_the_comment():
+def test_no_name_of_a_file_gets_out_of_the_comment(compiled):
     path = Path("a*/ int x; /* $tables ??/ \n // \\")
     compiled(filter_sketch(dataclasses.replace(ROOM_TASK, path=path)))
 

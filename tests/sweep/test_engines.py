@@ -72,6 +72,7 @@ def jobs_of(count, task="sweep_stub:stub", **fixed):
     return take, taken
 
 
+@pytest.mark.usefixtures("forked")
 def test_processes_give_the_same_and_leave_nobody(stub_spec, tmp_path, whole):
     spec, out = stub_spec(name="whole.toml"), tmp_path / "out"
     before = dict(os.environ)
@@ -361,9 +362,9 @@ def test_a_member_that_hangs_on_dask_is_ended_alone(cluster, stub_spec, tmp_path
     calls = tmp_path / "calls"
     calls.mkdir()
     spec = stub_spec(f'hang = 1\nfolder = "{calls}"', text="[grid]\nx = {count = 2}")
-    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=2.0)
+    found = run_sweep(spec, tmp_path / "out", engine=cluster, timeout=1.0)
     assert [one.parameters for one in found.failures] == [{"x": 1}]
-    assert found.failures[0].message == "TimeoutError: it was not done after 2 s"
+    assert found.failures[0].message == "TimeoutError: it was not done after 1 s"
     with open_sweep(tmp_path / "out") as dataset:
         assert dataset.status.values.tolist() == [1, 2]
     assert not any(alive(int(path.name.partition("-")[0])) for path in calls.iterdir())

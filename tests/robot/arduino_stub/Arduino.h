@@ -22,6 +22,9 @@ class __FlashStringHelper;
 
 extern uint8_t MCUSR;
 
+void setup();
+void loop();
+
 uint32_t millis();
 void delay(uint32_t milliseconds);
 void pinMode(uint8_t pin, uint8_t mode);

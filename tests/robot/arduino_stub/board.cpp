@@ -1,4 +1,4 @@
-/* A board for the sketch in SKETCH, with a robot on its port.
+/* A board for the sketch in sketch.cpp, with a robot on its port.
  *
  * The robot is at the other end of stdin and stdout, and time is that of the board: it passes where
  * the sketch waits or sends, so that a run is the same on every machine.
@@ -10,12 +10,13 @@
 #include <Arduino.h>
 #include <SoftwareSerial.h>
 #include <avr/wdt.h>
-#include SKETCH
 
 #include <deque>
 #include <string>
 #include <unistd.h>
 #include <vector>
+
+extern uint32_t *const noinit;
 
 namespace board {
 
@@ -59,7 +60,7 @@ void tell(char kind, const void *bytes, size_t count) {
 void reset() {
     tell('R', "", 0);
     setenv("NOW", std::to_string(now).c_str(), 1);
-    setenv("NOINIT", std::to_string(driving).c_str(), 1);
+    setenv("NOINIT", std::to_string(*noinit).c_str(), 1);
     unsetenv("HANG_AT");
     execv("/proc/self/exe", arguments);
     _exit(4);
@@ -110,9 +111,7 @@ void wait_for_byte() {
 
 uint8_t MCUSR = 0;
 UsbSerial Serial;
-#ifdef HAVE_HWSERIAL1
 RobotSerial Serial1;
-#endif
 
 uint32_t millis() {
     if (board::now >= board::hang_at) {
@@ -193,7 +192,7 @@ size_t RobotSerial::write(const uint8_t *bytes, size_t count) {
 int main(int, char **arguments) {
     board::arguments = arguments;
     if (const char *now = getenv("NOW")) board::now = strtoull(now, nullptr, 10);
-    if (const char *kept = getenv("NOINIT")) driving = uint32_t(strtoul(kept, nullptr, 10));
+    if (const char *kept = getenv("NOINIT")) *noinit = uint32_t(strtoul(kept, nullptr, 10));
     if (const char *when = getenv("HANG_AT")) board::hang_at = strtoull(when, nullptr, 10);
     setup();
     for (;;) loop();
