@@ -2,7 +2,6 @@ import functools
 import math
 
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 import scipy.optimize
@@ -25,14 +24,6 @@ LAWS = [
     Gld(-4.0, 0.02, -0.5, -0.5),
     Gld(0.0, 0.05, 5.0, 0.0),
 ]
-
-
-@pytest.fixture
-def unchecked():
-    """Newton's steps by the thousand, whose types take longer to check; other tests check them."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def draw(law, size=SAMPLES, seed=0):
