@@ -37,6 +37,7 @@ def likelihood(law, samples, censored):
     return float(np.log(law.cdf(samples + 0.5) - law.cdf(samples - 0.5)).sum())
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     "law",
     [
@@ -62,6 +63,7 @@ def test_recovers_known_laws(law):
     assert np.abs(fit.cdf(x) - cdf(x)).max() < NEAR
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     "law",
     [
@@ -80,6 +82,7 @@ def test_recovers_laws_of_whole_numbers(law):
     assert np.abs(fit.cdf(t + 0.5) - law.cdf(t)).max() < NEAR
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
@@ -94,6 +97,7 @@ def test_at_least_as_likely_as_the_law_of_the_samples(law, censored):
     assert fit.log_likelihood > likelihood(law, samples, censored) - 0.01
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("censored", [False, True])
 def test_at_least_as_likely_as_by_nelder_and_mead(censored):
     samples = scipy.stats.lognorm(0.7, scale=20).rvs(200, random_state=0)
@@ -123,6 +127,7 @@ def test_at_least_as_likely_as_by_nelder_and_mead(censored):
         assert fit.log_likelihood > -peer.fun - 0.02
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("law", "reached"),
     [

@@ -10,6 +10,7 @@ def walk_on(graph, weights):
     return random_walk(graph, weights).to_scipy().toarray()
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_a_walk_comes_as_often_as_its_share_of_time_says():
     graph = Graph([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
     P = walk_on(graph, [1, 2, 1, 1, 3])
@@ -27,6 +28,7 @@ def test_a_walk_comes_as_often_as_its_share_of_time_says():
     assert found.least_capture[0] == pytest.approx(1 - max(missed), abs=0.06)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_robots_on_a_tour_are_equally_far_apart():
     """Of networkx's ring of 12, and with edges that take longer than others."""
     graph = Graph(np.array(nx.cycle_graph(12).edges), 12)
@@ -50,6 +52,7 @@ def test_one_who_goes_where_nobody_was_walks_round_a_ring():
     assert found.least_capture[3] == pytest.approx(5 / 9)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_vertices_that_a_walk_leaves_out_wait_for_ever():
     graph = Graph([[0, 1], [1, 2]])
     to_and_fro = np.array([[[0.0, 1, 0], [1, 0, 0], [0, 1, 0]]])

@@ -32,7 +32,7 @@ def policy(leave, stray):
     return chance[None]
 
 
-def simulated(found, charger, attack, runs=400_000):
+def simulated(found, charger, attack, runs=200_000):
     """Captures at each vertex from each state that occurs, as shares of one long run."""
     random = np.random.default_rng(0)
     total = found.chance[0].cumsum(axis=2)
