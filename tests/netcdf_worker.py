@@ -19,7 +19,15 @@ class Worker:
         self._process = None
 
     def __call__(self, reader, path):
-        """Reads a file: "read", "refused", or what went wrong."""
+        """Reads a file: "read", "refused", or what went wrong, in a new process too."""
+        found = self._ask(reader, path)
+        if found not in ("read", "refused") and self._process is not None:
+            # Damaged files before may have left something wrong in the C library.
+            self.close()
+            found = self._ask(reader, path)
+        return found
+
+    def _ask(self, reader, path):
         if self._process is None:
             self._process = subprocess.Popen(
                 [sys.executable, __file__],
