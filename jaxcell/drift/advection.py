@@ -20,7 +20,8 @@ _STAGES = {
     "rk4": ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)),
 }
 METHODS = tuple(_STAGES)
-# Fewer points than the first share one compiled program, and more than the second have their own.
+# Fewer points than the first share one compiled program. More than the second have their own, which
+# is faster, since it knows the number of steps.
 _FEW_POINTS, _MANY_POINTS = 1024, 1 << 18
 
 _Pair: TypeAlias = tuple[Array, Array]
@@ -76,10 +77,13 @@ def carried(
     steps: int,
 ) -> tuple[Float[np.ndarray, "*points"], Float[np.ndarray, "*points"]]:
     """[`advect`][] by one program for any number of steps, and for about as many points."""
-    size = max(_FEW_POINTS, bucket(x.size)) if x.size < _MANY_POINTS else x.size
+    seconds = float(duration), float(start)
+    if x.size >= _MANY_POINTS:
+        found = advect(flow, x, y, seconds[0], start=seconds[1], method=method, steps=steps)
+        return np.asarray(found[0]), np.asarray(found[1])
+    size = max(_FEW_POINTS, bucket(x.size))
     # What spreads drifters is not part of the program either.
     still = dataclasses.replace(flow, diffusivity=0.0)
-    seconds = float(duration), float(start)
     found = _carried(still, np.resize(x, size), np.resize(y, size), *seconds, method, steps)
     ends_x, ends_y = (np.asarray(one)[: x.size].reshape(x.shape) for one in found)
     return ends_x, ends_y
