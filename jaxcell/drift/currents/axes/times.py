@@ -130,9 +130,11 @@ def _since(start: cftime.datetime, date: cftime.datetime) -> np.datetime64:
 
 
 def _in_nanoseconds(dates: Any) -> Any:
-    """Dates in 64 bits of nanoseconds, NaT where they do not fit."""
-    found = dates.astype("datetime64[ns]")
-    return np.where(found.astype(dates.dtype) == dates, found, np.datetime64("NaT", "ns"))[()]
+    """Dates in 64 bits of nanoseconds, NaT where they are not from 1678 to 2261."""
+    fits = (dates >= np.datetime64("1678-01-01")) & (dates < np.datetime64("2262-01-01"))
+    found = np.array(dates)
+    found[~fits] = np.datetime64("NaT", "s")
+    return found.astype("datetime64[ns]")[()]
 
 
 def choose_records(file: OceanFile, times: RecordTimes, when: When) -> Int[np.ndarray, " chosen"]:
