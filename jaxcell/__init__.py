@@ -10,7 +10,8 @@ whose sections, equations and algorithms the packages name.
 
 Packages, from the ground floor up; each says in its own page of help what it computes and how:
 
-- `space`: maps, cells, what is visible. `automata`: filters. Neither imports JAX.
+- `space`: maps, cells, what is visible. `automata`: filters. `walls`: where a robot may be that
+    starts anywhere. None of them imports JAX.
 - `mapping`: cell maps and their groups.
 - `markov`: what one asks of chains. `optimize`: weights, mixtures, covers and games.
 - `bounce`: bouncing robots (chapters 2 and 3). `patrol`: patrolling (chapter 4). `drift`: drifters
@@ -63,6 +64,7 @@ _MODULES = (
     "study",
     "sweep",
     "verify",
+    "walls",
 )
 
 __all__ = ["__version__", "bundled", *_MODULES]

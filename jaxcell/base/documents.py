@@ -18,9 +18,11 @@ import re
 import reprlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 MAX_NUMBER = 1e9
@@ -153,8 +155,11 @@ class Fields:
             raise refused(self.where + name, f"a whole number from {least} to {most}", value)
         return value
 
-    def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> np.ndarray:
+    def numbers(self, name: str, shape: tuple[int, ...], *, whole: bool) -> "np.ndarray":
         """An array of finite numbers; -1 in `shape` stands for any length."""
+        # Help needs no NumPy.
+        import numpy as np
+
         try:
             found = np.array(self.get(name))
         except ValueError:

@@ -1,13 +1,38 @@
-"""How results are written, whole or not at all, and how they name other files."""
+"""Files that are read, and how results are written, whole or not at all, and name other files."""
 
 import contextlib
+import glob
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from .bundled import bundled_names
+
+
+ADDRESS = re.compile("^(https?|dods):/+")
+"""The beginning of the address of an OPeNDAP server; a path has one slash of the two."""
+_WILD = re.compile(r"[*?\[]")
+
+
+def existing(path: str | os.PathLike[str]) -> list[str]:
+    """Find the file or folder of a path, or those that match a pattern, in the order of names.
+
+    An address is not looked up.
+
+    **Raises:** `FileNotFoundError` if there is none.
+    """
+    name = os.fspath(path)
+    if ADDRESS.match(name) or os.path.exists(name):
+        return [name]
+    if not _WILD.search(name):
+        raise FileNotFoundError(f"{name}: there is no such file")
+    matching = sorted(glob.glob(name, recursive=True))
+    if not matching:
+        raise FileNotFoundError(f"{name}: no file has a name of this pattern")
+    return matching
 
 
 @contextlib.contextmanager

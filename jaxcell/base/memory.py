@@ -4,7 +4,7 @@ import functools
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 
@@ -29,11 +29,24 @@ def free() -> int | None:
 
     **Raises:** `ValueError` if that is no size.
     """
-    known = [*_machine(), *_control_groups(), *_addresses(), *_wished()]
+    known = [count for count, _ in _known()]
     return max(0, min(known)) if known else None
 
 
-def check(needed: float | int, doing: str, instead: str) -> None:
+def shortage(available: int) -> str:
+    """Say how much memory is free, and which limit leaves so little, if it is not the machine's.
+
+    **Arguments:**
+
+    - `available`: what `free` says.
+    """
+    left, limit = min(_known(), default=(0, ""))
+    # What is left may have changed a little since.
+    named = f": {limit}" if limit and left <= available + NEGLIGIBLE else ""
+    return f"{gigabytes(available)} are free{named}"
+
+
+def check(needed: float | int, doing: str, instead: str | Callable[[int], str]) -> None:
     """Refuse what takes more memory than is free, before it begins.
 
     What is negligible is not, and nothing is where it is not known what is free.
@@ -42,7 +55,7 @@ def check(needed: float | int, doing: str, instead: str) -> None:
 
     - `needed`: bytes, estimated.
     - `doing`: what takes them.
-    - `instead`: what would take fewer.
+    - `instead`: what would take fewer, or a function that says so of the bytes that are free.
 
     **Raises:** `MemoryError` with both numbers, in one line.
     """
@@ -50,9 +63,10 @@ def check(needed: float | int, doing: str, instead: str) -> None:
         return
     available = free()
     if available is not None and needed > available:
+        instead = instead if isinstance(instead, str) else instead(available)
         raise MemoryError(
-            f"{doing} needs about {gigabytes(needed)} of memory, and {gigabytes(available)} are "
-            f"free; {instead}"
+            f"{doing} needs about {gigabytes(needed)} of memory, and {shortage(available)}; "
+            f"{instead}"
         )
 
 
@@ -82,32 +96,43 @@ def read_size(text: str, name: str) -> int:
     return count
 
 
-def _wished() -> Iterator[int]:
+def _known() -> list[tuple[int, str]]:
+    """The bytes that each limit leaves, and the limit in words."""
+    return [*_machine(), *_control_groups(), *_addresses(), *_wished()]
+
+
+def _wished() -> Iterator[tuple[int, str]]:
     """What is left of the limit that the user set, once all libraries are loaded."""
     if text := os.environ.get(LIMIT):
         pages = [int(line.split()[1]) for line in _lines(_PROC / "self" / "statm")]
         taken = sum(pages) * os.sysconf("SC_PAGE_SIZE") if pages else 0
-        yield read_size(text, LIMIT) - max(taken, LIBRARIES)
+        taken = max(taken, LIBRARIES)
+        libraries = f"of which Python and its libraries take {gigabytes(taken)}"
+        left = read_size(text, LIMIT) - taken
+        yield left, f"--memory or {LIMIT} allows {text.strip()}, {libraries}"
 
 
-def _machine() -> Iterator[int]:
+def _machine() -> Iterator[tuple[int, str]]:
     for line in _lines(_PROC / "meminfo"):
         if line.startswith("MemAvailable:"):
-            yield int(line.split()[1]) * 1024
+            yield int(line.split()[1]) * 1024, ""
             return
     try:
-        yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"), ""
     except (ValueError, OSError, AttributeError):
         return
 
 
-def _control_groups() -> Iterator[int]:
+def _control_groups() -> Iterator[tuple[int, str]]:
     """What the limits of this process's control groups leave, and of those that hold them."""
     for folder, most, used, cache in _limits(_PROC, _GROUPS):
         stat = _lines(folder / "memory.stat")
         # Pages of files that nobody uses are given back.
         spare = [int(line.split()[1]) for line in stat if line.startswith(cache + " ")]
-        yield most - (_number(folder / used) or 0) + sum(spare)
+        yield (
+            most - (_number(folder / used) or 0) + sum(spare),
+            f"the control group of this container or batch job allows {gigabytes(most)}",
+        )
 
 
 # To look through the folders takes longer than the images of a small map.
@@ -133,7 +158,7 @@ def _limits(proc: Path, groups: Path) -> list[tuple[Path, int, str, str]]:
     return found
 
 
-def _addresses() -> Iterator[int]:
+def _addresses() -> Iterator[tuple[int, str]]:
     if sys.platform != "linux":
         return
     import resource
@@ -141,7 +166,8 @@ def _addresses() -> Iterator[int]:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY:
         for line in _lines(_PROC / "self" / "statm"):
-            yield limit - int(line.split()[0]) * resource.getpagesize()
+            left = limit - int(line.split()[0]) * resource.getpagesize()
+            yield left, f"ulimit -v allows {gigabytes(limit)} of addresses"
 
 
 def _lines(path: Path) -> list[str]:

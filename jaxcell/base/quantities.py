@@ -190,7 +190,8 @@ def values(
 ) -> dict[str, tuple[Quantity, Any]]:
     """The quantities that a result has, with their values; those that are missing are left out.
 
-    A member of an enumeration stands as its name in lower case.
+    A member of an enumeration stands as its name in lower case, and a zero has no sign, which would
+    depend on the processor.
 
     **Arguments:**
 
@@ -201,8 +202,24 @@ def values(
     for name, one in quantities(type(result)).items():
         value = getattr(result, name) if wanted(one) else None
         if value is not None:
-            found[name] = one, value.name.lower() if isinstance(value, enum.Enum) else value
+            named = value.name.lower() if isinstance(value, enum.Enum) else value
+            found[name] = one, unsigned(named)
     return found
+
+
+def unsigned(value: Any) -> Any:
+    """Take the sign off zeros; other values stay as they are.
+
+    The least of `0.0` and `-0.0` is either of them, as the instructions of a processor have it.
+    """
+    if isinstance(value, float):
+        return value + 0.0
+    if getattr(getattr(value, "dtype", None), "kind", "") != "f":
+        return value
+    import numpy as np
+
+    # Only an array that has such zeros is copied.
+    return value + 0.0 if (np.signbit(value) & (value == 0)).any() else value
 
 
 def summarized(result: Any) -> dict[str, tuple[Quantity, Any]]:

@@ -3,8 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
-
 from .quantities import Quantity
 
 
@@ -14,6 +12,9 @@ _UNITS = {None: "", "1": "", "degree": "°", "degrees_east": "°", "degrees_nort
 
 def written(value: Any, about: Quantity, cells: Any = None) -> str:
     """A value as people read it, with its unit; a place in some cells with its pose."""
+    # Help needs no NumPy.
+    import numpy as np
+
     if isinstance(value, np.ndarray | list | tuple):
         # Rows of indices that are shorter than others are filled up with -1.
         row = [one for one in np.asarray(value).tolist() if about.kind != "index" or one != -1]
@@ -32,15 +33,15 @@ def written(value: Any, about: Quantity, cells: Any = None) -> str:
         return "none"
     if about.kind == "place" and cells is not None:
         x, y, _ = cells.centre(int(number))
-        return f"({float(x):g}, {float(y):g})"
+        return f"({float(x):zg}, {float(y):zg})"
     if located and cells is not None:
         return configuration(cells, int(number), heading=about.kind == "cell")
     if not math.isfinite(number):
         return "never" if about.kind == "time" else f"{number}"
     if about.kind in ("share", "distribution"):
-        return f"{round(100 * number, 9):.4g} %"
+        return f"{round(100 * number, 9):z.4g} %"
     if about.kind == "residual":
-        return f"{number:.1e}"
+        return f"{number:z.1e}"
     text = f"{int(number):,}" if number == int(number) and abs(number) < 1e15 else f"{number:.6g}"
     return text + _UNITS.get(about.units, f" {about.units}")
 
@@ -50,5 +51,5 @@ def configuration(cells: Any, z: int, heading: bool = True) -> str:
     if z < 0:
         return "none"
     x, y, theta = cells.centre(z)
-    facing = f", {math.degrees(float(theta)):g}°" if heading else ""
-    return f"{z} ({float(x):g} m, {float(y):g} m{facing})"
+    facing = f", {math.degrees(float(theta)):zg}°" if heading else ""
+    return f"{z} ({float(x):zg} m, {float(y):zg} m{facing})"

@@ -31,9 +31,10 @@ takes itself to look in, and by how much it is wrong. Errors drawn inside each c
 hidden Markov model, and errors that are only bounded a nondeterministic map. `slip_map`,
 `bounded_map`; `particle_run` is the run of a cloud of such
 robots. `slipping_run` drives one until its belief knows where it is; its result is `Slipped`. Of
-several angles it takes the one that leaves the least expected entropy. A plan of such a robot
-arrives with `plan_probability`; `slip_policy` chooses an angle by the fine cell instead, and has
-arrived with `arrival_by`; their result is `SlippedPlan`.
+several angles it takes the one that leaves the least expected entropy. `plan_runs` simulates a plan
+of such a robot, and `plan_probability` follows it among fine cells, which blur where it is;
+`slip_policy` chooses an angle by the fine cell instead, and has arrived with `arrival_by`; their
+result is `SlippedPlan`.
 
 **Navigation** (Eq. 3.6, Alg. 3.1, 3.2). At a bump a robot chooses one of several angles. A step,
 and a bump with the angle of the bump before, cost `w_1`; a change of angle costs `w_2`. A plan is a
@@ -58,7 +59,7 @@ Of these, `bounce_image` and `grid_moves` work under `jit` and `vmap`. The cover
 numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

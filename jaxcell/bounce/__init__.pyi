@@ -1,3 +1,4 @@
+from .anywhere import Anywhere as Anywhere, HomeFromAnywhere as HomeFromAnywhere
 from .coverage import (
     coverage_policy as coverage_policy,
     coverage_target as coverage_target,
@@ -21,6 +22,7 @@ from .localization.choice import (
     localization_policy as localization_policy,
 )
 from .localization.filter_size import heading_filter_sizes as heading_filter_sizes
+from .localization.offsets import OffsetLocalized as OffsetLocalized, Offsets as Offsets
 from .localization.result import LocalizationFilter as LocalizationFilter, Localized as Localized
 from .localization.run import (
     Localization as Localization,
@@ -42,6 +44,7 @@ from .slip.fine_cells import (
 )
 from .slip.particles import particle_run as particle_run
 from .slip.plan import SlippedPlan as SlippedPlan
+from .slip.plan_runs import plan_runs as plan_runs
 from .slip.policy import (
     SlipPolicy as SlipPolicy,
     arrival_by as arrival_by,

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status: 0 done, 1 no answer, 2 bad input."""
-    from .app import run
+    try:
+        from .app import run
 
-    return run(sys.argv[1:] if args is None else args)
+        return run(sys.argv[1:] if args is None else args)
+    except KeyboardInterrupt:
+        return 130

@@ -78,7 +78,7 @@ likely arrives, and of such policies is the quickest. `simulate_voyages` follows
 Most functions need 64-bit numbers, and so do the examples: set `JAX_ENABLE_X64=1`.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

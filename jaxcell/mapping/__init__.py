@@ -1,7 +1,7 @@
 """Simple cell mapping: maps from cells to cells and their global structure.
 
-A simple map `C` sends each of finitely many cells to one image. A cell is *periodic* if some power
-of the map brings it back; the orbit of a periodic cell is a *periodic group*, and its length the
+A simple map `C` sends each of finitely many cells to one image. A cell is *periodic* if a power
+of the map returns it to itself; the orbit of a periodic cell is a *periodic group*, its length the
 *period*. Every other cell is *transient* and reaches exactly one group; all cells that reach a
 group are its *basin*, and the number of mappings that a cell needs is its *step* (Hsu 1980; Alam
 2018, Definitions 2.3.1 to 2.3.4).
@@ -13,50 +13,50 @@ group are its *basin*, and the number of mappings that a cell needs is its *step
     the step of z      is the least s >= 0 for which C^s(z) is periodic.
 
 Groups are numbered from 0 in the order of their smallest cells. The source visits cell after cell
-(Alg. 2.1, time `O(N)`), and so does a processor here, in one compiled walk. On an accelerator the
+(Alg. 2.1, time `O(N)`), and so does a processor here, in one compiled loop. On an accelerator the
 map is doubled, `C, C^2, C^4, ...`, which is `O(N log N)` work in `O(log N)` rounds of gathers over
 all cells at once. Both work under `jit` and `vmap`.
 
-**Sections.** Where orbits are known to pass through a smaller set of cells, a *section*, such as
-the bumps of a robot, the first-return map to that set has the same groups. Each slot of it carries
-the number of mappings until the return, and the group, step and period of every cell follow.
+**Sections.** If all orbits pass through a smaller set of cells, a *section*, such as the bumps of a
+robot, the first-return map to that set has the same groups. Each slot of the section has the number
+of mappings until the return, and the group, step and period of every cell follow from it.
 
 **Generalized maps.** A generalized map, or Markov *chain*, sends each cell to several images with
 probabilities, and a distribution over the cells, as a row, to (Eq. 3.5, 5.5)
 
     p(n+1) = p(n) P,     p_ij >= 0,     sum_j p_ij <= 1;
 
-what a row lacks of 1 leaves the space for a *sink*. Cell `i` *leads to* `j` if some power of `P`
-has a positive entry there. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
+the rest of a row, up to 1, leaves the space for a *sink*. Cell `i` *leads to* `j` if a power of `P`
+has a positive entry `ij`. Then (Definitions 3.3.1 to 3.3.3 and 5.4.2)
 
     a persistent group  is a set of cells that all lead to each other, and to nothing else;
-    a transient cell    is one in no such group;
+    a transient cell    is a cell in no such group;
     its domiciles       are the persistent groups that it leads to, and the sink if it can leave.
 
 These are properties of the graph of `P` alone: persistent groups are its strongly connected
-components without a way out, found in time proportional to its edges. Nothing here knows of robots.
+components without exit, found in time proportional to its edges. This package is independent of
+robots.
 
-Arrays of JAX stay where they are, on a GPU too, but for persistent and transient groups, and for
-groups of large maps that are in the memory of the host: these are found on the host.
+Arrays of JAX stay on their device, such as a GPU, except that persistent and transient groups, and
+groups of large maps in the memory of the host, are found on the host.
 
-What gives which:
+Functions and classes:
 
-- `SimpleMap`: `C`, with what a bump sensor says on the way.
+- `SimpleMap`: `C`, with the bump sensor's observation at each mapping.
 - `periodic_groups`: groups, steps and periods, a `PeriodicGroups`; `GroupSummary` has the size of
-    each group, and `GroupTotals` six numbers of them all.
+    each group, and `GroupTotals` six statistics of all groups.
 - `section_groups`: the same from a `Section`, a `SectionGroups`.
 - `Chain`: `P`, with products from both sides, `p P` and `P v`.
-- `ChainSequence`: chains that follow on one another and repeat, as a tide does; their product, the
-    period map, is never made.
-- `ObservedChain`: `P` with what a bump sensor says on the way, a hidden Markov model.
+- `ChainSequence`: a periodic sequence of chains, such as a tide; their product, the period map, is
+    never computed.
+- `ObservedChain`: `P` with the bump sensor's observation at each step, a hidden Markov model.
 - `persistent_groups`: the persistent groups, their periods and domiciles, a `PersistentGroups`.
-- `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` among them is
-    the sink.
+- `transient_groups`: transient cells by their domiciles, a `TransientGroups`; `SINK` is the sink.
 
 A chain needs 64-bit numbers: `jax.config.update("jax_enable_x64", True)`.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

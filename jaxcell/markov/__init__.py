@@ -67,7 +67,7 @@ host, with NumPy and scipy; `push` and `pull`, first passages, decisions, what i
 `dense` run wherever JAX does.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

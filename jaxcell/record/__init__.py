@@ -36,7 +36,7 @@ leaves all but its last moments.
 The examples need 64-bit numbers: set `JAX_ENABLE_X64=1`.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

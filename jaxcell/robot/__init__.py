@@ -29,6 +29,7 @@ bump, is what a filter expects.
 | a localization filter | `run_filter` | `replay_filter` | section 2.4 |
 | a localization policy | `run_policy` | `replay_policy` | end of chapter 2 |
 | a belief, where it slips | `run_belief` | `replay_belief` | |
+| sets on walls, from anywhere | `run_anywhere` | `replay_anywhere` | section 2.3.1 |
 | a plan | `run_plan` | `plan_outcome` | section 3.4.1 |
 | a robot of a team: `member_actions`, `save_team` | `run_member` | | Alg. 3.4 |
 | a patrol: `save_patrols`, `Patrol` | `run_patrol` | `replay_patrol` | section 4.5.7 |
@@ -59,9 +60,16 @@ program that `filter_sketch` or `policy_sketch` writes, or bounces for ever by t
 `bounce_sketch` (section 3.5.4).
 
 `jaxcell.robot.emulation.emulator` has a robot at the other end of a serial line without hardware,
-`jaxcell.robot.emulation.simulated` the driver and that robot on one clock.
+`jaxcell.robot.emulation.simulated` the driver and that robot on one clock, and
+`jaxcell.robot.physics` the body of a Create 2 that a physics engine moves, for either.
 """
 
+from .anywhere import (
+    AnywhereOutcome as AnywhereOutcome,
+    AnywhereSettings as AnywhereSettings,
+    replay_anywhere as replay_anywhere,
+    run_anywhere as run_anywhere,
+)
 from .believer import replay_belief as replay_belief, run_belief as run_belief
 from .calibration import (
     Calibrated as Calibrated,

@@ -55,6 +55,7 @@ What gives which:
 No part of this package imports JAX.
 """
 
+from ..base.hosted import attach_all as _attach_all
 from .box import Box as Box
 from .cells import CellSpace as CellSpace
 from .nearest import nearest_cell as nearest_cell
@@ -70,3 +71,6 @@ from .steps import free_steps as free_steps
 from .strides import cell_strides as cell_strides, stride_legs as stride_legs
 from .view import visibility_polygon as visibility_polygon
 from .workspace import Workspace as Workspace
+
+
+_attach_all(__name__)

@@ -62,7 +62,7 @@ progress of a sweep, also while it runs. What they guarantee:
 Nothing here imports JAX; the tasks do.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -8,7 +8,7 @@ how many numbers were compared, how far they differ, and how much rounding may e
 Samples are of fixed size and the same each time.
 """
 
-import lazy_loader
+from ..base.hosted import attach
 
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,0 +1,37 @@
+"""Sets of places on walls: where a robot with a bump sensor and a clock is, from any start.
+
+A robot that knows neither its place nor its heading drives straight until it meets a wall, turns by
+an angle, and drives on (Alam 2018, section 2.3.1). It observes how far each run is. After its first
+bump it stands at a wall, so its state is `(wall, arc length p, heading)`. For a fixed heading the
+wall that it meets next, the arc length there and the length of the run are piecewise affine in `p`,
+with breaks where the ray passes a corner: these pieces are the *chords* of the room. A set of
+states is, for each heading, a list of stretches of walls. A run observed to be between `a` and `b`
+metres cuts the stretches to the part from which a run can be so long, and the affine map carries
+them to the next walls. Nothing is ever put back on cells, so sets do not grow.
+
+Where headings are not known, a chord is that of a *slice* of headings, and holds all that robots of
+the slice may do: distance and arc length are monotone in the place and in the heading, so the four
+corners of a stretch and a slice bound them. Bounds are moved outward by more than rounding can be.
+So a set always has the robot in it, as long as its errors are within their bounds.
+
+- `Boundary`: the walls. `Chords`: the runs between them.
+- `WallFilter`: what a robot runs; `Errors` are the bounds of what it gets wrong.
+- `WallSet`: where robots may be.
+- `choose_angles`: which angle tells a robot most. `Homing`: which brings it to a goal.
+- `drive_anywhere`: simulated robots with errors at their bounds, followed by a filter.
+
+No part of this package imports JAX.
+"""
+
+from .boundary import (
+    Boundary as Boundary,
+    places_anywhere as places_anywhere,
+    run_to_wall as run_to_wall,
+)
+from .choice import choose_angles as choose_angles, draw_places as draw_places
+from .chords import Chords as Chords
+from .filter import Errors as Errors, WallFilter as WallFilter
+from .homing import Homing as Homing
+from .sets import WallSet as WallSet, contains as contains
+from .symmetry import alike_places as alike_places
+from .trial import Trial as Trial, drive_anywhere as drive_anywhere

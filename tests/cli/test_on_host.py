@@ -1,0 +1,60 @@
+"""Public functions that run on the host say so where JAX traces their arrays."""
+
+import pickle
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcell import automata, bounce, examples, mapping, markov, optimize, space
+from jaxcell.base.hosted import hosted_function
+
+
+P = jnp.array([[0.5, 0.5], [0.25, 0.75]])
+
+
+def kemeny(matrix):
+    return markov.kemeny_constant(mapping.Chain(jnp.array([[0, 0], [1, 1]]), matrix.T))
+
+
+CALLS = {
+    "jaxcell.markov.kemeny_constant": kemeny,
+    "jaxcell.mapping.persistent_groups": lambda matrix: mapping.persistent_groups(
+        mapping.Chain(jnp.array([[0, 0], [1, 1]]), matrix.T)
+    ),
+    "jaxcell.automata.equivalence": lambda matrix: automata.equivalence(
+        (matrix > 0.3).astype(int), np.zeros((2, 2))
+    ),
+    "jaxcell.space.nearest_cell": lambda matrix: space.nearest_cell(
+        examples.corridor(directions=4), matrix[0, 0], matrix[0, 1], 0.0
+    ),
+    "jaxcell.optimize.mixture": lambda matrix: optimize.mixture(matrix, jnp.ones(2)),
+    "jaxcell.bounce.plan": lambda matrix: bounce.plan(
+        examples.corridor(directions=4), start=0, goal=1, bounces=matrix[0]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.parametrize("transformed", ["jit", "vmap"])
+def test_a_sentence_names_the_function(name, transformed):
+    call = jax.jit(CALLS[name]) if transformed == "jit" else jax.vmap(CALLS[name])
+    given = P if transformed == "jit" else P[None]
+    with pytest.raises(TypeError, match=r"on the host: call it outside jit, vmap and grad") as told:
+        call(given)
+    assert str(told.value).startswith(f"{name} ") or name == "jaxcell.markov.kemeny_constant"
+
+
+def test_errors_in_a_function_of_the_users_own_stay_what_they_are():
+    def apply(function, given):
+        return jax.jit(function)(given)
+
+    hosted = hosted_function(apply, "apply")
+    with pytest.raises(jax.errors.TracerBoolConversionError):
+        hosted(lambda x: x if x else -x, 1.0)
+
+
+def test_functions_are_pickled_by_name():
+    for function in (markov.kemeny_constant, mapping.persistent_groups, automata.equivalence):
+        assert pickle.loads(pickle.dumps(function)) is function
