@@ -11,7 +11,7 @@ from ..base.certificate import Certificate
 from ..mapping.classes import PersistentGroups
 from ..mapping.generalized import Chain, leaving_rows
 from .hitting import group_of
-from .solving.solve import solve_stationary
+from .solving.stationary import solve_stationary
 from .transient import Transient
 
 

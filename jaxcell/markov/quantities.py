@@ -1,3 +1,4 @@
+import contextlib
 import dataclasses
 import math
 
@@ -12,12 +13,17 @@ from ..mapping.classes import PersistentGroups, persistent_groups
 from ..mapping.generalized import Chain
 from . import dense
 from .limiting import limiting_distribution
+from .solving.elimination import eliminate
+from .solving.stationary import Rooted
 
 
 # A relative error of a time.
 _TIME_TOLERANCE = 1e-6
 # A matrix over so many cells takes 800 MB, and a solve holds a few.
 _LARGEST_MATRIX = 10_000
+# The visits to cells are computed without subtractions for at most this many cells, and for more
+# where an inverse gives the probability 1 only with a larger error than the second number.
+_LARGEST_ELIMINATED, _SURE = 400, 1e-10
 # A distance that is exactly the one asked for is within it, whatever rounding says.
 _TIE = 1e-12
 # Past so many squarings, what is left of the spectral gap is rounding.
@@ -95,9 +101,10 @@ def kemeny_constant(chain: Chain) -> float:
 
     - `chain`: an irreducible chain.
 
-    **Returns:** the number of steps.
+    **Returns:** the number of steps, to nearly all its digits.
 
-    **Raises:** as [`hitting_matrix`][].
+    **Raises:** `ValueError` as [`hitting_matrix`][]; `RuntimeError` if float64 does not hold the
+    number.
 
     A random walk on a line of three cells:
 
@@ -107,8 +114,18 @@ def kemeny_constant(chain: Chain) -> float:
         1.5
     """
     groups = _check_irreducible(chain, "kemeny_constant")
-    times = np.asarray(_hitting(chain, "kemeny_constant", True).value)
-    return float(times[0] @ np.asarray(limiting_distribution(chain, groups).value))
+    _refuse_large(chain, "kemeny_constant", _LARGEST_MATRIX)
+    likely = np.asarray(limiting_distribution(chain, groups, throw=False).value)
+    rooted = Rooted.of(chain.to_scipy(), np.zeros(chain.cells, int), likely)
+    with np.errstate(all="ignore"):
+        visits = _visits(rooted)
+        share = np.append(rooted.entering.T @ visits, 1)
+        share /= share.sum()
+        # pi_j (h_j0 + h_0j) is the number of visits to j from j before the chain is at cell 0.
+        constant = float(np.trace(visits) - share[:-1] @ visits.sum(axis=1))
+    if not math.isfinite(constant):
+        raise RuntimeError("kemeny_constant: the chain takes more than 1e308 steps")
+    return constant
 
 
 def entropy_rate(chain: Chain) -> float:
@@ -220,6 +237,18 @@ def mixing_time(chain: Chain, distance: float = 0.25) -> float:
     return float(time + 1)
 
 
+def _visits(rooted: Rooted) -> Float[np.ndarray, "others others"]:
+    """The expected visits to each cell, from each cell, before the chain is at the root."""
+    identity = np.eye(rooted.others.size)
+    if rooted.others.size > _LARGEST_ELIMINATED:
+        with contextlib.suppress(np.linalg.LinAlgError):
+            visits = np.linalg.inv(identity - rooted.step.toarray())
+            # The chain is at the root some time, for sure.
+            if np.abs(visits @ rooted.leaving - 1).max() <= _SURE:
+                return visits
+    return eliminate(rooted.step, rooted.leaving[:, 0], identity)
+
+
 def _product(
     first: Float[np.ndarray, "cells cells"], second: Float[np.ndarray, "cells cells"]
 ) -> Float[np.ndarray, "cells cells"]:
@@ -240,12 +269,16 @@ def _hitting(chain: Chain, what: str, throw: bool) -> PairTimes:
 
 
 def _matrix(chain: Chain, what: str, most: int) -> Float[np.ndarray, "cells cells"]:
+    _refuse_large(chain, what, most)
+    return chain.to_scipy().toarray()
+
+
+def _refuse_large(chain: Chain, what: str, most: int) -> None:
     if chain.cells > most:
         raise ValueError(
             f"{what}: the chain has {chain.cells} cells, and the matrices of one of more than "
             f"{most} take gigabytes; hitting_times and limiting_distribution are sparse"
         )
-    return chain.to_scipy().toarray()
 
 
 def _check_irreducible(chain: Chain, what: str) -> PersistentGroups:

@@ -150,8 +150,8 @@ def test_a_solve_that_stalls_says_so(monkeypatch):
     walk = np.diag(np.full(59, 0.5), 1) + np.diag(np.full(59, 0.5), -1)
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
-    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
-    monkeypatch.setattr(solve, "_MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
+    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
     found = absorption_times(chain, groups, throw=False)
     assert found.certificate.outcome is Outcome.STALLED
     assert found.certificate.iterations == 50
@@ -165,9 +165,9 @@ def test_the_residual_bounds_the_relative_error(monkeypatch):
     chain = Chain.from_scipy(walk)
     groups = persistent_groups(chain)
     truth = np.asarray(absorption_times(chain, groups).value)
-    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
+    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
     for products in (500, 2000, 5000):
-        monkeypatch.setattr(solve, "_MAX_PRODUCTS", products)
+        monkeypatch.setattr(solve, "MAX_PRODUCTS", products)
         found = absorption_times(chain, groups, throw=False)
         error = np.abs(found.value - truth) / truth
         assert 0 < error.max() <= found.certificate.residual

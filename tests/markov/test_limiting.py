@@ -141,8 +141,8 @@ def test_a_solve_that_stalls_says_so(monkeypatch):
     groups = persistent_groups(chain)
     found = limiting_distribution(chain, groups)
     np.testing.assert_allclose(found.value @ matrix, found.value, atol=1e-15)
-    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
-    monkeypatch.setattr(solve, "_MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
+    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
     stalled = limiting_distribution(chain, groups, throw=False)
     assert stalled.certificate.outcome is Outcome.STALLED
     assert stalled.certificate.residual == pytest.approx(

@@ -150,6 +150,17 @@ def test_what_goes_to_the_sink_leaks():
     assert sets.value.max() < 0.98
 
 
+def test_eigenvalues_that_are_0_give_no_sets():
+    # All mass is in the first block after a step, so that one eigenvalue is not 0.
+    matrix = np.zeros((60, 60))
+    matrix[:, :20] = 1 / 20
+    for find in (markov.almost_invariant_sets, markov.coherent_sets, markov.attracting_regions):
+        sets = find(Chain.from_scipy(matrix), 3)
+        assert sets.begin.tolist() == [0] * 60
+        np.testing.assert_allclose(sets.leakage, 0, atol=1e-12)
+        np.testing.assert_allclose(sets.value[:2], [1, 0], atol=1e-7)
+
+
 def test_cells_without_mass_are_in_no_set():
     matrix, block = random_blocks(np.random.default_rng(6), [20, 20, 5])
     sets = markov.almost_invariant_sets(Chain.from_scipy(matrix), 2, 1.0 * (block < 2))

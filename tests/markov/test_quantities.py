@@ -259,9 +259,17 @@ def test_rounding_that_spoils_the_answer_is_told():
     chain = Chain.from_scipy(matrix)
     found = hitting_matrix(chain, throw=False)
     assert found.certificate.residual > 1e-6
-    for function in (hitting_matrix, commute_times, kemeny_constant):
+    for function in (hitting_matrix, commute_times):
         with pytest.raises(RuntimeError, match=f"{function.__name__}: the residual stayed"):
             function(chain)
+
+
+def test_a_kemeny_constant_beyond_floats_is_told():
+    # From either end to the other, two rare steps must follow each other.
+    e = 1e-200
+    matrix = np.array([[1, e, 0, 0], [1, 0, e, 0], [0, e, 0, 1], [0, 0, e, 1]])
+    with pytest.raises(RuntimeError, match="kemeny_constant: the chain takes more than 1e308"):
+        kemeny_constant(Chain.from_scipy(matrix))
 
 
 def test_mixing_too_slow_to_tell(monkeypatch):

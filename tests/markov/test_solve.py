@@ -3,8 +3,9 @@ import pytest
 import scipy.sparse
 from hypothesis import given, strategies as st
 
-from jaxcell.markov.solving import solve, two_level
-from jaxcell.markov.solving.solve import solve_stationary, solve_transient
+from jaxcell.markov.solving import solve, stationary, two_level
+from jaxcell.markov.solving.solve import solve_transient
+from jaxcell.markov.solving.stationary import solve_stationary
 from jaxcell.markov.transient import Transient
 
 
@@ -13,6 +14,7 @@ def way(request, monkeypatch):
     """Has a solve go one of its two ways to the end."""
     monkeypatch.setattr(solve, "_TRIAL", {"products": 10**9, "factor": 1}[request.param])
     monkeypatch.setattr(solve, "_WORTHWHILE", 0)
+    monkeypatch.setattr(stationary, "_SMALL", 0)
     return request.param
 
 
@@ -71,7 +73,7 @@ def test_a_slow_chain_is_factored_and_a_fast_one_is_not():
 
 
 def test_a_chain_too_large_to_factor_goes_on_with_products(monkeypatch):
-    monkeypatch.setattr(solve, "_LARGEST_FACTOR", 10)
+    monkeypatch.setattr(solve, "LARGEST_FACTOR", 10)
     walk = scipy.sparse.diags_array([np.full(19, 0.5)] * 2, offsets=[-1, 1], shape=(20, 20))
     found, products = solve_transient(scipy.sparse.csr_array(walk), np.ones((20, 1)))
     i = np.arange(20)
@@ -87,6 +89,7 @@ def two_levels(monkeypatch):
     monkeypatch.setattr(solve, "_SMALLEST_TWO_LEVEL", 0)
     monkeypatch.setattr(solve, "_LARGEST_COMPLETE", 0)
     monkeypatch.setattr(solve, "_LARGEST_ELIMINATION", 0)
+    monkeypatch.setattr(stationary, "_SMALL", 0)
 
 
 def wandering(n):
@@ -144,7 +147,7 @@ def test_what_two_levels_leave_is_done_by_products(two_levels, monkeypatch):
     expected = np.linalg.solve(np.eye(100) - step.toarray(), np.ones((100, 1)))
     np.testing.assert_allclose(found, expected, rtol=1e-10)
     assert products > 100
-    monkeypatch.setattr(solve, "_MAX_PRODUCTS", 50)
+    monkeypatch.setattr(solve, "MAX_PRODUCTS", 50)
     short, products = solve_transient(step, np.ones((100, 1)))
     assert products <= 51
     assert (short < found).any()

@@ -75,7 +75,8 @@ def almost_invariant_sets(
 
     - `chain`: the chain, or a sequence of chains, of which as many as there are phases are taken
         together by default.
-    - `count`: how many sets; there may be fewer in the end.
+    - `count`: how many sets at most; there are no more than eigenvalues above 1e-6, since rounding
+        would decide where the others are.
     - `mass`: of each cell when the window begins, not negative; by default all alike. Cells without
         mass are in no set.
     - `steps`, `start`: the steps of the window, and the phase of the first.
@@ -218,7 +219,8 @@ class _Search:
             return over * (np.concatenate([there, back]) if moving else (there + back) / 2)
 
         span = leading_subspace(product, len(weight), count, symmetric=True)
-        on_sets = over * (span.basis @ _rotation(span.basis, root))
+        basis = span.above(TOLERANCE)
+        on_sets = over * (basis @ _rotation(basis, root))
         first, last = (on_sets[:cells], on_sets[cells:]) if moving else (on_sets, None)
         found = self._thresholded(first, last, after[:, 0])
         values = np.linalg.eigvalsh(span.block)[::-1]
@@ -236,12 +238,14 @@ class _Search:
         measures = leading_subspace(
             lambda v: over * blurred.push(root * v), cells, count, symmetric=False
         )
-        turned = functions.basis @ _rotation(functions.basis, root)
+        basis = functions.above(TOLERANCE)
+        turned = basis @ _rotation(basis, root)
         on_sets = over * turned
         basin, _, leakage = self._thresholded(on_sets, None, self.mass)
         # Each measure gives the function of its basin 1, and those of others 0.
-        inner = np.linalg.pinv(turned.T @ measures.basis)
-        gathered = np.where(basin[:, None] == np.arange(count), root * (measures.basis @ inner), 0)
+        images = measures.above(TOLERANCE)
+        there = root * (images @ np.linalg.pinv(turned.T @ images))
+        gathered = np.where(basin[:, None] == np.arange(there.shape[1]), there, 0)
         region = np.where(_densest(np.maximum(gathered, 0)).any(axis=1), basin, -1)
         values = np.sort(np.linalg.eigvals(functions.block).real)[::-1]
         return self._result(basin, region, leakage, values, functions, throw)

@@ -92,6 +92,17 @@ class Subspace:
     "The largest 2-norm of what a vector of the basis leaves the subspace by."
     products: int
 
+    def above(self, least: float) -> Float[np.ndarray, "rows some"]:
+        """Compute an orthonormal basis of what the eigenvectors with larger values span.
+
+        The leading eigenvector is always one of them.
+        """
+        values, vectors = np.linalg.eig(self.block)
+        count = max(int(np.count_nonzero(values.real > least)), 1)
+        if count == values.size:
+            return self.basis
+        return self.basis @ _real_basis(values, vectors, count)
+
 
 @one_blas_thread()
 def leading_subspace(product: _Product, rows: int, count: int, *, symmetric: bool) -> Subspace:

@@ -6,9 +6,13 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import csgraph
 
+from ...base.threads import one_blas_thread
+
 
 # States that are taken out together, by one product of matrices.
 _BLOCK = 16
+# At most this many states are on one level: each level costs as much as many states.
+_FEW = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -26,6 +30,8 @@ class Levels:
     @classmethod
     def of(cls, step: scipy.sparse.csr_array) -> "Levels":
         """The levels of a matrix, from a state that is far from others."""
+        if step.shape[0] <= _FEW:
+            return cls(np.arange(step.shape[0]), np.array([0, step.shape[0]]))
         graph = ((step + step.T) != 0).astype(np.int8).tocsr()
         _, part = csgraph.connected_components(graph, directed=False)
         level = np.zeros(step.shape[0])
@@ -45,6 +51,7 @@ class Levels:
         return float((size * (size + before) ** 2).sum())
 
 
+@one_blas_thread()
 def eliminate(
     step: scipy.sparse.csr_array,
     leaving: Float[np.ndarray, "rows"],

@@ -31,7 +31,6 @@ import scipy.sparse
 from jaxtyping import Float, Int
 from scipy.sparse import csgraph, linalg
 
-from ...base.threads import one_blas_thread
 from .cycle import Cycle
 from .elimination import Levels, eliminate
 from .two_level import TwoLevel
@@ -45,8 +44,8 @@ _WORTHWHILE = 400
 # that is a cycle, with more than the third, is not factored.
 _SMALLEST_TWO_LEVEL, _LARGEST_COMPLETE, _LARGEST_FACTORED_CYCLE = 100_000, 500_000, 20_000
 # A matrix with more rows is not factored at all; products go on instead.
-_LARGEST_FACTOR = 20_000_000
-_MAX_PRODUCTS = 50_000
+LARGEST_FACTOR = 20_000_000
+MAX_PRODUCTS = 50_000
 # The probabilities of all ways out of a part sum to 1. Where a factorisation misses that by more,
 # and that takes no more multiplications than so many, the matrix is eliminated.
 _ILL, _LARGEST_ELIMINATION = 1e-8, 1e11
@@ -85,27 +84,60 @@ def solve_transient(
         total, products, done = _by_products(matrix, right)
         if done:
             return total, products
-    leaving = 1 - np.asarray(step.sum(axis=1))
+    leaving = 1 - np.asarray(step.sum(axis=1))[:, None]
     leaving[leaving <= _CLOSED] = 0
-    sure = np.ones(1)
+    found, more, sure = factor_and_solve(step, leaving, right, order, adjoint)
+    if not sure and (exact := eliminate_unless_large(step, leaving, right, adjoint)) is not None:
+        found = exact
+    # The sum of the products is as good as any other answer where the matrix cannot be factored.
+    return total if found is None else found, products + more
+
+
+def factor_and_solve(
+    step: scipy.sparse.csr_array,
+    leaving: Float[np.ndarray, "rows 1"],
+    right: Float[np.ndarray, "rows columns"],
+    order: Int[np.ndarray, "rows"] | None,
+    adjoint: bool,
+) -> tuple[Float[np.ndarray, "rows columns"] | None, int, bool]:
+    """Solve `x = right + Q x`, or with the transposed matrix, with a factorisation of `I - Q`.
+
+    **Arguments:**
+
+    - `step`: the matrix Q.
+    - `leaving`: the probability of leaving from each row.
+    - `right`, `adjoint`: as of [`solve_transient`][].
+    - `order`: in which the rows are taken, if it is known.
+
+    **Returns:** the solution, or `None` if the matrix is singular to rounding; the number of
+    products; and whether rounding leaves the solution most of its digits.
+    """
+    products = 0
     try:
-        found = None
-        if order is None and (attempt := _attempt(matrix)) is not None:
-            found, more = _solve_large(matrix, right, attempt)
-            products += more
-        if found is None:
-            solve = _factored(step, order)
-            found, sure = solve(right, adjoint), solve(leaving[:, None])
-        total = found
+        if order is None:
+            matrix = step.T.tocsr() if adjoint else step
+            if (attempt := _attempt(matrix)) is not None:
+                found, products = _solve_large(matrix, right, attempt)
+                if found is not None:
+                    return found, products, True
+        solve = _factored(step, order)
+        found, sure = solve(right, adjoint), solve(leaving)
     except RuntimeError:
-        # The matrix is singular to rounding; what the products have given is as good as any.
-        sure = np.full(1, np.nan)
-    if not np.abs(sure - 1).max() <= _ILL:
-        levels = Levels.of(step)
-        if levels.work <= _LARGEST_ELIMINATION:
-            with one_blas_thread():
-                total = eliminate(step, leaving, right, levels, adjoint=adjoint)
-    return total, products
+        return None, products, False
+    return found, products, bool(np.abs(sure - 1).max() <= _ILL)
+
+
+def eliminate_unless_large(
+    step: scipy.sparse.csr_array,
+    leaving: Float[np.ndarray, "rows 1"],
+    right: Float[np.ndarray, "rows columns"],
+    adjoint: bool,
+) -> Float[np.ndarray, "rows columns"] | None:
+    """Solve by [`eliminate`][]; `None` if that takes too many multiplications."""
+    levels = Levels.of(step)
+    if levels.work > _LARGEST_ELIMINATION:
+        return None
+    return eliminate(step, leaving[:, 0], right, levels, adjoint=adjoint)
 
 
 def _by_components(step: scipy.sparse.csr_array) -> Int[np.ndarray, "rows"] | None:
@@ -124,65 +156,15 @@ def _by_products(
     total, term = right.copy(), right
     first = float(right.max())
     goal = 1e-16 * first
-    for products in range(1, _MAX_PRODUCTS + 1):
+    for products in range(1, MAX_PRODUCTS + 1):
         term = matrix @ term
         total += term
         largest = float(term.max())
         if largest <= goal:
             break
-        if _factor_instead(matrix.shape[0], products, first, largest, goal):
+        if factor_instead(matrix.shape[0], products, first, largest, goal):
             return total, products, False
     return total, products, True
-
-
-def solve_stationary(
-    step: scipy.sparse.csr_array, group: Int[np.ndarray, "cells"]
-) -> tuple[Float[np.ndarray, "cells"], int]:
-    """The stationary distribution of every closed class: `x = P' x`, of sum 1 in each class.
-
-    **Arguments:**
-
-    - `step`: the matrix P of the classes, with nothing between them.
-    - `group`: the class of each cell, numbered from 0 without gaps.
-
-    **Returns:** the distributions side by side and the number of products.
-    """
-    matrix = step.T.tocsr()
-    size = np.bincount(group)
-    x = 1 / size[group]
-    goal = 1e-14 * size.size
-    first = 0.0
-    for products in range(1, _MAX_PRODUCTS + 1):
-        change = matrix @ x - x
-        largest = float(np.abs(change).sum())
-        first = first or largest
-        if largest <= goal:
-            return x, products
-        # Staying put every second time breaks any period and leaves what is stationary so.
-        x = x + change / 2
-        if _factor_instead(step.shape[0], products, first, largest, goal):
-            break
-    else:
-        return x, products
-    # In each class one cell is set to 1, and the others follow from it.
-    _, roots = np.unique(group, return_index=True)
-    others = np.delete(np.arange(group.size), roots)
-    into_others = matrix[others]
-    right = np.asarray(into_others[:, roots].sum(axis=1)).ravel()
-    found, more = _solve(into_others[:, others], right[:, None])
-    x = np.ones(group.size)
-    x[others] = np.maximum(found[:, 0], 0)
-    return x / np.bincount(group, x)[group], products + more
-
-
-def _solve(
-    matrix: scipy.sparse.csr_array, right: Float[np.ndarray, "rows columns"]
-) -> tuple[Float[np.ndarray, "rows columns"], int]:
-    """Solve `x = right + matrix x` with a factorisation; give the products it took beside."""
-    found, products = None, 0
-    if (attempt := _attempt(matrix)) is not None:
-        found, products = _solve_large(matrix, right, attempt)
-    return _factored(matrix)(right) if found is None else found, products
 
 
 def _factored(
@@ -258,7 +240,7 @@ def _solve_large(
         if np.abs(left).max() > goal and not cycle and matrix.shape[0] <= _LARGEST_COMPLETE:
             return None, products
         # A product goes through one block of a cycle only, and is of no use then.
-        most = 0 if cycle else _MAX_PRODUCTS
+        most = 0 if cycle else MAX_PRODUCTS
         while np.abs(left).max() > goal and products < most:
             found += left
             left = matrix @ left
@@ -267,13 +249,13 @@ def _solve_large(
     return np.stack(columns, axis=1), products
 
 
-def _factor_instead(rows: int, products: int, first: float, now: float, goal: float) -> bool:
+def factor_instead(rows: int, products: int, first: float, now: float, goal: float) -> bool:
     """Whether a factorisation will be faster than going on with products.
 
     That is so where a residual that fell from `first` to `now` at a steady rate would reach the
     goal too late.
     """
-    if products % _TRIAL or rows > _LARGEST_FACTOR:
+    if products % _TRIAL or rows > LARGEST_FACTOR:
         return False
     if now >= first:
         return True

@@ -1,0 +1,136 @@
+"""Chains with cells that are hardly ever visited, against exact rationals."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from jaxcell import mapping, markov
+from jaxcell.markov import quantities
+from jaxcell.markov.solving import stationary
+
+
+def limiting(matrix, **options):
+    chain = mapping.Chain.from_scipy(matrix)
+    return markov.limiting_distribution(chain, mapping.persistent_groups(chain), **options)
+
+
+def with_diagonal(steps):
+    """The transition matrix whose steps between different cells are given."""
+    return steps + np.diag(1 - steps.sum(axis=1))
+
+
+def birth_and_death(up, down):
+    return with_diagonal(np.diag(up, 1) + np.diag(down, -1))
+
+
+def inverse(rows):
+    """The inverse of a matrix of rationals, by Gauss-Jordan elimination."""
+    size = len(rows)
+    rows = [[*row, *(Fraction(int(i == j)) for j in range(size))] for i, row in enumerate(rows)]
+    for k in range(size):
+        pivot = next(i for i in range(k, size) if rows[i][k])
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(size):
+            if i != k and (factor := rows[i][k]):
+                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return [row[size:] for row in rows]
+
+
+def exact(matrix):
+    """The stationary distribution and Kemeny's constant, from the steps between cells."""
+    size = len(matrix)
+    gap = [[-Fraction(float(p)) for p in row] for row in matrix]
+    for i in range(size):
+        gap[i][i] = -sum(gap[i][:i] + gap[i][i + 1 :])
+    # The last row of the inverse of I - P with ones in its last column is the distribution.
+    share = inverse([[*row[:-1], Fraction(1)] for row in gap])[-1]
+    fundamental = inverse([[x + y for x, y in zip(row, share, strict=True)] for row in gap])
+    return share, sum(fundamental[i][i] for i in range(size)) - 1
+
+
+@st.composite
+def uneven(draw):
+    """A circle of cells, some other steps, and probabilities down to 1e-20."""
+    size = draw(st.integers(2, 9))
+    steps = np.zeros((size, size))
+    cell = st.integers(0, size - 1)
+    more = draw(st.lists(st.tuples(cell, cell), max_size=2 * size))
+    for i, j in [*((i, (i + 1) % size) for i in range(size)), *more]:
+        if i != j:
+            steps[i, j] = draw(st.floats(0.05, 0.95)) / size / 10 ** draw(st.integers(0, 20))
+    return with_diagonal(steps)
+
+
+@given(uneven())
+def test_every_share_and_kemeny_constant_have_nearly_all_their_digits(matrix):
+    share, constant = exact(matrix)
+    found = limiting(matrix)
+    np.testing.assert_allclose(found.value, np.array(share, float), rtol=1e-12)
+    assert markov.kemeny_constant(mapping.Chain.from_scipy(matrix)) == pytest.approx(
+        float(constant), rel=1e-11
+    )
+
+
+@given(uneven())
+def test_a_factorisation_gives_way_where_rounding_spoils_it(matrix):
+    share, constant = exact(matrix)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stationary, "_SMALL", 0)
+        patch.setattr(quantities, "_LARGEST_ELIMINATED", 0)
+        found = limiting(matrix)
+        kemeny = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
+    assert found.certificate.residual <= found.certificate.tolerance
+    np.testing.assert_allclose(found.value, np.array(share, float), atol=1e-7)
+    assert kemeny == pytest.approx(float(constant), rel=1e-8)
+
+
+@pytest.mark.parametrize("back", [0.1, 1 - 0.9])
+@pytest.mark.parametrize("small", [0, 200])
+def test_a_first_cell_that_is_rare(back, small, monkeypatch):
+    monkeypatch.setattr(stationary, "_SMALL", small)
+    matrix = birth_and_death(np.full(19, 0.9), np.full(19, back))
+    share, _ = exact(matrix)
+    for way in (matrix, matrix[::-1, ::-1]):
+        for throw in (True, False):
+            found = limiting(way, throw=throw)
+            assert float(found.value.max()) == pytest.approx(0.8888888888888888, rel=1e-14)
+            expected = np.array(share, float)[:: 1 if way is matrix else -1]
+            np.testing.assert_allclose(found.value, expected, atol=1e-14)
+
+
+def test_shares_that_floats_hardly_hold():
+    # The first cell is the root first; beside it the shares of the last ones overflow.
+    matrix = birth_and_death(np.full(150, 0.999), np.full(150, 0.001))
+    found = limiting(matrix)
+    np.testing.assert_allclose(found.value[-3:], 998 / 999 / 999.0 ** np.array([2, 1, 0]))
+    assert math.isfinite(markov.kemeny_constant(mapping.Chain.from_scipy(matrix)))
+
+
+def test_products_that_stand_still_in_two_wells_are_not_the_answer():
+    # From a uniform start each well keeps its share of the cells, and hardly any of that leaks.
+    up = np.where(np.arange(300) < 120, 0.4, 0.6)
+    matrix = birth_and_death(up[:-1], 1 - up[1:])
+    log = np.append(0, np.cumsum(np.log(up[:-1] / (1 - up[1:]))))
+    weight = np.exp(log - log.max())
+    np.testing.assert_allclose(limiting(matrix).value, weight / weight.sum(), atol=1e-9)
+
+
+def test_kemeny_constant_of_a_double_well_of_100_cells():
+    """By the sum over the edges of a line: the chances of being on each side, over the flow."""
+    x = np.linspace(-1, 1, 100)
+    force = 20 * (x - x**3) / 100
+    up, down = 0.5 + force[:-1] / 2, 0.5 - force[1:] / 2
+    matrix = birth_and_death(up / 2, down / 2)
+    weight = [Fraction(1)]
+    for i in range(99):
+        weight.append(weight[-1] * Fraction(matrix[i, i + 1]) / Fraction(matrix[i + 1, i]))
+    total, below, constant = sum(weight), Fraction(0), Fraction(0)
+    for i in range(99):
+        below += weight[i]
+        constant += below * (total - below) / (total * weight[i] * Fraction(matrix[i, i + 1]))
+    found = markov.kemeny_constant(mapping.Chain.from_scipy(matrix))
+    assert found == pytest.approx(float(constant), rel=1e-12)
